@@ -1,10 +1,12 @@
 """Use each extra alone, in an empty environment: the commands and imports that it is named for.
 
-    .venv/bin/python .ci/extras.py                 those that the README names first
+    .venv/bin/python .ci/extras.py                 those that the README's commands need
     .venv/bin/python .ci/extras.py --all           every extra, engines included: several GB
     .venv/bin/python .ci/extras.py train numba     these
 
-Each environment gets the checkout with one extra and the pins, and a folder with nothing in it.
+Each environment gets the checkout with one extra and the pins, and a folder with nothing in it. Two
+are used at once; they share the cache of downloads. Isaac Lab and dm_control are no extras: `make
+isaaclab` and `make dm_control` set them up, and their tests use them.
 """
 
 from __future__ import annotations
@@ -16,6 +18,7 @@ import sys
 import tempfile
 import time
 import tomllib
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -76,7 +79,8 @@ USES: dict[str, list[str | list[str]]] = {
     "evidence": [
         _python(RECORD),
         "integ-gym evidence query run 'SELECT record_id, success FROM records LIMIT 3'",
-        "integ-gym evidence show run",
+        "integ-gym evidence show run $(integ-gym evidence query run --format csv "
+        "'SELECT record_id FROM records LIMIT 1' | tail -n 1)",
         "integ-gym evidence verify run",
     ],
     "train": [SB3, _python("from integ_gym import DiscretizationCallback, train_ppo")],
@@ -92,12 +96,16 @@ USES: dict[str, list[str | list[str]]] = {
     "panel": [
         "integ-gym panel small.toml --out run",
         "integ-gym evidence verify run",
-        "integ-gym evaluate run/policies/*/policy.safetensors --env IntegPendulum-v0 "
+        "integ-gym evaluate run/policies/rk4*/policy.zip --env IntegPendulum-v0 --home stock "
         "--integrator rk4 --dt 0.05 --episodes 2 --out judged",
-        "integ-gym check --help",
+        "integ-gym check --integrator symplectic_euler --dt 0.05 --seeds 2 "
+        "--train-arg total_steps=1024 --train-arg n_steps=64 --out checked",
         "integ-gym diagnose --example drift --out drift",
     ],
-    "render": [_step(integrator="rk4", dt=0.05, render_mode="rgb_array")],
+    "render": [
+        _step(integrator="rk4", dt=0.05, render_mode="rgb_array"),
+        "timeout 5 integ-gym play; test $? -eq 124",  # it goes on until its window is closed
+    ],
     "numba": [
         _python(
             "import gymnasium as gym, integ_gym\n"
@@ -121,25 +129,25 @@ USES: dict[str, list[str | list[str]]] = {
         "integ-gym evidence export run --to mcap --out logs",
     ],
     **{
-        engine: [_step(engine=engine)]
-        for engine in (
-            "mujoco",
-            "mjx",
-            "mujoco_warp",
-            "newton",
-            "casadi",
-            "dart",
-            "drake",
-            "pinocchio",
-            "pybullet",
-            "sapien",
-        )
+        engine: [_step(engine=engine, integrator=integrator, dt=0.01)]
+        for engine, integrator in {
+            "mujoco": "Euler",
+            "mjx": "Euler",
+            "mujoco_warp": "Euler",
+            "newton": "featherstone",
+            "casadi": "rk",
+            "dart": "semi_implicit_euler",
+            "drake": "runge_kutta3",
+            "pinocchio": "rk4",
+            "pybullet": "semi_implicit_euler",
+            "sapien": "tgs",
+        }.items()
     },
 }
 """Extra to what a user of it does."""
 
-FIRST = ("", "evidence", "train", "fleet", "report", "panel")
-"""Those that the README's first commands need."""
+FIRST = ("train", "panel", "report", "fleet", "evidence", "render", "")
+"""Those that the README's commands need, the longest first."""
 
 
 def main() -> int:
@@ -151,12 +159,15 @@ def main() -> int:
     parser.add_argument("--all", action="store_true", help="every extra in the table")
     given = parser.parse_args()
     known = _extras()
-    if untold := known - set(USES):
-        parser.error(f"nothing says what is done with {', '.join(sorted(untold))}")
+    if different := known ^ (set(USES) - {""}):
+        parser.error(f"pyproject.toml and USES differ in {', '.join(sorted(different))}")
     if unknown := set(given.extras) - known - {""}:
         parser.error(f"no extra {', '.join(sorted(unknown))}; there are {', '.join(sorted(known))}")
     chosen = given.extras or (USES if given.all else FIRST)
-    failed = [extra for extra in chosen if not _use(extra)]
+    with ThreadPoolExecutor(2) as pool:
+        failed = [
+            extra for extra, good in zip(chosen, pool.map(_use, chosen), strict=True) if not good
+        ]
     for extra in failed:
         print(f"does not suffice: {extra or 'no extra'}")
     return 1 if failed else 0
@@ -172,25 +183,25 @@ def _use(extra: str) -> bool:
     begun = time.monotonic()
     with tempfile.TemporaryDirectory() as folder:
         bin_ = Path(folder, "venv", "bin")
-        subprocess.run([sys.executable, "-m", "venv", bin_.parent], check=True)
+        subprocess.run([sys.executable, "-m", "venv", "--without-pip", bin_.parent], check=True)
         target = f"{ROOT}[{extra}]" if extra else str(ROOT)
-        subprocess.run(
-            [ROOT / ".ci" / "install", bin_ / "python", "--editable", target], check=True
-        )
+        line = [ROOT / ".ci" / "install", sys.executable, "--editable", target]
+        subprocess.run(line, check=True, env={**os.environ, "INTO": str(bin_ / "python")})
         Path(folder, "small.toml").write_text(SPEC, encoding="utf-8")
         Path(folder, "mine.py").write_text(FUNCTION, encoding="utf-8")
-        print(f"{extra or 'no extra'}: installed in {time.monotonic() - begun:.0f} s", flush=True)
+        lines = [f"{extra or 'no extra'}: installed in {time.monotonic() - begun:.0f} s"]
         path = f"{bin_}{os.pathsep}{os.environ['PATH']}"
         own = {**os.environ, "PATH": path, "SDL_VIDEODRIVER": "dummy"}
         for use in USES[extra]:
             words = use if isinstance(use, list) else ["sh", "-c", use]
             done = subprocess.run(words, cwd=folder, env=own, capture_output=True, text=True)
             shown = use if isinstance(use, str) else "python -c …"
-            print(f"  {'ok    ' if done.returncode == 0 else 'FAILED'} {shown}", flush=True)
+            lines.append(f"  {'FAILED' if done.returncode else 'ok    '} {shown}")
             if done.returncode:
-                print(done.stdout[-1000:], done.stderr[-2000:])
-                return False
-    return True
+                lines += [done.stdout[-1000:], done.stderr[-2000:]]
+                break
+        print(*lines, f"  {time.monotonic() - begun:.0f} s in all", sep="\n", flush=True)
+        return not done.returncode
 
 
 if __name__ == "__main__":

@@ -20,7 +20,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from integ_gym import check
+from integ_gym.eval.loss_check import check
 
 
 class Point(NamedTuple):

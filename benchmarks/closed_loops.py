@@ -26,7 +26,7 @@ from measuring import results
 from scipy.stats import rankdata
 from tqdm import tqdm
 
-from integ_gym.envs.episode.discretization import Discretization
+from integ_gym.envs.settings import Discretization
 from integ_gym.envs.testbeds.making import testbed_of
 from integ_gym.eval.panel.model.files import FILE_NAME, read_panel
 from integ_gym.eval.panel.model.matrix import Cell, Row

@@ -25,13 +25,12 @@ from measuring import results
 from scipy.special import ellipj, ellipk
 from tqdm import tqdm
 
-from integ_gym.envs.arithmetic.ops import SCALAR
-from integ_gym.envs.engines.interface import Engine
-from integ_gym.envs.engines.making import integrators_of, missing_modules
-from integ_gym.envs.episode.discretization import NATIVE
-from integ_gym.envs.mechanics.system import PlantSystem
+from integ_gym.envs.engines.interface import Engine, integrators_of, missing_modules
+from integ_gym.envs.mechanics import PlantSystem
 from integ_gym.envs.numerics.stepping import engine_of
+from integ_gym.envs.ops.ops import SCALAR
 from integ_gym.envs.registries import ENGINES, INTEGRATORS, PLANTS
+from integ_gym.envs.settings import NATIVE
 
 LENGTH, GRAVITY = 1.0, 9.81
 DURATION, OUTPUTS = 2000.0, 4000
@@ -106,7 +105,7 @@ def _compiled(engine: Engine, steps: int) -> Iterator[Array]:
     """The same by a compiled program in float64, many at a time."""
     import jax
 
-    from integ_gym.envs.arithmetic.jax_ops import JaxOps
+    from integ_gym.envs.ops.jax_ops import JaxOps
 
     def output(state: Any, _: None) -> Any:
         motion = engine.advance(JaxOps("float64"), *state, ((0.0, steps),), None)

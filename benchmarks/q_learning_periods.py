@@ -38,9 +38,9 @@ from measuring.trained import (
     judged_in,
 )
 
-from integ_gym import PPOConfig
 from integ_gym.eval.statistics.family import holm
 from integ_gym.eval.statistics.rates import Difference, unpaired_difference
+from integ_gym.train.ppo import PPOConfig
 
 ENV_ID = "IntegCartPole-v0"
 ENVIRONMENT: dict[str, Any] = {"integrator": "rk4", "duration": 10.0}

@@ -17,11 +17,11 @@ from typing import Any
 from measuring import results
 from measuring.bounds import print_judged
 
-from integ_gym.envs.arithmetic.ops import Component, Components, Ops
-from integ_gym.envs.arithmetic.tracing.compiling import compiled
-from integ_gym.envs.arithmetic.tracing.dialects import SCALARS
 from integ_gym.envs.engines.native import NativeEngine
-from integ_gym.envs.mechanics.system import PlantSystem
+from integ_gym.envs.mechanics import PlantSystem
+from integ_gym.envs.ops.compiling import compiled
+from integ_gym.envs.ops.dialects import SCALARS
+from integ_gym.envs.ops.ops import Component, Components, Ops
 from integ_gym.envs.registries import PLANTS
 
 CASES: tuple[tuple[str, Components, Components, float], ...] = (

@@ -1,4 +1,4 @@
-"""The parts that environments are made of: names, and where their classes are.
+"""Registries: names of parts and environments, and where their classes are.
 
 A new part is a file and a line here. An installed package adds parts by entry points of the groups
 named here, and a user's own class is given as ``"module:Class"``.
@@ -7,6 +7,8 @@ named here, and a user's own class is given as ``"module:Class"``.
 from __future__ import annotations
 
 from typing import Final
+
+import gymnasium as gym
 
 from integ_gym.support.registry import Registry
 
@@ -43,17 +45,17 @@ MAPS: Final = Registry(
     "one-step map",
     "step",
     {
-        "bogacki_shampine3": "integ_gym.envs.maps.bogacki_shampine3:BogackiShampine3",
-        "dormand_prince5": "integ_gym.envs.maps.dormand_prince5:DormandPrince5",
-        "gauss_legendre4": "integ_gym.envs.maps.gauss_legendre4:GaussLegendre4",
-        "heun": "integ_gym.envs.maps.heun:Heun",
-        "implicit_euler_half_steps": "integ_gym.envs.maps.implicit_euler_half_steps:ImplicitEulerHalfSteps",  # noqa: E501
-        "kutta3": "integ_gym.envs.maps.kutta3:Kutta3",
-        "radau_iia3": "integ_gym.envs.maps.radau_iia3:RadauIIA3",
-        "radau_iia5": "integ_gym.envs.maps.radau_iia5:RadauIIA5",
-        "symplectic_euler_implicit_damping": "integ_gym.envs.maps.symplectic_euler_implicit_damping:SymplecticEulerImplicitDamping",  # noqa: E501
-        "symplectic_euler_implicit_velocity": "integ_gym.envs.maps.symplectic_euler_implicit_velocity:SymplecticEulerImplicitVelocity",  # noqa: E501
-        "symplectic_euler_sequential_damping": "integ_gym.envs.maps.symplectic_euler_sequential_damping:SymplecticEulerSequentialDamping",  # noqa: E501
+        "bogacki_shampine3": "integ_gym.envs.engines.maps:BogackiShampine3",
+        "dormand_prince5": "integ_gym.envs.engines.maps:DormandPrince5",
+        "gauss_legendre4": "integ_gym.envs.engines.maps:GaussLegendre4",
+        "heun": "integ_gym.envs.engines.maps:Heun",
+        "implicit_euler_half_steps": "integ_gym.envs.engines.maps:ImplicitEulerHalfSteps",
+        "kutta3": "integ_gym.envs.engines.maps:Kutta3",
+        "radau_iia3": "integ_gym.envs.engines.maps:RadauIIA3",
+        "radau_iia5": "integ_gym.envs.engines.maps:RadauIIA5",
+        "symplectic_euler_implicit_damping": "integ_gym.envs.engines.maps:SymplecticEulerImplicitDamping",  # noqa: E501
+        "symplectic_euler_implicit_velocity": "integ_gym.envs.engines.maps:SymplecticEulerImplicitVelocity",  # noqa: E501
+        "symplectic_euler_sequential_damping": "integ_gym.envs.engines.maps:SymplecticEulerSequentialDamping",  # noqa: E501
     },
 )
 """Maps that engines apply beside our own integrators; no choices for `integrator`."""
@@ -74,11 +76,11 @@ ENGINES: Final = Registry(
     "engine",
     "advance",
     {
-        "casadi": "integ_gym.envs.engines.casadi.engine:CasadiEngine",
+        "casadi": "integ_gym.envs.engines.casadi:CasadiEngine",
         "dart": "integ_gym.envs.engines.dart:DartEngine",
-        "drake": "integ_gym.envs.engines.drake.engine:DrakeEngine",
-        "isaaclab": "integ_gym.envs.engines.isaaclab.engine:IsaaclabEngine",
-        "mjx": "integ_gym.envs.engines.mjx.engine:MjxEngine",
+        "drake": "integ_gym.envs.engines.drake:DrakeEngine",
+        "isaaclab": "integ_gym.envs.engines.isaaclab:IsaaclabEngine",
+        "mjx": "integ_gym.envs.engines.mjx:MjxEngine",
         "mujoco": "integ_gym.envs.engines.mujoco:MujocoEngine",
         "mujoco_warp": "integ_gym.envs.engines.mujoco_warp:MujocoWarpEngine",
         "native": "integ_gym.envs.engines.native:NativeEngine",
@@ -94,11 +96,26 @@ TESTBEDS: Final = Registry(
     "testbed",
     "make",
     {
-        "brax": "integ_gym.envs.testbeds.brax_tasks:BraxTask",
-        "dm_control": "integ_gym.envs.testbeds.apart.tasks:DmControlTask",
-        "isaaclab": "integ_gym.envs.testbeds.apart.tasks:IsaaclabTask",
-        "playground": "integ_gym.envs.testbeds.playground:Playground",
+        "brax": "integ_gym.envs.testbeds.jax_tasks:BraxTask",
+        "dm_control": "integ_gym.envs.testbeds.remote:DmControlTask",
+        "isaaclab": "integ_gym.envs.testbeds.remote:IsaaclabTask",
+        "playground": "integ_gym.envs.testbeds.jax_tasks:Playground",
     },
     group="integ_gym.testbeds",
 )
 """Testbeds of other libraries' tasks, ``"library:task"``; each is made from the task's name."""
+
+ENVIRONMENTS: Final = {
+    "IntegCartPole-v0": "integ_gym.envs.catalogue.cart_pole:IntegCartPole",
+    "IntegCartPoleSwingUp-v0": "integ_gym.envs.catalogue.cart_pole_swing_up:IntegCartPoleSwingUp",
+    "IntegElasticPendulum-v0": "integ_gym.envs.catalogue.elastic_pendulum:IntegElasticPendulum",
+    "IntegPendulum-v0": "integ_gym.envs.catalogue.pendulum:IntegPendulum",
+}
+"""Environment id to module and common stem of its `Env` and `VectorEnv` class."""
+
+
+def register_environments() -> None:
+    """Register every id once; a second call changes nothing."""
+    for env_id, stem in ENVIRONMENTS.items():
+        if env_id not in gym.registry:
+            gym.register(env_id, entry_point=f"{stem}Env", vector_entry_point=f"{stem}VectorEnv")

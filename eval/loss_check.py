@@ -18,7 +18,7 @@ import msgspec
 import numpy as np
 
 from integ_gym.envs.catalogue.lookup import is_integ_environment
-from integ_gym.envs.episode.discretization import DISCRETIZATION, NATIVE, Discretization
+from integ_gym.envs.settings import DISCRETIZATION, NATIVE, Discretization
 from integ_gym.envs.testbeds.making import testbed_of
 from integ_gym.support.packages.extras import require
 

@@ -11,10 +11,10 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Any
 
-from integ_gym.envs.catalogue.registration import register_environments
+from integ_gym.envs.registries import register_environments
 
 _NAMESPACES = {
-    "functional": "integ_gym.envs.environments.functional",
+    "functional": "integ_gym.envs.functional",
     "numerics": "integ_gym.envs.numerics",
 }
 
@@ -23,18 +23,18 @@ _MODULES = {
     "Applied": "integ_gym.envs.testbeds.interface",
     "check": "integ_gym.eval.loss_check",
     "Command": "integ_gym.envs.tasks.interface",
-    "Discretization": "integ_gym.envs.episode.discretization",
+    "Discretization": "integ_gym.envs.settings",
     "discretization_gap": "integ_gym.train.monitoring.gap",
     "DiscretizationCallback": "integ_gym.train.monitoring.sb3_callback",
     "Engine": "integ_gym.envs.engines.interface",
-    "ENVIRONMENTS": "integ_gym.envs.catalogue.registration",
+    "ENVIRONMENTS": "integ_gym.envs.registries",
     "EpisodeContext": "integ_gym.evidence.episodes.context",
     "evaluate": "integ_gym.eval.panel.calls",
     "EvidenceStore": "integ_gym.evidence.store.store",
     "GymTestbed": "integ_gym.envs.testbeds.gym_testbed",
-    "IntegEnv": "integ_gym.envs.environments.environment",
+    "IntegEnv": "integ_gym.envs.environment",
     "Integrator": "integ_gym.envs.integrators.interface",
-    "IntegVectorEnv": "integ_gym.envs.environments.vector",
+    "IntegVectorEnv": "integ_gym.envs.vector",
     "nonnegative": "integ_gym.support.parameters",
     "parameter": "integ_gym.support.parameters",
     "Plant": "integ_gym.envs.plants.interface",
@@ -44,7 +44,7 @@ _MODULES = {
     "read_panel": "integ_gym.eval.panel.model.files",
     "RecordEvidence": "integ_gym.evidence.recorders.recorder",
     "RecordVectorEvidence": "integ_gym.evidence.recorders.vector_recorder",
-    "rediscretize": "integ_gym.envs.environments.rediscretized.environment",
+    "rediscretize": "integ_gym.envs.rediscretized",
     "run_panel": "integ_gym.eval.panel.calls",
     "SACConfig": "integ_gym.train.sac",
     "save_policy": "integ_gym.train.policy_files.writing",
@@ -60,6 +60,19 @@ _MODULES = {
     "write_sidecar": "integ_gym.train.policy_files.writing",
 }
 
+_EXTRAS = {
+    "check": "panel",
+    "DiscretizationCallback": "train",
+    "evaluate": "report",
+    "read_panel": "report",
+    "run_panel": "panel",
+    "side_by_side": "render,report",
+    "train_fleet": "fleet",
+    "train_ppo": "train",
+    "train_sac": "train",
+}
+"""Name to the smallest extra that it works with."""
+
 __all__ = sorted([*_MODULES, *_NAMESPACES])
 
 register_environments()
@@ -70,7 +83,14 @@ def __getattr__(name: str) -> Any:
         return import_module(_NAMESPACES[name])
     if name not in _MODULES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = globals()[name] = getattr(import_module(_MODULES[name]), name)
+    try:
+        value = globals()[name] = getattr(import_module(_MODULES[name]), name)
+    except ModuleNotFoundError as error:
+        if name not in _EXTRAS:
+            raise
+        from integ_gym.support.packages.extras import missing
+
+        raise missing(str(error.name), _EXTRAS[name]) from error
     return value
 
 

@@ -18,7 +18,7 @@ LEFT = {"diagnose": "of a diagnosis that is not finished nothing is kept"}
 
 
 class Command(NamedTuple):
-    """What a command is for, and the smallest extra that it runs with."""
+    """What a command is for, and the smallest extras that it runs with."""
 
     purpose: str
     extra: str
@@ -34,7 +34,7 @@ COMMANDS = {
     "engines": Command("tell what every engine really does", "evidence"),
     "census": Command("tell what every pendulum and cart-pole of the name really does", "report"),
     "report": Command("write a panel's page and figures again", "report"),
-    "watch": Command("show a policy in several discretizations, side by side", "render"),
+    "watch": Command("show a policy in several discretizations, side by side", "render,report"),
     "play": Command("drive a plant by hand and change its discretization while it moves", "render"),
     "evidence": Command("show, query, verify, seal, export and merge records", "evidence"),
 }
@@ -95,7 +95,8 @@ def _run(name: str, arguments: Sequence[str]) -> int:
     try:
         command = importlib.import_module(f"integ_gym.commands.{name}")
     except ModuleNotFoundError as error:
-        raise missing(str(error.name), COMMANDS[name].extra) from error
+        fleet = name == "train" and "--trainer fleet" in " ".join(arguments).replace("=", " ")
+        raise missing(str(error.name), "fleet" if fleet else COMMANDS[name].extra) from error
     return int(command.main(arguments))
 
 

@@ -14,7 +14,7 @@ import hypothesis
 import portalocker
 import pytest
 
-from integ_gym.envs.engines.making import missing_modules
+from integ_gym.envs.engines.interface import missing_modules
 from integ_gym.envs.registries import ENGINES
 from integ_gym.eval.census.subjects.libraries import PUBLISHED, installed
 from integ_gym.support.packages.apart.environments import APART
@@ -52,7 +52,7 @@ def pytest_collection_finish() -> None:
     So the processes of a run share them, and later runs do.
     """
     if "jax" in sys.modules:
-        from integ_gym.envs.arithmetic.jax_ops import jax
+        from integ_gym.envs.ops.jax_ops import jax
         from integ_gym.train.fleet.worker import default_cache_dir
 
         jax.config.update("jax_compilation_cache_dir", str(default_cache_dir()))

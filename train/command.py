@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from integ_gym.envs.catalogue.lookup import OTHER_TESTBEDS, is_integ_environment
-from integ_gym.envs.catalogue.registration import ENVIRONMENTS
-from integ_gym.envs.episode.settings import Settings
+from integ_gym.envs.registries import ENVIRONMENTS
+from integ_gym.envs.settings import Settings
 from integ_gym.envs.tasks.pendulum_swing_up import PendulumSwingUp
 from integ_gym.support.terminal.command_line import CommandParser
 from integ_gym.support.terminal.ending import report_errors

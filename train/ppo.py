@@ -228,7 +228,7 @@ def train_ppo(
         on_trained: told the place of every policy in `configs` once it and its evidence are
             written.
         tensorboard: write logs beside each policy.
-        executor: what runs the processes: see :func:`integ_gym.support.open_cluster`.
+        executor: what runs the processes: see :func:`integ_gym.support.executors.open_cluster`.
         address: of a running cluster.
 
     Raises:

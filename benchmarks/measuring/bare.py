@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from integ_gym.envs.arithmetic.ops import Components
-from integ_gym.envs.episode.settings import Setup
+from integ_gym.envs.ops.ops import Components
+from integ_gym.envs.settings import Setup
 
 
 class Bare(NamedTuple):
@@ -58,8 +58,7 @@ def drake(setup: Setup) -> Bare:
     """A `Simulator` that advances by the step, of a continuous or a discrete plant."""
     from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 
-    from integ_gym.envs.engines.drake.engine import DISCRETE, IMPLICIT
-    from integ_gym.envs.engines.drake.implicit import ACCURACY
+    from integ_gym.envs.engines.drake import ACCURACY, DISCRETE, IMPLICIT
 
     engine: Any = setup.engine
     plant, count, dt = engine._plant, setup.timing.substeps, setup.timing.dt
@@ -215,7 +214,7 @@ def casadi(setup: Setup) -> Bare:
     """CasADi's `rk` as a function that is called with arrays."""
     import casadi as ca
 
-    from integ_gym.envs.engines.casadi.ops import CasadiOps, Expression, plain
+    from integ_gym.envs.engines.casadi import CasadiOps, Expression, plain
 
     plant, n, count = setup.plant, len(setup.plant.coordinates), setup.timing.substeps
     x, u = ca.SX.sym("x", 2 * n), ca.SX.sym("u")

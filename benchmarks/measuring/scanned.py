@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from integ_gym.envs.arithmetic.jax_ops import jax, jnp
-from integ_gym.envs.environments import functional
+from integ_gym.envs import functional
+from integ_gym.envs.ops.jax_ops import jax, jnp
 from integ_gym.support.processes.workers import Progress, cores
 from integ_gym.train.fleet.worker import default_cache_dir, prepare_worker
 

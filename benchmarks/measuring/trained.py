@@ -17,7 +17,6 @@ import gymnasium as gym
 import numpy as np
 from tqdm import tqdm
 
-from integ_gym import PPOConfig
 from integ_gym.eval.statistics.rates import Difference, rate_interval
 from integ_gym.support.files.writing import replace_file
 from integ_gym.support.packages.versions import package_version
@@ -25,6 +24,7 @@ from integ_gym.support.processes.machine import instruction_sets
 from integ_gym.support.processes.workers import cores
 from integ_gym.train.fleet.training import preparation, train_in_stages
 from integ_gym.train.policy_files.sidecar import actor_of
+from integ_gym.train.ppo import PPOConfig
 
 from . import results
 

@@ -150,7 +150,7 @@ def acting_seconds(configs: Sequence[PPOConfig]) -> float:
 
 def _compiled(function: Callable[..., Any], *arguments: Any) -> tuple[Any, float]:
     """What a compiled function gives, and the processor time that it takes, s."""
-    from integ_gym.envs.arithmetic.jax_ops import jax
+    from integ_gym.envs.ops.jax_ops import jax
 
     compiled = jax.jit(function)
     result = jax.block_until_ready(compiled(*arguments))
@@ -159,7 +159,7 @@ def _compiled(function: Callable[..., Any], *arguments: Any) -> tuple[Any, float
 
 def small_matrix_peak() -> float:
     """Floating-point operations per second of one core in products of small float32 matrices."""
-    from integ_gym.envs.arithmetic.jax_ops import jax, jnp
+    from integ_gym.envs.ops.jax_ops import jax, jnp
 
     left, right = jax.random.normal(jax.random.key(0), (2, MATRICES, SIDE, SIDE))
 

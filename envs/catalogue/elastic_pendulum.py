@@ -7,8 +7,8 @@ from typing import Any, ClassVar
 from gymnasium import Env
 from gymnasium.vector import VectorEnv
 
-from ..environments.environment import IntegEnv
-from ..environments.vector import IntegVectorEnv
+from ..environment import IntegEnv
+from ..vector import IntegVectorEnv
 
 
 class IntegElasticPendulumEnv(IntegEnv, Env[Any, Any]):

@@ -13,10 +13,9 @@ from gymnasium.envs.registration import load_env_creator
 
 from integ_gym.support.parameters import unknown_name
 
-from ..environments.environment import IntegEnv, make_setup
-from ..episode.mixture import Mixture, make_mixture
-from ..episode.settings import Setup
-from .registration import ENVIRONMENTS
+from ..environment import IntegEnv, make_setup
+from ..registries import ENVIRONMENTS
+from ..settings import Mixture, Setup, make_mixture
 
 _OWN_ID = re.compile(r"(?P<module>[\w.]+):(?P<name>[\w/-]+-v\d+)")
 

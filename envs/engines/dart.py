@@ -10,12 +10,10 @@ import numpy as np
 
 from integ_gym.support.packages.extras import load
 
-from ..arithmetic.ops import Components
-from ..mechanics.mechanism import Link
-from ._rigid.agreement import Array
-from ._rigid.bodies import RigidBodyEngine
-from ._rigid.formats import moment
-from ._stepping.foreign import Run, is_astray
+from ..mechanics import Link
+from ..ops.ops import Components
+from .rigid import Array, RigidBodyEngine, moment
+from .stepping import Run, is_astray
 
 _JOINTS = {"slide": ("Prismatic", (1.0, 0.0, 0.0)), "hinge": ("Revolute", (0.0, 1.0, 0.0))}
 

@@ -4,8 +4,13 @@ from __future__ import annotations
 
 from typing import Any, ClassVar, NamedTuple, Protocol
 
-from ..arithmetic.ops import Component, Components, Ops
-from ..mechanics.system import PlantSystem
+from integ_gym.support.packages.apart.environments import APART
+from integ_gym.support.packages.extras import absent
+from integ_gym.support.packages.versions import check_versions
+
+from ..mechanics import PlantSystem
+from ..ops.ops import Component, Components, Ops
+from ..registries import ENGINES
 
 DIVERGENCE_SPEED = 1e3
 """A velocity component beyond this magnitude (rad/s or m/s) is a divergence."""
@@ -74,3 +79,37 @@ class Engine(Protocol):
 
     def describe(self) -> dict[str, Any]:
         """What the engine is, beyond its name, version and integrator, as plain data."""
+
+
+def missing_modules(engine: str) -> list[str]:
+    """Modules that an engine needs and that are not installed.
+
+    Its extra brings them; of an engine that runs in an environment of its own, what sets that up.
+    """
+    if engine in APART:
+        return [] if APART[engine].installed else [engine]
+    return absent(getattr(ENGINES.load(engine), "modules", ()))
+
+
+def make_engine(name: str, system: Any, integrator: str, dt: Any) -> Engine:
+    """An engine for a system.
+
+    Args:
+        name: of the engine, or ``"module:Class"``.
+        system: a `PlantSystem`.
+        integrator: as the engine calls it.
+        dt: integration step, s.
+
+    Raises:
+        ValueError: for an unknown engine or integrator, or a package of the engine that is older
+            than its extra asks for; see `check_versions`.
+    """
+    kind = ENGINES.load(name)
+    check_versions(name)
+    engine: Engine = kind(system, integrator, dt)
+    return engine
+
+
+def integrators_of(engine: str) -> tuple[str, ...]:
+    """The integrators of an engine, as it calls them; ours without the exact one."""
+    return tuple(ENGINES.load(engine).maps)

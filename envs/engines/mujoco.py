@@ -8,17 +8,17 @@ from typing import Any, ClassVar
 
 from integ_gym.support.packages.extras import load
 
-from ..arithmetic.ops import Components
-from ._rigid.agreement import Array
-from ._rigid.bodies import RigidBodyEngine
-from ._rigid.formats import (
+from ..ops.ops import Components
+from .rigid import (
     LEAST_INERTIA,
     MAPS,
+    Array,
+    RigidBodyEngine,
     mass_matrix,
     mjcf,
     stop_law,
 )
-from ._stepping.foreign import Run
+from .stepping import Run
 
 _TOLD_OF = ("INERTIA", "BADQPOS", "BADQVEL", "BADQACC")
 

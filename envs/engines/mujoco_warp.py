@@ -7,16 +7,16 @@ from typing import Any, ClassVar
 
 from integ_gym.support.packages.extras import load
 
-from ..arithmetic.ops import Components
-from ..mechanics.mechanism import Mechanism
-from ._rigid.agreement import Array
-from ._rigid.formats import (
+from ..mechanics import Mechanism
+from ..ops.ops import Components
+from .rigid import (
     LEAST_INERTIA,
     MAPS,
+    Array,
     mjcf,
     stop_law,
 )
-from ._rigid.warp import (
+from .warp import (
     ROWS,
     WarpEngine,
     Worlds,

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import ClassVar
 
-from ..arithmetic.ops import Component, Components, Ops
 from ..integrators.interface import Step
-from ..mechanics.system import PlantSystem
+from ..mechanics import PlantSystem
+from ..ops.ops import Component, Components, Ops
 from ..registries import INTEGRATORS, TRUTH
-from ._stepping.stepped import SteppedEngine
+from .stepping import SteppedEngine
 
 
 class NativeEngine(SteppedEngine):

@@ -10,11 +10,10 @@ import numpy as np
 
 from integ_gym.support.packages.extras import load
 
-from ..arithmetic.ops import Components
-from ..mechanics.mechanism import Mechanism
-from ._rigid.agreement import Array
-from ._rigid.formats import LEAST_INERTIA, MAPS, moment
-from ._rigid.warp import (
+from ..mechanics import Mechanism
+from ..ops.ops import Components
+from .rigid import LEAST_INERTIA, MAPS, Array, moment
+from .warp import (
     ROWS,
     WarpEngine,
     Worlds,

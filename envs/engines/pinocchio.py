@@ -10,13 +10,12 @@ import numpy as np
 
 from integ_gym.support.packages.extras import load
 
-from ..arithmetic.ops import Components, Ops
-from ..mechanics.mechanism import Mechanism
-from ..mechanics.system import PlantSystem
+from ..mechanics import Mechanism, PlantSystem
+from ..ops.ops import Components, Ops
 from ..registries import INTEGRATORS
-from ._rigid.agreement import Array, check_agreement, mechanism_of
-from ._stepping.mapped import lacks_integrator, refuse_arrays
 from .native import NativeEngine
+from .rigid import Array, check_agreement, mechanism_of
+from .stepping import lacks_integrator, refuse_arrays
 
 Rows = tuple[Components, ...]
 

@@ -10,12 +10,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ..arithmetic.ops import Components
-from ._rigid.agreement import Array
-from ._rigid.bodies import RigidBodyEngine
-from ._rigid.formats import urdf
-from ._stepping.foreign import Run
-from ._stepping.undisturbed import load_undisturbed
+from ..ops.ops import Components
+from .rigid import Array, RigidBodyEngine, urdf
+from .stepping import Run, load_undisturbed
 
 UNCAPPED = 1e30
 """Joint speed at which Bullet clips, m/s or rad/s; 100 where it is not set."""

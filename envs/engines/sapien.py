@@ -9,12 +9,10 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from ..arithmetic.ops import SCALAR, Components
-from ..mechanics.mechanism import Mechanism
-from ._rigid.agreement import PROBES, TOLERANCE, Array
-from ._rigid.bodies import HeldForce, RigidBodyEngine
-from ._stepping.foreign import Run
-from ._stepping.undisturbed import load_undisturbed
+from ..mechanics import Mechanism
+from ..ops.ops import SCALAR, Components
+from .rigid import PROBES, TOLERANCE, Array, HeldForce, RigidBodyEngine
+from .stepping import Run, load_undisturbed
 
 SOLVERS = {
     "tgs": {"position_iterations": 10, "velocity_iterations": 1},

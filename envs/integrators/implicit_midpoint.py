@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from ..arithmetic.ops import Component, Components, Ops
-from ._solving.newton import Solved, solve_velocity
-from ._theory import UNLIMITED, LinearTheory
-from .interface import Step, System, along
+from ..ops.ops import Component, Components, Ops
+from .interface import UNLIMITED, LinearTheory, Step, System, along
+from .newton import Solved, solve_velocity
 
 
 class ImplicitMidpoint(Solved):

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
-from ..arithmetic.ops import Component, Components, Ops
+from ..ops.ops import Component, Components, Ops
 
 State = tuple[Components, Components]
 """Configuration and velocity."""
@@ -56,7 +58,7 @@ class Integrator(Protocol):
 
     A class of your own needs this method and nothing else; the attributes ``order``,
     ``symplectic``, ``reversible``, ``solver_tolerance`` and ``solver_cap`` are read where present,
-    and ``theory``, a :class:`integ_gym.envs.integrators._theory.LinearTheory`, of the class itself.
+    and ``theory``, a :class:`LinearTheory`, of the class itself.
     Of a map that another engine applies, ``losses_of`` and ``losses_between`` are, too: what it
     loses when its end is known.
     """
@@ -79,3 +81,35 @@ def along(x: Components, h: Component, slope: Components) -> Components:
     if len(x) == 1:
         return (x[0] + h * slope[0],)
     return tuple([a + h * b for a, b in zip(x, slope, strict=True)])
+
+
+UNLIMITED = float("inf")
+"""Where there is no limit of stability."""
+
+
+def _one(z: float) -> float:
+    return 1.0
+
+
+@dataclass(frozen=True)
+class LinearTheory:
+    r"""What theory says of an integrator on linear problems.
+
+    On the oscillator :math:`\ddot x = -\omega^2 x` one step of size h depends on
+    :math:`z = h\omega` alone, on the decay :math:`\dot v = -\lambda v` on :math:`z = h\lambda`.
+    Sources: Hairer, Lubich and Wanner, *Geometric Numerical Integration*, 2nd ed., I.1 and I.5.2;
+    Hairer and Wanner, *Solving Ordinary Differential Equations II*, 2nd ed., IV.2 and IV.3.
+
+    Attributes:
+        formula: the energy factor less 1, in words.
+        oscillation_limit: largest z = hω at which no oscillation grows.
+        decay_limit: largest z = hλ at which a damped velocity does not grow.
+        energy_factor: factor on the oscillator's energy per step in the long run, of z = hω.
+        passive: whether a step takes energy out of every convex potential.
+    """
+
+    formula: str
+    oscillation_limit: float
+    decay_limit: float
+    energy_factor: Callable[[float], float] = _one
+    passive: bool = False

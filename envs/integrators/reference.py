@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from ..arithmetic.ops import Component, Components, Ops
-from ._solving.dop853 import trial_step
-from ._solving.kink import time_of_kink
-from ._theory import UNLIMITED, LinearTheory
-from .interface import Step, System
+from ..ops.ops import Component, Components, Ops
+from .dop853 import trial_step
+from .interface import UNLIMITED, LinearTheory, Step, System
+from .newton import time_of_kink
 
 _SMALLEST = 1e-13
 """Inner steps below this share of ``dt`` mean that the motion cannot be followed."""

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from ..arithmetic.ops import Component, Components, Ops
-from ._theory import LinearTheory
-from .interface import Step, System, along
+from ..ops.ops import Component, Components, Ops
+from .interface import LinearTheory, Step, System, along
 
 
 class RK4:

@@ -4,25 +4,64 @@ Order, symplecticity, reversibility, stability, energy and ledger, for built-in 
 user's own. Knows plants and one-step maps; judges nothing.
 """
 
-from .energy import BOUNDED, energies, energy_growth, ledger
-from .energy_reach import METHOD, Reach, critical_limit, energy_at, goal_energy, reach
-from .fingerprinting import DAMPING, IDENTICAL, Fingerprint, damping_parameters, fingerprint
+from .accuracy import (
+    ROUNDING,
+    Convergence,
+    IndependentMotion,
+    convergence,
+    independent_motion,
+    reversibility_errors,
+    slope,
+    symplecticity_defect,
+    volume_defect,
+)
+from .energy import (
+    BOUNDED,
+    METHOD,
+    Reach,
+    critical_limit,
+    energies,
+    energy_at,
+    energy_growth,
+    goal_energy,
+    ledger,
+    reach,
+)
 from .identity import (
+    DAMPING,
+    IDENTICAL,
     ORDER_TOLERANCE,
     REVERSIBLE,
     SYMPLECTIC,
+    Case,
     Declared,
+    Fingerprint,
     Identity,
+    cases_of,
     classify,
+    damping_parameters,
     declared,
+    fingerprint,
+    largest_error,
+    mapped,
+    match,
 )
-from .independent import IndependentMotion, independent_motion
-from .linear import critical_step, linear_map, stability_limit
-from .matching import Case, cases_of, largest_error, mapped, match
-from .order import ROUNDING, Convergence, convergence, slope
-from .phase_space import reversibility_errors, symplecticity_defect, volume_defect
-from .probe import fastest_mode, fastest_rate, linear_rates, probe_state
-from .stepping import Advance, OneStep, advance, advance_lanes, engine_of, jacobian, one_step
+from .stepping import (
+    Advance,
+    OneStep,
+    advance,
+    advance_lanes,
+    critical_step,
+    engine_of,
+    fastest_mode,
+    fastest_rate,
+    jacobian,
+    linear_map,
+    linear_rates,
+    one_step,
+    probe_state,
+    stability_limit,
+)
 
 __all__ = [
     "BOUNDED",

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 from integ_gym.support.parameters import nonnegative, parameter, positive
 
-from ..arithmetic.ops import Component, Components, Ops
+from ..ops.ops import Component, Components, Ops
 
 
 @dataclass(frozen=True)

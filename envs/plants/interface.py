@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, ClassVar, Protocol
 
-from ..arithmetic.ops import Component, Components, Ops
+from ..ops.ops import Component, Components, Ops
 
 MASS_DISTRIBUTIONS = ("uniform", "point")
 """Of a link: a uniform rod, or a point mass at its end."""
@@ -19,13 +19,13 @@ class Plant(Protocol):
 
     - ``jacobian(ops, q, v, force) -> (∂a/∂q, ∂a/∂v)``; without it implicit integrators take finite
       differences;
-    - ``stops``, a :class:`integ_gym.envs.mechanics.contact.Stops` or None, on the coordinate whose
+    - ``stops``, a :class:`integ_gym.envs.mechanics.Stops` or None, on the coordinate whose
       index the class attribute ``stopped`` is;
-    - ``dry_friction``, a :class:`integ_gym.envs.mechanics.friction.Friction` or None;
-    - ``mechanism``, a :class:`integ_gym.envs.mechanics.mechanism.Mechanism`: without it, engines
+    - ``dry_friction``, a :class:`integ_gym.envs.mechanics.Friction` or None;
+    - ``mechanism``, a :class:`integ_gym.envs.mechanics.Mechanism`: without it, engines
       that move rigid bodies refuse the plant.
 
-    Stops and friction are forces that :class:`integ_gym.envs.mechanics.system.PlantSystem` adds to
+    Stops and friction are forces that :class:`integ_gym.envs.mechanics.PlantSystem` adds to
     the control: ``acceleration``, ``energy``, ``dissipation`` and ``jacobian`` leave them out.
     """
 

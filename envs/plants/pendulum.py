@@ -14,10 +14,8 @@ from integ_gym.support.parameters import (
     positive,
 )
 
-from ..arithmetic.ops import Component, Components, Ops
-from ..mechanics.contact import Stops, stops_at
-from ..mechanics.friction import Friction, friction_of
-from ..mechanics.mechanism import Link, Mechanism
+from ..mechanics import Friction, Link, Mechanism, Stops, friction_of, stops_at
+from ..ops.ops import Component, Components, Ops
 from .interface import MASS_DISTRIBUTIONS
 
 

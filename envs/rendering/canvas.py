@@ -5,7 +5,8 @@ from __future__ import annotations
 import copy
 import io
 import math
-from collections.abc import Sequence
+import os
+from collections.abc import Mapping, Sequence
 from contextlib import redirect_stdout
 from functools import lru_cache
 from typing import Any
@@ -13,9 +14,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.support.figures.colours import PALETTE, channels
+from integ_gym.support.figures.colours import AMOUNTS, PALETTE, channels
 from integ_gym.support.figures.series import HUES
 from integ_gym.support.packages.extras import load
+from integ_gym.support.terminal.formatting import fixed
 
 Colour = tuple[int, int, int]
 Point = tuple[float, float]
@@ -214,3 +216,76 @@ def _written(text: str, size: int, colour: Colour) -> Any:
     pygame = load_pygame()
     pygame.font.init()
     return pygame.font.Font(None, size).render(text, True, colour)
+
+
+BAR = 24
+"""Height of a bar with the room around it, pixels."""
+_NAME, _VALUE, _EDGE = 74.0, 68.0, 14.0
+
+
+def draw_bars(
+    canvas: Canvas, top: float, amounts: Mapping[str, float], reach: tuple[float, float]
+) -> None:
+    """Draw amounts below one another, over the whole width.
+
+    Args:
+        canvas: what is drawn on.
+        top: of the first bar.
+        amounts: name to value, J; NaN where it is not known.
+        reach: value at the left and at the right end, J, the first not above 0.
+    """
+    for row, (name, value) in enumerate(amounts.items()):
+        _bar(canvas, top + (row + 0.5) * BAR, name, value, reach)
+
+
+def colour_of(amount: str, value: float = 0.0) -> Colour:
+    """Colour of an amount of energy, by its name."""
+    above, below = AMOUNTS[amount]
+    return channels(PALETTE[above if value >= 0.0 else below][0])
+
+
+def _bar(canvas: Canvas, y: float, name: str, value: float, reach: tuple[float, float]) -> None:
+    (low, high), end = reach, canvas.size[0] - _EDGE
+    left, right = _EDGE + _NAME, end - _VALUE
+    scale = (right - left) / (high - low)
+    zero = left - scale * low
+    canvas.text(name, (_EDGE, y), 20, MUTED)
+    canvas.box(((left + right) / 2, y), (right - left, 12.0), 3.0, tint(FAINT, 0.7))
+    known = math.isfinite(value)
+    if known:
+        tip = zero + scale * max(low, min(high, value))
+        canvas.box(((zero + tip) / 2, y), (abs(tip - zero), 12.0), 0.0, colour_of(name, value))
+    canvas.line((zero, y - 8.0), (zero, y + 8.0), 1.5, INK, rounded=False)
+    said = f"{fixed(value, 1, name == 'numerics')} J" if known else "not known"
+    canvas.text(said, (end, y), 20, INK if known else MUTED, align=1.0)
+
+
+_UNSEEN = ("dummy", "offscreen")
+"""Drivers of SDL that show nothing; it takes one where there is no screen."""
+
+
+def open_screen(size: tuple[int, int], caption: str) -> Any:
+    """Open the window, or give it another size.
+
+    Args:
+        size: (width, height), pixels.
+        caption: what stands above it.
+
+    Returns:
+        Its surface.
+
+    Raises:
+        ValueError: where there is no screen, but for a driver that ``SDL_VIDEODRIVER`` names.
+    """
+    pygame = load_pygame()
+    display = pygame.display
+    try:
+        display.init()
+        if display.get_driver() in _UNSEEN and "SDL_VIDEODRIVER" not in os.environ:
+            display.quit()
+            raise pygame.error("there is no screen")
+        surface = display.set_mode(size)
+    except pygame.error as error:
+        raise ValueError(f"no window can be opened ({error})") from None
+    display.set_caption(caption)
+    return surface

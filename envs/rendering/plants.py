@@ -8,12 +8,24 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..arithmetic.ops import SCALAR
-from ..episode.settings import Setup
+from ..ops.ops import SCALAR
 from ..plants.interface import state_names, state_units
+from ..settings import Setup
 from ..tasks.elastic_pendulum_quiet import NEAR_PLUMB
 from ..tasks.pendulum_swing_up import NEAR_UPRIGHT, wrapped
-from .canvas import BLUE, FAINT, GREEN, INK, MUTED, VERMILION, WHITE, Canvas, Point, polar, tint
+from .canvas import (
+    BLUE,
+    FAINT,
+    GREEN,
+    INK,
+    MUTED,
+    VERMILION,
+    WHITE,
+    Canvas,
+    Point,
+    polar,
+    tint,
+)
 
 _TRAIL = 0.1
 """How much of the past motion the trail behind a moving tip shows, s."""

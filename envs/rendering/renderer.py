@@ -10,10 +10,16 @@ from weakref import WeakValueDictionary
 import numpy as np
 import numpy.typing as npt
 
-from ..episode.settings import Setup
-from .canvas import INK, MUTED, WHITE, Canvas, load_pygame
+from ..settings import Setup
+from .canvas import (
+    INK,
+    MUTED,
+    WHITE,
+    Canvas,
+    load_pygame,
+    open_screen,
+)
 from .plants import drawing, signed
-from .screen import open_screen
 
 _MAX_FPS = 60
 _LARGEST_LAG = 0.25

@@ -9,9 +9,8 @@ from typing import Any, ClassVar
 
 from integ_gym.support.parameters import boolean, parameter, positive
 
-from ..arithmetic.ops import Component, Components, Ops
-from ._reset_options import uniform
-from .interface import Command
+from ..ops.ops import Component, Components, Ops
+from .interface import Command, uniform
 
 GYMNASIUM_STEP = 0.02
 """Control period of ``CartPole-v1``, s: the rewards are equal there."""

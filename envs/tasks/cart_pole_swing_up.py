@@ -9,9 +9,8 @@ from typing import Any, ClassVar
 
 from integ_gym.support.parameters import parameter, positive
 
-from ..arithmetic.ops import Component, Components, Ops
-from ._box import BoxTask
-from ._reset_options import uniform
+from ..ops.ops import Component, Components, Ops
+from .interface import BoxTask, uniform
 from .pendulum_swing_up import NEAR_UPRIGHT, wrapped
 
 REWARD_STEP = 0.02

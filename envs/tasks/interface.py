@@ -1,11 +1,12 @@
-"""What a task asks of a plant: start, observation, reward, termination, success."""
+"""What a task is, and what tasks have in common."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import isfinite
 from typing import Any, ClassVar, NamedTuple, Protocol
 
-from ..arithmetic.ops import Component, Components, Ops
+from ..ops.ops import Component, Components, Ops
 
 
 class Command(NamedTuple):
@@ -76,3 +77,65 @@ class Task(Protocol):
         Where it is made of ``rng.uniform`` alone and calls no ``float``, the starts of many lanes
         are made at once, from the same numbers.
         """
+
+
+FLOAT32_ROUNDING = 1e-6
+"""Actions arrive in float32, in which the bounds are rounded too."""
+
+
+def saturated(ops: Ops, action: Component, limit: Component) -> Command:
+    """``action`` within ±``limit``; one at the limit counts, as policies clip to it in float32."""
+    valid = ops.usually(ops.isfinite(action))
+    clipped = ops.maximum(-limit, ops.minimum(action, limit))
+    at_limit = abs(action) >= limit * (1.0 - FLOAT32_ROUNDING)
+    return Command(ops.where(valid, clipped, 0.0), valid, valid & at_limit)
+
+
+class BoxTask:
+    """A control within symmetric limits, no end but by time, and no reward below 0."""
+
+    discrete: ClassVar[int | None] = None
+    control_limit: Any
+
+    def command(self, ops: Ops, action: Component) -> Command:
+        """The control, saturated."""
+        return saturated(ops, action, self.control_limit)
+
+    def worst_return(
+        self, ops: Ops, remaining: Component, control_period: float, top_speed: Component
+    ) -> Component:
+        """No further reward."""
+        return 0.0 * remaining
+
+    def terminated(self, ops: Ops, q: Components, v: Components) -> Component:
+        """Never."""
+        return False
+
+
+def number(options: Mapping[str, Any], name: str, default: float) -> float:
+    """Option ``name`` as a float.
+
+    Raises:
+        ValueError: if it is not a number.
+    """
+    value = options.get(name, default)
+    try:
+        return float(value)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise ValueError(f"reset option `{name}` must be a number, got {value!r:.60}") from error
+
+
+def uniform(rng: Any, options: Mapping[str, Any], size: int, half_width: float) -> Components:
+    """``size`` numbers uniform between the options ``low`` and ``high``.
+
+    Args:
+        rng: a ``numpy.random.Generator``, or what stands for it.
+        options: reset options; without bounds ±``half_width``.
+
+    Raises:
+        ValueError: if the bounds are not finite and in order.
+    """
+    low, high = number(options, "low", -half_width), number(options, "high", half_width)
+    if not (isfinite(high - low) and low <= high):
+        raise ValueError(f"reset option `low`={low} must be finite and at most `high`={high}")
+    return tuple(rng.uniform(low=low, high=high, size=(size,)))

@@ -9,9 +9,8 @@ from typing import Any, ClassVar
 
 from integ_gym.support.parameters import parameter, positive
 
-from ..arithmetic.ops import Component, Components, Ops
-from ._box import BoxTask
-from ._reset_options import number
+from ..ops.ops import Component, Components, Ops
+from .interface import BoxTask, number
 
 GYMNASIUM_STEP = 0.05
 """Control period of ``Pendulum-v1``, s: the rewards are equal there."""

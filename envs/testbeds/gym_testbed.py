@@ -1,26 +1,98 @@
-"""Any Gymnasium environment whose discretization can be set, as a testbed."""
+"""What testbeds have in common whose environments are stepped one after the other."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import cached_property
-from typing import Any
+from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import Any, Final
 
 import gymnasium as gym
 from gymnasium.envs.registration import EnvSpec
+from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers import TimeLimit
 
 from integ_gym.support.errors import translate_errors
 from integ_gym.support.parameters import unknown_name
 
-from ..environments.discretized_vector import DiscretizedVectorEnv
-from ..environments.foreign import ReturnGoal, return_of_success, time_limit
-from ..environments.stated.environment import StatedEnv
-from ..environments.stated.repeated import Repeated, Rewards, without_time_limit
-from ..episode.discretization import Discretization
-from ..episode.timing import whole_multiple
-from .interface import Applied, Success
-from .sequential import SequentialTestbed
+from ..foreign import (
+    Repeated,
+    ReturnGoal,
+    Rewards,
+    StatedEnv,
+    return_of_success,
+    time_limit,
+    without_time_limit,
+)
+from ..sequential_vector import DiscretizedVectorEnv, SequentialVectorEnv
+from ..settings import Discretization, whole_multiple
+from .interface import REFINEMENTS, Applied, Success
+
+
+class SequentialTestbed:
+    """A testbed of one control period, its home's, and without a truth.
+
+    Args:
+        arguments: that all discretizations have in common.
+    """
+
+    batched = False
+    horizon = None
+    controller = None
+    home: Any
+    """A `Discretization`."""
+    title: str
+    """What messages call it."""
+
+    def __init__(self, arguments: dict[str, Any]) -> None:
+        self.arguments = arguments
+        self.title = type(self).__name__
+
+    @property
+    def engine(self) -> str:
+        """The only one that it has."""
+        return str(self.home.engine)
+
+    @property
+    def control_period(self) -> float:
+        """The home's."""
+        return float(self.home.control_period)
+
+    def steps(self, home: Discretization) -> tuple[float, ...]:
+        """The home's, half and a quarter of it."""
+        return tuple(home.dt / parts for parts in REFINEMENTS)
+
+    def truth(self, control_period: float) -> None:
+        """None: what would solve it to rounding is not known."""
+        return
+
+    def lane(self, discretization: Discretization, arguments: dict[str, Any]) -> gym.Env[Any, Any]:
+        """One environment, a :class:`~integ_gym.envs.sequential_vector.Lane`.
+
+        Args:
+            discretization: on this engine.
+            arguments: all of its arguments.
+        """
+        raise NotImplementedError
+
+    def make(
+        self,
+        discretization: Discretization,
+        lanes: int,
+        *,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        **arguments: Any,
+    ) -> DiscretizedVectorEnv:
+        """One environment per lane.
+
+        Raises:
+            TypeError, ValueError: for a discretization that it cannot have.
+        """
+        if discretization.engine != self.engine:
+            kind = f"engine of {self.title}"
+            raise ValueError(unknown_name(kind, discretization.engine, [self.engine]))
+        make = partial(self.lane, discretization, {**self.arguments, **arguments})
+        return SequentialVectorEnv(make, lanes, autoreset_mode)
 
 
 class GymTestbed(SequentialTestbed):
@@ -174,3 +246,82 @@ class GymTestbed(SequentialTestbed):
     def applied(self, environments: DiscretizedVectorEnv) -> Applied:
         """Read back from the first lane."""
         return self.read(environments.unwrapped.envs[0])  # type: ignore[attr-defined]
+
+
+ENGINE: Final = "gymnasium"
+
+
+@dataclass(frozen=True)
+class Knobs:
+    """Where an environment keeps its discretization.
+
+    Attributes:
+        step: attribute that holds the integration step, s.
+        integrators: name to value of ``kind``.
+        kind: attribute that holds the integrator; None where there is one alone.
+    """
+
+    step: str
+    integrators: Mapping[str, str]
+    kind: str | None = None
+
+
+CLASSIC: Final = {
+    "Acrobot-v1": Knobs("dt", {"rk4": ""}),
+    "CartPole-v1": Knobs(
+        "tau",
+        {"explicit_euler": "euler", "symplectic_euler": "semi-implicit euler"},
+        "kinematics_integrator",
+    ),
+    "Pendulum-v1": Knobs("dt", {"symplectic_euler": ""}),
+}
+"""Environment id to its knobs; the integrators by the field's names."""
+
+
+class ClassicControl(GymTestbed):
+    """One of Gymnasium's classic control environments, the library's own code.
+
+    An action holds for the home's control period, in which the environment takes as many steps as
+    that has. Their rewards are rates: a period pays their mean. ``IntegPendulum-v0`` and
+    ``IntegCartPole-v0`` are two of them at the same discretization, with state, energy, more
+    integrators and a truth.
+
+    Args:
+        env_id: its id.
+        arguments: see :class:`GymTestbed`.
+    """
+
+    def __init__(self, env_id: str, **arguments: Any) -> None:
+        super().__init__(**arguments)
+        self.env_id = env_id
+        self._knobs = CLASSIC[env_id]
+        self.choices = tuple(self._knobs.integrators)
+        self.registered = gym.spec(env_id)
+        stock = gym.make(env_id)
+        integrator, step = self._found(stock)
+        self.home = Discretization(integrator, step, step, ENGINE)
+        stock.close()
+
+    def build(self, discretization: Discretization, **arguments: Any) -> gym.Env[Any, Any]:
+        """The environment with its attributes set.
+
+        Raises:
+            ValueError: for a step that does not divide the control period.
+        """
+        made = gym.make(self.env_id, **arguments)
+        inner: Any = made.unwrapped
+        setattr(inner, self._knobs.step, discretization.dt)
+        if self._knobs.kind is not None:
+            setattr(inner, self._knobs.kind, self._knobs.integrators[discretization.integrator])
+        return self.held(made, discretization, rewards="rate")
+
+    def read(self, env: gym.Env[Any, Any]) -> Applied:
+        """From the attributes."""
+        return self.as_applied(*self._found(env), env)
+
+    def _found(self, env: gym.Env[Any, Any]) -> tuple[str, float]:
+        """Integrator and step, s."""
+        inner, knobs = env.unwrapped, self._knobs
+        kind = "" if knobs.kind is None else getattr(inner, knobs.kind)
+        name = next(own for own, value in knobs.integrators.items() if value == kind)
+        return name, float(getattr(inner, knobs.step))

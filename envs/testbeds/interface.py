@@ -6,8 +6,8 @@ from collections.abc import Hashable, Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from ..environments.discretized_vector import DiscretizedVectorEnv
-from ..episode.discretization import Discretization
+from ..sequential_vector import DiscretizedVectorEnv
+from ..settings import Discretization
 
 REFINEMENTS = (1, 2, 4)
 """Parts of a home's coarsest step that are evaluated where no steps are given."""

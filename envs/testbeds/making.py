@@ -1,4 +1,4 @@
-"""The testbed of an id; environments made by testbeds, and held against what was asked for."""
+"""integ-gym's own environments as testbeds."""
 
 from __future__ import annotations
 
@@ -14,14 +14,73 @@ from gymnasium.vector import AutoresetMode
 
 from integ_gym.support.errors import translate_errors
 
-from ..catalogue.lookup import is_integ_environment
-from ..environments.discretized_vector import DiscretizedVectorEnv
-from ..episode.discretization import DISCRETIZATION, Discretization, agrees
-from ..registries import TESTBEDS
-from .classic_control import CLASSIC, ClassicControl
-from .integ_environments import IntegTestbed
-from .interface import Applied, Testbed
+from ..catalogue.lookup import environment_class, environment_setup, is_integ_environment
+from ..registries import ENGINES, TESTBEDS, TRUTH
+from ..sequential_vector import DiscretizedVectorEnv
+from ..settings import DISCRETIZATION, Discretization, agrees, dividing_step
+from .gym_testbed import CLASSIC, ClassicControl
+from .interface import REFINEMENTS, Applied, Success, Testbed
 from .mujoco_tasks import MujocoTestbed
+
+
+class IntegTestbed:
+    """One of the environments that integ-gym registers.
+
+    Args:
+        env_id: its id.
+        arguments: of its constructor, without the discretization.
+    """
+
+    batched = True
+    control_period = None
+    horizon = "duration"
+
+    def __init__(self, env_id: str, **arguments: Any) -> None:
+        self.env_id = env_id
+        self.arguments = arguments
+
+    @property
+    def home(self) -> Discretization:
+        """The environment's defaults."""
+        return Discretization.of(environment_setup(self.env_id, {}))
+
+    @property
+    def success(self) -> Success:
+        """The task's goal."""
+        return Success(environment_class(self.env_id).task_class().goal)
+
+    @property
+    def controller(self) -> str:
+        """Hand-made controllers are named as their tasks."""
+        return environment_class(self.env_id).task_name
+
+    def integrators(self, engine: str) -> tuple[str, ...]:
+        """The engine's own names."""
+        return tuple(name for name in ENGINES.load(engine).maps if name != TRUTH)
+
+    def steps(self, home: Discretization) -> tuple[float, ...]:
+        """The control period, half and a quarter of it, or of a part that divides all delays."""
+        coarsest = dividing_step({**self.arguments, "dt": home.control_period})
+        return tuple(coarsest / parts for parts in REFINEMENTS)
+
+    def truth(self, control_period: float) -> Discretization:
+        """The reference at one step per decision, for its result does not depend on the step."""
+        return Discretization(TRUTH, control_period, control_period)
+
+    def make(
+        self, discretization: Discretization, lanes: int, **arguments: Any
+    ) -> DiscretizedVectorEnv:
+        """As ``gymnasium.make_vec``."""
+        given = {**self.arguments, **discretization.arguments(), **arguments}
+        made = gym.make_vec(self.env_id, lanes, vectorization_mode="vector_entry_point", **given)
+        assert isinstance(made, DiscretizedVectorEnv)
+        return made
+
+    def applied(self, environments: DiscretizedVectorEnv) -> Applied:
+        """From the setup, which is what the environments step."""
+        (setup,) = environments.setups
+        return Applied(Discretization.of(setup), setup.timing.substeps)
+
 
 _MEMBERS = (
     "arguments", "batched", "home", "control_period", "horizon", "success", "controller",

@@ -14,13 +14,12 @@ from integ_gym.support.packages.versions import check_versions
 from integ_gym.support.parameters import suggestion
 
 from ..catalogue.lookup import OTHER_TESTBEDS
-from ..catalogue.registration import ENVIRONMENTS
-from ..environments.discretized_vector import DiscretizedVectorEnv
-from ..environments.rediscretized.description import integrator_numbers
-from ..environments.rediscretized.environment import RediscretizedEnv, rediscretize
-from ..episode.discretization import Discretization
+from ..rediscretized import RediscretizedEnv, integrator_numbers, rediscretize
+from ..registries import ENVIRONMENTS
+from ..sequential_vector import DiscretizedVectorEnv
+from ..settings import Discretization
+from .gym_testbed import SequentialTestbed
 from .interface import Applied, Success
-from .sequential import SequentialTestbed
 
 ENGINE = "mujoco"
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from integ_gym.envs import numerics
-from integ_gym.envs.arithmetic.ops import SCALAR
-from integ_gym.envs.mechanics.system import PlantSystem
+from integ_gym.envs.mechanics import PlantSystem
+from integ_gym.envs.ops.ops import SCALAR
 from integ_gym.envs.plants.interface import Plant, join_state
 
 from .subjects.subject import State

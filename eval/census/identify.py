@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from integ_gym.envs import numerics
-from integ_gym.envs.maps.lookup import map_names
+from integ_gym.envs.engines.maps import map_names
 from integ_gym.envs.registries import TRUTH
 
 from .subjects.subject import Sample, State, Statement

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
 from integ_gym.envs import numerics
-from integ_gym.envs.arithmetic.ops import SCALAR
+from integ_gym.envs.ops.ops import SCALAR
 from integ_gym.envs.plants.interface import join_state
 from integ_gym.evidence.episodes.record import plain
 

@@ -8,8 +8,8 @@ from datetime import UTC, datetime
 from functools import partial
 from typing import Any
 
-from integ_gym.envs.engines.making import integrators_of, missing_modules
-from integ_gym.envs.maps.lookup import map_names, one_step_map
+from integ_gym.envs.engines.interface import integrators_of, missing_modules
+from integ_gym.envs.engines.maps import map_names, one_step_map
 from integ_gym.envs.registries import TRUTH
 from integ_gym.support.errors import describe_exception
 from integ_gym.support.packages.extras import install_command

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from integ_gym.envs import numerics
-from integ_gym.envs.episode.timing import check_divides
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.plants.pendulum import Pendulum
 from integ_gym.envs.registries import INTEGRATORS
+from integ_gym.envs.settings import check_divides
 from integ_gym.support.figures.style import write_figure
 from integ_gym.support.terminal.formatting import compact_percent
 

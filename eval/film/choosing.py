@@ -9,9 +9,8 @@ from typing import Any, TypeAlias
 import gymnasium as gym
 
 from integ_gym.envs.catalogue.lookup import environment_setup, is_integ_environment
-from integ_gym.envs.catalogue.registration import ENVIRONMENTS
-from integ_gym.envs.episode.discretization import DISCRETIZATION, Discretization
-from integ_gym.envs.episode.timing import check_divides
+from integ_gym.envs.registries import ENVIRONMENTS
+from integ_gym.envs.settings import DISCRETIZATION, Discretization, check_divides
 from integ_gym.envs.testbeds.making import testbed_of
 
 from ..panel.specification.cells.cell import Cell

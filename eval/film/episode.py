@@ -11,11 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 from integ_gym.envs.catalogue.lookup import environment_setup
-from integ_gym.envs.episode.discretization import Discretization
-from integ_gym.envs.episode.info import LOSSES
-from integ_gym.envs.episode.settings import Setup
 from integ_gym.envs.plants.interface import state_names
-from integ_gym.envs.rendering.panes import Moment
+from integ_gym.envs.rendering.cockpit import Moment
+from integ_gym.envs.settings import Discretization, Setup
+from integ_gym.envs.transition import LOSSES
 from integ_gym.evidence.episodes.record import EvidenceRecord
 from integ_gym.train.policy.interface import Policy
 

@@ -12,9 +12,9 @@ from typing import overload
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.envs.episode.discretization import NATIVE, Discretization
 from integ_gym.envs.registries import TRUTH
-from integ_gym.envs.rendering.panes import Pane, Panes
+from integ_gym.envs.rendering.cockpit import Pane, Panes
+from integ_gym.envs.settings import NATIVE, Discretization
 
 from .episode import Episode
 from .writing import write_film

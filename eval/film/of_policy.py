@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from integ_gym.envs.catalogue.lookup import environment_setup
-from integ_gym.envs.episode.discretization import Discretization
 from integ_gym.envs.registries import TRUTH
+from integ_gym.envs.settings import Discretization
 from integ_gym.support.packages.extras import require
 from integ_gym.train.policy.interface import Policy
 from integ_gym.train.policy_files.sidecar import read_trained, readable_file

@@ -8,8 +8,8 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
-from integ_gym.envs.episode.discretization import DISCRETIZATION, Discretization
 from integ_gym.envs.registries import TRUTH
+from integ_gym.envs.settings import DISCRETIZATION, Discretization
 from integ_gym.evidence.episodes.record import EvidenceRecord, told_perturbation, told_training
 from integ_gym.evidence.store.store import EvidenceStore, open_run
 from integ_gym.support.packages.extras import require

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from time import perf_counter
 
-from integ_gym.envs.rendering.canvas import load_pygame
-from integ_gym.envs.rendering.screen import open_screen
+from integ_gym.envs.rendering.canvas import load_pygame, open_screen
 
 from .film import Film
 

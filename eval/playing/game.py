@@ -7,17 +7,14 @@ from bisect import bisect_left
 from collections.abc import Mapping
 from typing import Any
 
-from integ_gym.envs.arithmetic.ops import SCALAR
 from integ_gym.envs.catalogue.lookup import environment_class
-from integ_gym.envs.engines.making import integrators_of
-from integ_gym.envs.environments.environment import IntegEnv
-from integ_gym.envs.episode.discretization import NATIVE
-from integ_gym.envs.episode.info import LOSSES
-from integ_gym.envs.episode.settings import Setup
+from integ_gym.envs.engines.interface import integrators_of
+from integ_gym.envs.environment import IntegEnv
+from integ_gym.envs.ops.ops import SCALAR
 from integ_gym.envs.registries import TRUTH
-from integ_gym.envs.rendering.cockpit import SHOWN, Choice, View
-from integ_gym.envs.rendering.course import Course
-from integ_gym.envs.rendering.panes import Moment
+from integ_gym.envs.rendering.cockpit import SHOWN, Choice, Course, Moment, View
+from integ_gym.envs.settings import NATIVE, Setup
+from integ_gym.envs.transition import LOSSES
 
 STEPS = (4.0, 2.0, 1.0, 0.5, 0.25, 0.125)
 """Steps to choose from, in units of the first one, as far as the arguments allow them."""

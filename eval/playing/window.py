@@ -6,9 +6,8 @@ from collections.abc import Callable
 from time import perf_counter
 from typing import Any
 
-from integ_gym.envs.rendering.canvas import load_pygame
+from integ_gym.envs.rendering.canvas import load_pygame, open_screen
 from integ_gym.envs.rendering.cockpit import Cockpit
-from integ_gym.envs.rendering.screen import open_screen
 
 from .game import Game
 

@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.envs.episode.control_period import STATUS_NAMES
-from integ_gym.envs.episode.discretization import DISCRETIZATION
-from integ_gym.envs.episode.settings import Setup
+from integ_gym.envs.settings import DISCRETIZATION, Setup
+from integ_gym.envs.transition import STATUS_NAMES
 
 from ..schema.description import in_words, staleness
 from ..schema.fields import SUMMARY_FIELDS

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
-from integ_gym.envs.episode.discretization import DISCRETIZATION, agrees
+from integ_gym.envs.settings import DISCRETIZATION, agrees
 
 from ..schema.fields import PHASES
 from .labels import Home, Replays

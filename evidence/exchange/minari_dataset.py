@@ -12,9 +12,8 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from integ_gym.envs.catalogue.registration import ENVIRONMENTS
-from integ_gym.envs.episode.discretization import NATIVE
-from integ_gym.envs.registries import TRUTH
+from integ_gym.envs.registries import ENVIRONMENTS, TRUTH
+from integ_gym.envs.settings import NATIVE
 from integ_gym.support.packages.extras import load
 
 from ..episodes.record import EvidenceRecord, argument_values, told_engine

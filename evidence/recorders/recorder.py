@@ -10,8 +10,8 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.envs.registration import EnvSpec
 
-from integ_gym.envs.environments.environment import IntegEnv
-from integ_gym.envs.environments.rediscretized.environment import RediscretizedEnv
+from integ_gym.envs.environment import IntegEnv
+from integ_gym.envs.rediscretized import RediscretizedEnv
 
 from ..episodes.context import EpisodeContext
 from ..episodes.episode_log import EpisodeHead, EpisodeHeads

@@ -15,8 +15,8 @@ import gymnasium.wrappers.vector
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.envs.episode.control_period import quiet_status
-from integ_gym.envs.episode.settings import Setup
+from integ_gym.envs.settings import Setup
+from integ_gym.envs.transition import quiet_status
 
 from ..episodes.attribution import ReplayLookups, SetupOfLane
 from ..episodes.context import EpisodeContext

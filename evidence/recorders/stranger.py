@@ -15,7 +15,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from integ_gym.envs.environments.foreign import time_limit
+from integ_gym.envs.foreign import time_limit
 
 MOST_NUMBERS = 512
 """An observation or action of more numbers, such as an image, is left out of the trace."""

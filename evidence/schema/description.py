@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from integ_gym.envs import numerics
-from integ_gym.envs.episode.discretization import NATIVE
-from integ_gym.envs.episode.settings import Setup
+from integ_gym.envs.settings import NATIVE, Setup
 from integ_gym.support.packages.versions import installed_versions
 
 _PACKAGES = ("integ-gym", "gymnasium", "numpy")

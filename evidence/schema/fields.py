@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from integ_gym.envs.episode.control_period import STATUS_NAMES
+from integ_gym.envs.transition import STATUS_NAMES
 from integ_gym.support.processes.machine import host
 
 from .description import (

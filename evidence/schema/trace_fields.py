@@ -7,8 +7,8 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from integ_gym.envs.episode.control_period import STATUS_NAMES
 from integ_gym.envs.plants.interface import state_names, state_units
+from integ_gym.envs.transition import STATUS_NAMES
 
 from .fields import SUMMARY_FIELDS, Field
 

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from integ_gym.envs.catalogue.lookup import is_integ_environment
-from integ_gym.envs.episode.discretization import NATIVE
+from integ_gym.envs.settings import NATIVE
 
 from ..episodes.context import EpisodeContext
 from ..episodes.decisions import choices

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from integ_gym.envs.catalogue.lookup import OTHER_TESTBEDS
-from integ_gym.envs.catalogue.registration import ENVIRONMENTS
+from integ_gym.envs.registries import ENVIRONMENTS
 from integ_gym.eval.loss_check import Check, check
 from integ_gym.eval.panel.specification.panel_spec import TRAINERS
 from integ_gym.support.terminal.command_line import CommandParser, told_command

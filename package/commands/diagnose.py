@@ -7,7 +7,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from integ_gym.envs.catalogue.registration import ENVIRONMENTS
+from integ_gym.envs.registries import ENVIRONMENTS
 from integ_gym.eval.diagnosis.page import DIAGNOSIS_PAGE
 from integ_gym.eval.diagnosis.run import Request, diagnose
 from integ_gym.eval.diagnosis.terminal import print_diagnosis

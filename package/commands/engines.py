@@ -11,10 +11,10 @@ from operator import itemgetter
 from typing import Any, TextIO
 
 from integ_gym.envs import numerics
-from integ_gym.envs.engines._stepping.stepped import CONSTRAINT_VIOLATION
-from integ_gym.envs.engines.making import integrators_of, missing_modules
-from integ_gym.envs.episode.discretization import NATIVE
+from integ_gym.envs.engines.interface import integrators_of, missing_modules
+from integ_gym.envs.engines.stepping import CONSTRAINT_VIOLATION
 from integ_gym.envs.registries import ENGINES
+from integ_gym.envs.settings import NATIVE
 from integ_gym.support.packages.extras import install_command
 from integ_gym.support.parameters import unknown_name
 from integ_gym.support.terminal.command_line import CommandParser

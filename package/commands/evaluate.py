@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from integ_gym.envs.catalogue.lookup import OTHER_TESTBEDS, is_integ_environment
-from integ_gym.envs.catalogue.registration import ENVIRONMENTS
+from integ_gym.envs.registries import ENVIRONMENTS
 from integ_gym.eval.panel.calls import evaluate
 from integ_gym.support.terminal.command_line import CommandParser, told_command
 from integ_gym.support.terminal.options import (

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 
-from integ_gym.envs.catalogue.registration import ENVIRONMENTS
+from integ_gym.envs.registries import ENVIRONMENTS
 from integ_gym.eval.playing.game import Game
 from integ_gym.eval.playing.window import play_in_window
 from integ_gym.support.packages.extras import require

@@ -38,7 +38,7 @@ import jax, stable_baselines3, torch
 values = {name: jax.config.values[name] for name in jax.config.values}
 environ = dict(os.environ)
 import gymnasium
-import integ_gym.envs.arithmetic.jax_ops
+import integ_gym.envs.ops.jax_ops
 import integ_gym.eval.panel.running.panel
 from integ_gym.cli import main
 from integ_gym.train.ppo import PPOConfig, train_ppo

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from victim import command
 
 from integ_gym.cli import COMMANDS
-from integ_gym.envs.catalogue.registration import ENVIRONMENTS
+from integ_gym.envs.registries import ENVIRONMENTS
 
 NOWHERE = "/dev/null/out"
 OPTIONS = (

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from integ_gym.envs.arithmetic.array_ops import ARRAY
 from integ_gym.envs.engines.native import NativeEngine
-from integ_gym.envs.mechanics.system import PlantSystem
+from integ_gym.envs.mechanics import PlantSystem
+from integ_gym.envs.ops.array_ops import ARRAY
 from integ_gym.envs.plants.interface import Plant, join_state, split_state
 
 _CATCH_TIME = 4.0

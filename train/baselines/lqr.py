@@ -7,7 +7,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from integ_gym.envs.arithmetic.ops import SCALAR
+from integ_gym.envs.ops.ops import SCALAR
 from integ_gym.envs.plants.interface import Plant, join_state, split_state
 from integ_gym.support.packages.extras import load
 

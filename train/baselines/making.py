@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from integ_gym.envs.episode.settings import Setup
 from integ_gym.envs.registries import TASKS
+from integ_gym.envs.settings import Setup
 from integ_gym.support.parameters import unknown_name
 from integ_gym.support.registry import Registry
 

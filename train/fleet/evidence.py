@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from integ_gym.envs.episode.control_period import quiet_status
-from integ_gym.envs.episode.settings import Setup
+from integ_gym.envs.settings import Setup
+from integ_gym.envs.transition import quiet_status
 from integ_gym.evidence.episodes.episode_log import EpisodeHead, EpisodeHeads, EpisodeLog
 from integ_gym.evidence.episodes.layout import Layout
 from integ_gym.evidence.episodes.table import unhashed_table

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from integ_gym.envs.arithmetic.jax_ops import jax, jnp
+from integ_gym.envs.ops.jax_ops import jax, jnp
 
 from ..sb3.initial_weights import Stack
 

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from integ_gym.envs.arithmetic.jax_ops import jax
-from integ_gym.envs.environments import functional
+from integ_gym.envs import functional
+from integ_gym.envs.ops.jax_ops import jax
 from integ_gym.envs.registries import ENGINES
 from integ_gym.evidence.episodes.layout import Layout
 

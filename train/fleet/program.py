@@ -13,13 +13,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from integ_gym.envs.arithmetic.jax_ops import jax, jnp
-from integ_gym.envs.arithmetic.ops import Components
-from integ_gym.envs.environments.functional.environment import FunctionalEnv
-from integ_gym.envs.environments.functional.params import Params
-from integ_gym.envs.episode.control_period import EnvState, Outcome
-from integ_gym.envs.episode.info import reset_info, step_info
+from integ_gym.envs.functional import FunctionalEnv, Params
+from integ_gym.envs.ops.jax_ops import jax, jnp
+from integ_gym.envs.ops.ops import Components
 from integ_gym.envs.plants.interface import join_state
+from integ_gym.envs.transition import EnvState, Outcome, reset_info, step_info
 from integ_gym.evidence.episodes.layout import Layout
 
 from ..sb3.initial_weights import Stack

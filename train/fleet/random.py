@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from integ_gym.envs.arithmetic.jax_ops import jax, jnp
+from integ_gym.envs.ops.jax_ops import jax, jnp
 
 Array = Any
 

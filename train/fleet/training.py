@@ -20,10 +20,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from integ_gym.envs.arithmetic.jax_ops import jax, jnp
-from integ_gym.envs.environments import functional
-from integ_gym.envs.environments.functional.environment import FunctionalEnv
-from integ_gym.envs.episode.mixture import Mixture
+from integ_gym.envs import functional
+from integ_gym.envs.functional import FunctionalEnv
+from integ_gym.envs.ops.jax_ops import jax, jnp
+from integ_gym.envs.settings import Mixture
 from integ_gym.evidence.episodes.layout import Layout
 from integ_gym.support.executors import Cluster
 from integ_gym.support.packages.extras import require
@@ -100,7 +100,7 @@ def train_fleet(
             written.
         memory_gib: see :func:`integ_gym.train.fleet.planning.plan`.
         cache_dir: compiled programs are kept there; by default in the user's cache folder.
-        executor: what runs the processes: see :func:`integ_gym.support.open_cluster`.
+        executor: what runs the processes: see :func:`integ_gym.support.executors.open_cluster`.
         address: of a running cluster.
         together: places in `configs` of those that are trained together; by default as
             :func:`integ_gym.train.fleet.planning.plan` divides them.

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from integ_gym.envs.arithmetic.ops import Components
-from integ_gym.envs.episode.control_period import EnvState
+from integ_gym.envs.ops.ops import Components
+from integ_gym.envs.transition import EnvState
 
 from ..sb3.initial_weights import Stack
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from integ_gym.envs.arithmetic.jax_ops import jax, jnp
+from integ_gym.envs.ops.jax_ops import jax, jnp
 
 from ..sb3.initial_weights import Stack
 from .network import log_prob_and_entropy, outputs

@@ -65,7 +65,7 @@ def prepare_worker(cache_dir: str | None, device: Device, number: int) -> None:
         device: what it computes on.
         number: of the process, which has the GPU of that number.
     """
-    from integ_gym.envs.arithmetic.jax_ops import jax
+    from integ_gym.envs.ops.jax_ops import jax
 
     if device == "gpu":
         os.environ["CUDA_VISIBLE_DEVICES"] = _gpus()[number]

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-from integ_gym.envs.episode.discretization import DISCRETIZATION, Discretization
+from integ_gym.envs.settings import DISCRETIZATION, Discretization
 from integ_gym.envs.testbeds.interface import Testbed
 from integ_gym.envs.testbeds.making import make_checked, testbed_of
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from integ_gym.envs.episode.discretization import DISCRETIZATION, Discretization
+from integ_gym.envs.settings import DISCRETIZATION, Discretization
 from integ_gym.support.packages.extras import missing
 
 from ..policy_files.stated_home import Stated

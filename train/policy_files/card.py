@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from gymnasium.vector import VectorEnv
 
-from integ_gym.envs.episode.mixture import Mixture
-from integ_gym.envs.episode.settings import Setup
+from integ_gym.envs.settings import Mixture, Setup
 from integ_gym.support.packages.versions import installed_versions
 from integ_gym.support.processes.machine import host
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any, TypeAlias
 
 from integ_gym.envs.catalogue.lookup import is_integ_environment
-from integ_gym.envs.episode.discretization import DISCRETIZATION, Discretization
+from integ_gym.envs.settings import DISCRETIZATION, Discretization
 from integ_gym.envs.testbeds.making import testbed_of
 from integ_gym.support.parameters import unknown_name
 from integ_gym.support.terminal.options import named_value
@@ -58,7 +58,8 @@ def stated_arguments(stated: Stated, env_id: str) -> dict[str, Any]:
             "control_period=… alone where no more is known"
         )
     testbed = testbed_of(env_id, {})
-    period = testbed.control_period or parts["dt"]
+    fixed = testbed.control_period
+    period = parts["dt"] if fixed is None else fixed
     return {"engine": testbed.home.engine, "control_period": period, **parts}
 
 

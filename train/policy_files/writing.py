@@ -15,7 +15,7 @@ from gymnasium import spaces
 from numpy.typing import ArrayLike
 
 from integ_gym.envs.catalogue.lookup import environment_setup, is_integ_environment
-from integ_gym.envs.episode.discretization import DISCRETIZATION
+from integ_gym.envs.settings import DISCRETIZATION
 from integ_gym.support.files.writing import replace_file
 
 from ..policy.actions import BoxActions

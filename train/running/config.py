@@ -11,7 +11,7 @@ import gymnasium as gym
 import numpy as np
 
 from integ_gym.envs.catalogue.lookup import OTHER_TESTBEDS
-from integ_gym.envs.catalogue.registration import ENVIRONMENTS
+from integ_gym.envs.registries import ENVIRONMENTS
 from integ_gym.support.parameters import (
     check_values,
     parameter,

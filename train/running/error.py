@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from integ_gym.envs.episode.mixture import Mixture
+from integ_gym.envs.settings import Mixture
 
 if TYPE_CHECKING:
     from .config import TrainingConfig

@@ -217,7 +217,7 @@ def resolve_executor(
     """Where to train, by name or as it is.
 
     Raises:
-        ClusterError: see :func:`integ_gym.support.open_cluster`.
+        ClusterError: see :func:`integ_gym.support.executors.open_cluster`.
     """
     if isinstance(executor, Cluster):
         yield executor

@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from integ_gym.envs import numerics
-from integ_gym.envs.mechanics.system import PlantSystem
+from integ_gym.envs.mechanics import PlantSystem
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.plants.pendulum import Pendulum
 

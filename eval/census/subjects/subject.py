@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol
 
 from integ_gym.envs import numerics
-from integ_gym.envs.arithmetic.ops import Components
+from integ_gym.envs.ops.ops import Components
 from integ_gym.envs.plants.interface import Plant
 
 COAST = 10.0

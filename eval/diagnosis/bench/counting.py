@@ -6,8 +6,8 @@ from dataclasses import replace
 from typing import Any, ClassVar
 
 from integ_gym.envs.engines.native import NativeEngine
-from integ_gym.envs.environments.environment import IntegEnv
-from integ_gym.envs.mechanics.system import PlantSystem
+from integ_gym.envs.environment import IntegEnv
+from integ_gym.envs.mechanics import PlantSystem
 
 
 class CountingSystem(PlantSystem):

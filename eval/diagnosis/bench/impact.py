@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from integ_gym.envs.arithmetic.ops import SCALAR
+from integ_gym.envs.ops.ops import SCALAR
 from integ_gym.envs.plants.interface import split_state
 
 from .rollout import Array

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from integ_gym.envs import numerics
-from integ_gym.envs.integrators._theory import LinearTheory
+from integ_gym.envs.integrators.interface import LinearTheory
 from integ_gym.envs.registries import INTEGRATORS
 
 from .subject import Subject

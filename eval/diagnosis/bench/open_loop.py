@@ -7,12 +7,12 @@ from dataclasses import make_dataclass
 from functools import cache
 from typing import Any, ClassVar
 
-from integ_gym.envs.arithmetic.ops import Component, Components, Ops
-from integ_gym.envs.environments.environment import IntegEnv
-from integ_gym.envs.environments.vector import IntegVectorEnv
+from integ_gym.envs.environment import IntegEnv
+from integ_gym.envs.ops.ops import Component, Components, Ops
 from integ_gym.envs.plants.interface import join_state, state_names, state_units
 from integ_gym.envs.registries import PLANTS
-from integ_gym.envs.tasks._box import BoxTask
+from integ_gym.envs.tasks.interface import BoxTask
+from integ_gym.envs.vector import IntegVectorEnv
 from integ_gym.support.parameters import parameter, positive
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from integ_gym.envs import numerics
-from integ_gym.envs.arithmetic.array_ops import ARRAY
+from integ_gym.envs.ops.array_ops import ARRAY
 from integ_gym.envs.plants.interface import Plant, join_state
 
 Array = npt.NDArray[np.float64]

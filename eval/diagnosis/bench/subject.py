@@ -12,10 +12,9 @@ import numpy.typing as npt
 
 from integ_gym.envs import numerics
 from integ_gym.envs.catalogue.lookup import environment_class, environment_setup
-from integ_gym.envs.catalogue.registration import ENVIRONMENTS
-from integ_gym.envs.episode.timing import whole_multiple
 from integ_gym.envs.plants.interface import Plant
-from integ_gym.envs.registries import PLANTS
+from integ_gym.envs.registries import ENVIRONMENTS, PLANTS
+from integ_gym.envs.settings import whole_multiple
 
 from .rest import rest_state
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from integ_gym.envs import numerics
 from integ_gym.envs.catalogue.lookup import environment_setup
-from integ_gym.envs.tasks._box import FLOAT32_ROUNDING
+from integ_gym.envs.tasks.interface import FLOAT32_ROUNDING
 
 from ..bench.bench import Commands
 from ..bench.rollout import Array, Rollout

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from integ_gym.envs import numerics
-from integ_gym.envs.arithmetic.array_ops import ARRAY
-from integ_gym.envs.mechanics.system import PlantSystem
+from integ_gym.envs.mechanics import PlantSystem
+from integ_gym.envs.ops.array_ops import ARRAY
 from integ_gym.envs.plants.interface import Plant, join_state, split_state
 
 from ..bench.rollout import Array

@@ -17,8 +17,7 @@ import gymnasium as gym
 from gymnasium import spaces
 
 from integ_gym.envs.catalogue.lookup import is_integ_environment
-from integ_gym.envs.episode.discretization import DISCRETIZATION, NATIVE
-from integ_gym.envs.episode.mixture import Mixture
+from integ_gym.envs.settings import DISCRETIZATION, NATIVE, Mixture
 from integ_gym.evidence.schema.errors import Finding
 from integ_gym.evidence.store.store import EvidenceStore
 from integ_gym.train.policy_files.card import (

@@ -10,7 +10,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from integ_gym.envs.environments.foreign import SURVIVAL
+from integ_gym.envs.foreign import SURVIVAL
 from integ_gym.evidence.store.store import EvidenceStore
 from integ_gym.support.terminal.formatting import percent
 from integ_gym.train.policy_files.formats.state_dict import STATE_DICT_ENDINGS

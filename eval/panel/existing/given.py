@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from integ_gym.envs.environments.discretized_vector import DiscretizedVectorEnv
+from integ_gym.envs.sequential_vector import DiscretizedVectorEnv
 from integ_gym.envs.testbeds.making import make_training_environments
 from integ_gym.train.monitoring.raw_model import RawModel
 from integ_gym.train.policy.called_policy import CalledPolicy, behaviour_hash

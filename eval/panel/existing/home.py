@@ -7,9 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from integ_gym.envs.environments.discretized_vector import DiscretizedVectorEnv
-from integ_gym.envs.episode.discretization import DISCRETIZATION, Discretization
-from integ_gym.envs.episode.mixture import Mixture
+from integ_gym.envs.sequential_vector import DiscretizedVectorEnv
+from integ_gym.envs.settings import DISCRETIZATION, Discretization, Mixture
 from integ_gym.envs.testbeds.making import make_training_environments, testbed_of
 from integ_gym.train.policy_files.own_hash import HASH_KEY
 from integ_gym.train.policy_files.stated_home import (

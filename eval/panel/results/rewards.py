@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from integ_gym.envs.environments.stated.setup import ASSUMED_RATE
+from integ_gym.envs.foreign import ASSUMED_RATE
 from integ_gym.evidence.store.store import EvidenceStore
 
 _SAY_IT = (

@@ -8,9 +8,8 @@ from functools import cached_property
 from itertools import accumulate
 from typing import Any
 
-from integ_gym.envs.episode.discretization import Discretization
-from integ_gym.envs.episode.mixture import WEIGHT
 from integ_gym.envs.registries import INTEGRATORS
+from integ_gym.envs.settings import WEIGHT, Discretization
 from integ_gym.envs.testbeds.interface import Testbed
 from integ_gym.envs.testbeds.making import testbed_of
 from integ_gym.support.packages.extras import install_command
@@ -47,7 +46,7 @@ ALGORITHM = "algorithm"
 _NO_RESULT = ("memory_gib", "left_out")
 """Attributes that change no result."""
 
-_LATER = ("sweeps", "episode_parts")
+_LATER = ("sweeps", "episode_parts", "looks")
 """Attributes that are told where there is something to tell; specifications of before lack them."""
 
 
@@ -77,6 +76,8 @@ class PanelSpec:
     """Declared comparisons: (training discretization or mixture, cell)."""
     compare: tuple[tuple[str, str], ...] = ()
     """Pairs of the same whose policies are compared under refinement."""
+    looks: tuple[int, ...] = ()
+    """Seeds at the planned looks at verdicts, which share the level; empty: none is planned."""
     ladder: bool = True
     """Also refine each policy's own discretization with the control period following dt."""
     episodes: int = 20

@@ -7,8 +7,7 @@ from typing import Any
 
 import msgspec
 
-from integ_gym.envs.episode.discretization import Discretization
-from integ_gym.envs.episode.mixture import WEIGHT
+from integ_gym.envs.settings import WEIGHT, Discretization
 
 from .cells.cell import (
     UNNAMED,
@@ -43,6 +42,7 @@ class _Plan(msgspec.Struct, kw_only=True):
     sweeps: list[Sweep] = []
     family: list[tuple[str, str]]
     compare: list[tuple[str, str]]
+    looks: list[int] = []
     ladder: bool
     episodes: int
     episode_parts: list[int] = []

@@ -9,13 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from integ_gym.envs.arithmetic.ops import SCALAR
 from integ_gym.envs.catalogue.lookup import environment_setup
-from integ_gym.envs.catalogue.registration import ENVIRONMENTS
-from integ_gym.envs.episode.discretization import NATIVE
-from integ_gym.envs.episode.script import Script, script_of
-from integ_gym.envs.episode.settings import Setup
-from integ_gym.envs.registries import INTEGRATORS
+from integ_gym.envs.ops.ops import SCALAR
+from integ_gym.envs.registries import ENVIRONMENTS, INTEGRATORS
+from integ_gym.envs.settings import NATIVE, Setup
+from integ_gym.envs.steps import Script, script_of
 from integ_gym.train.policy.mlp_policy import MlpPolicy
 from integ_gym.train.policy_files.error import PolicyFileError
 from integ_gym.train.policy_files.reading import read_weights

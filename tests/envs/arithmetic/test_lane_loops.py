@@ -11,14 +11,12 @@ import pytest
 from gymnasium.vector import AutoresetMode
 from variants import VARIANTS
 
-from integ_gym.envs.arithmetic.array_ops import rows_of
-from integ_gym.envs.arithmetic.tracing.compiling import looped, repeated
-from integ_gym.envs.arithmetic.tracing.dialects import ARRAYS, Unusual
-from integ_gym.envs.arithmetic.tracing.symbols import NotTraceable
 from integ_gym.envs.catalogue.lookup import environment_setup
-from integ_gym.envs.catalogue.registration import ENVIRONMENTS
-from integ_gym.envs.episode.steps import compiled_array_step
-from integ_gym.envs.registries import INTEGRATORS
+from integ_gym.envs.ops.array_ops import rows_of
+from integ_gym.envs.ops.compiling import looped, repeated
+from integ_gym.envs.ops.dialects import ARRAYS, NotTraceable, Unusual
+from integ_gym.envs.registries import ENVIRONMENTS, INTEGRATORS
+from integ_gym.envs.steps import compiled_array_step
 
 LANES = 7
 ROUNDED_OTHERWISE = {"reference"}

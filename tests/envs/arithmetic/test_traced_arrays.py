@@ -9,16 +9,19 @@ import numpy as np
 import pytest
 from variants import VARIANTS
 
-from integ_gym.envs.arithmetic.array_ops import ARRAY
-from integ_gym.envs.arithmetic.tracing.compiling import compiled, repeated
-from integ_gym.envs.arithmetic.tracing.dialects import ARRAYS, Unusual
-from integ_gym.envs.arithmetic.tracing.symbols import NotTraceable
-from integ_gym.envs.arithmetic.trees import leaves_of
 from integ_gym.envs.catalogue.lookup import environment_setup
-from integ_gym.envs.catalogue.registration import ENVIRONMENTS
-from integ_gym.envs.episode.control_period import DIVERGED, EnvState, initial_state
-from integ_gym.envs.episode.steps import WARM_UP, LanesStep, plain_array_step, traced_array_step
-from integ_gym.envs.registries import INTEGRATORS
+from integ_gym.envs.ops.array_ops import ARRAY
+from integ_gym.envs.ops.compiling import compiled, repeated
+from integ_gym.envs.ops.dialects import ARRAYS, NotTraceable, Unusual
+from integ_gym.envs.ops.ops import leaves_of
+from integ_gym.envs.registries import ENVIRONMENTS, INTEGRATORS
+from integ_gym.envs.steps import (
+    WARM_UP,
+    LanesStep,
+    plain_array_step,
+    traced_array_step,
+)
+from integ_gym.envs.transition import DIVERGED, EnvState, initial_state
 
 LANES = 6
 
@@ -290,7 +293,7 @@ def test_parameters_that_differ_between_lanes_are_not_traced():
 @pytest.mark.parametrize("env_id", ENVIRONMENTS)
 def test_a_vector_environment_is_the_same_before_and_after_it_is_traced(env_id, monkeypatch):
     traced = _run(env_id)
-    monkeypatch.setattr("integ_gym.envs.episode.steps.WARM_UP", 0)
+    monkeypatch.setattr("integ_gym.envs.steps.WARM_UP", 0)
     for (*arrays, info), (*expected, told) in zip(traced, _run(env_id), strict=True):
         assert info.keys() == told.keys()
         for a, b in (*zip(arrays, expected, strict=True), *((info[k], told[k]) for k in told)):

@@ -9,16 +9,14 @@ import numpy as np
 import pytest
 from variants import VARIANTS
 
-from integ_gym.envs.arithmetic.ops import SCALAR
-from integ_gym.envs.arithmetic.tracing.compiling import compiled
-from integ_gym.envs.arithmetic.tracing.dialects import SCALARS, Unusual
-from integ_gym.envs.arithmetic.tracing.symbols import NotTraceable
 from integ_gym.envs.catalogue.lookup import environment_setup
-from integ_gym.envs.catalogue.registration import ENVIRONMENTS
-from integ_gym.envs.episode.control_period import DIVERGED, EnvState, initial_state
-from integ_gym.envs.episode.steps import WARM_UP, plain_step, traced_step
 from integ_gym.envs.integrators.interface import Step, along
-from integ_gym.envs.registries import INTEGRATORS
+from integ_gym.envs.ops.compiling import compiled
+from integ_gym.envs.ops.dialects import SCALARS, NotTraceable, Unusual
+from integ_gym.envs.ops.ops import SCALAR
+from integ_gym.envs.registries import ENVIRONMENTS, INTEGRATORS
+from integ_gym.envs.steps import WARM_UP, plain_step, traced_step
+from integ_gym.envs.transition import DIVERGED, EnvState, initial_state
 
 
 def _start(setup, seed):
@@ -57,7 +55,7 @@ def test_traced_steps_equal_plain_ones_to_the_bit(env_id, integrator, variant):
 def test_an_environment_is_the_same_before_and_after_it_is_traced(env_id, monkeypatch):
     arguments = {"dt": 0.02, "integrator": "rk4", "observation_noise": 0.01}
     traced = _run(gym.make(env_id, **arguments))
-    monkeypatch.setattr("integ_gym.envs.environments.environment.WARM_UP", math.inf)
+    monkeypatch.setattr("integ_gym.envs.environment.WARM_UP", math.inf)
     assert traced == _run(gym.make(env_id, **arguments))
 
 

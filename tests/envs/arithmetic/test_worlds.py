@@ -13,13 +13,13 @@ from hypothesis.extra.numpy import arrays
 from motions import ALL, DRIVEN_PLANTS
 from pairing import covering
 
-from integ_gym.envs.arithmetic.array_ops import ARRAY
-from integ_gym.envs.arithmetic.jax_ops import JaxOps
-from integ_gym.envs.arithmetic.ops import SCALAR, Ops
-from integ_gym.envs.arithmetic.tracing.compiling import compiled
-from integ_gym.envs.arithmetic.tracing.dialects import SCALARS
 from integ_gym.envs.engines.native import NativeEngine
-from integ_gym.envs.mechanics.system import PlantSystem
+from integ_gym.envs.mechanics import PlantSystem
+from integ_gym.envs.ops.array_ops import ARRAY
+from integ_gym.envs.ops.compiling import compiled
+from integ_gym.envs.ops.dialects import SCALARS
+from integ_gym.envs.ops.jax_ops import JaxOps
+from integ_gym.envs.ops.ops import SCALAR, Ops
 from integ_gym.envs.registries import PLANTS
 
 LANES = 7

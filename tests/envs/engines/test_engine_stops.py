@@ -23,11 +23,11 @@ from engine_cases import (
 from engine_checks import new_setup
 
 import integ_gym  # noqa: F401
-from integ_gym.envs.arithmetic.ops import SCALAR
 from integ_gym.envs.catalogue.lookup import environment_setup
-from integ_gym.envs.engines._rigid.bodies import HeldForce
+from integ_gym.envs.engines.maps import one_step_map
 from integ_gym.envs.engines.newton import FEATHERSTONE
-from integ_gym.envs.maps.lookup import one_step_map
+from integ_gym.envs.engines.rigid import HeldForce
+from integ_gym.envs.ops.ops import SCALAR
 
 SWING_UP = "IntegCartPoleSwingUp-v0"
 DOCS = (Path(__file__).parents[3] / "docs" / "reference" / "engines.md").read_text(encoding="utf-8")

@@ -25,13 +25,13 @@ from engine_cases import (
 )
 
 import integ_gym  # noqa: F401
-from integ_gym.envs.arithmetic.ops import SCALAR
-from integ_gym.envs.episode.control_period import EnvState, initial_state, transition
-from integ_gym.envs.episode.steps import plain_step, traced_step
-from integ_gym.envs.maps.lookup import map_names, one_step_map
-from integ_gym.envs.mechanics.mechanism import Mechanism
+from integ_gym.envs.engines.maps import map_names, one_step_map
+from integ_gym.envs.mechanics import Mechanism
+from integ_gym.envs.ops.ops import SCALAR
 from integ_gym.envs.plants.pendulum import Pendulum
 from integ_gym.envs.registries import ENGINES
+from integ_gym.envs.steps import plain_step, traced_step
+from integ_gym.envs.transition import EnvState, initial_state, transition
 
 DAMPED = pytest.mark.parametrize("damped", [False, True], ids=["undamped", "damped"])
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from engine_cases import DAMPING, ELSEWHERE, FOREIGN, mapped, native_name, needs, setup_of, states
 
-from integ_gym.envs.maps.lookup import map_names, one_step_map
-from integ_gym.envs.numerics.fingerprinting import fingerprint
+from integ_gym.envs.engines.maps import map_names, one_step_map
+from integ_gym.envs.numerics.identity import fingerprint
 from integ_gym.envs.registries import ENGINES
 
 ROOT = Path(__file__).parents[3]

@@ -11,9 +11,11 @@ import pytest
 from engine_cases import FIRST, lighter
 from pairing import covering
 
-from integ_gym import Step, along, rediscretize
-from integ_gym.envs.catalogue.registration import ENVIRONMENTS
-from integ_gym.envs.episode.steps import WARM_UP
+from integ_gym import along
+from integ_gym.envs.integrators.interface import Step
+from integ_gym.envs.rediscretized import rediscretize
+from integ_gym.envs.registries import ENVIRONMENTS
+from integ_gym.envs.steps import WARM_UP
 
 STEPS = 3 * WARM_UP
 WAYS = {"copied": copy.deepcopy, "pickled": lambda env: pickle.loads(pickle.dumps(env))}

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from checks import APPROXIMATE, POINT
 
-from integ_gym.envs.arithmetic.ops import SCALAR
 from integ_gym.envs.engines.native import NativeEngine
-from integ_gym.envs.mechanics.system import PlantSystem
+from integ_gym.envs.mechanics import PlantSystem
+from integ_gym.envs.numerics.accuracy import symplecticity_defect
 from integ_gym.envs.numerics.identity import declared
-from integ_gym.envs.numerics.phase_space import symplecticity_defect
+from integ_gym.envs.ops.ops import SCALAR
 from integ_gym.envs.plants.elastic_pendulum import ElasticPendulum
 
 STIFF = ElasticPendulum(stiffness=1000.0)

@@ -13,9 +13,9 @@ from gymnasium.utils.env_checker import check_env
 from motions import ALL
 
 import integ_gym
-from integ_gym.envs.arithmetic.ops import SCALAR
 from integ_gym.envs.catalogue.pendulum import IntegPendulumEnv
 from integ_gym.envs.engines.interface import DIVERGENCE_SPEED
+from integ_gym.envs.ops.ops import SCALAR
 
 IDS = tuple(integ_gym.ENVIRONMENTS)
 STOCK_ADVICE = (
@@ -420,7 +420,7 @@ def test_step_before_reset_is_refused():
 
 
 def test_registration_is_idempotent_and_by_module_prefix():
-    from integ_gym.envs.catalogue.registration import register_environments
+    from integ_gym.envs.registries import register_environments
 
     register_environments()
     env = gym.make("integ_gym:IntegPendulum-v0")

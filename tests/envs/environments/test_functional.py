@@ -13,11 +13,10 @@ from gymnasium.vector import AutoresetMode
 from motions import ALL
 from pairing import covering
 
-from integ_gym.envs.catalogue.registration import ENVIRONMENTS
-from integ_gym.envs.environments import functional
-from integ_gym.envs.episode.control_period import STATUS_NAMES
-from integ_gym.envs.integrators._solving.newton import TOLERANCE
-from integ_gym.envs.registries import ENGINES
+from integ_gym.envs import functional
+from integ_gym.envs.integrators.newton import TOLERANCE
+from integ_gym.envs.registries import ENGINES, ENVIRONMENTS
+from integ_gym.envs.transition import STATUS_NAMES
 
 LANES = 6
 VARIANTS = {

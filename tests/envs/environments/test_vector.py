@@ -13,11 +13,11 @@ from motions import ALL
 from sameness import assert_same
 
 import integ_gym
-from integ_gym.envs.arithmetic.array_ops import ARRAY
-from integ_gym.envs.arithmetic.jax_ops import JaxOps
 from integ_gym.envs.catalogue.pendulum import IntegPendulumEnv
-from integ_gym.envs.environments.environment import make_setup
-from integ_gym.envs.episode.control_period import initial_state, transition
+from integ_gym.envs.environment import make_setup
+from integ_gym.envs.ops.array_ops import ARRAY
+from integ_gym.envs.ops.jax_ops import JaxOps
+from integ_gym.envs.transition import initial_state, transition
 
 LANES = 5
 CASES = {

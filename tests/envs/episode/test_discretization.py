@@ -9,7 +9,7 @@ import gymnasium as gym
 import pytest
 
 import integ_gym
-from integ_gym.envs.episode.discretization import DISCRETIZATION, Discretization, agrees
+from integ_gym.envs.settings import DISCRETIZATION, Discretization, agrees
 
 RK4 = Discretization("rk4", 0.1 + 0.2, 0.6)
 

@@ -12,9 +12,9 @@ import pytest
 from gymnasium.vector import AutoresetMode
 from motions import ALL
 
+from integ_gym.envs import functional
 from integ_gym.envs.catalogue.lookup import environment_mixture
-from integ_gym.envs.catalogue.registration import ENVIRONMENTS
-from integ_gym.envs.environments import functional
+from integ_gym.envs.registries import ENVIRONMENTS
 
 PERIOD = 0.04
 EVERYTHING = [

@@ -11,13 +11,11 @@ import pytest
 from driving import Browser, driven
 from variants import VARIANTS
 
-from integ_gym.envs.arithmetic.ops import SCALAR
 from integ_gym.envs.catalogue.lookup import environment_setup
-from integ_gym.envs.catalogue.registration import ENVIRONMENTS
-from integ_gym.envs.episode.control_period import EnvState, initial_state
-from integ_gym.envs.episode.script import script_of
-from integ_gym.envs.episode.steps import plain_step
-from integ_gym.envs.registries import INTEGRATORS
+from integ_gym.envs.ops.ops import SCALAR
+from integ_gym.envs.registries import ENVIRONMENTS, INTEGRATORS
+from integ_gym.envs.steps import plain_step, script_of
+from integ_gym.envs.transition import EnvState, initial_state
 
 SECONDS = 10.0
 SMALL = 1e-5

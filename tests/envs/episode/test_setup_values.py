@@ -11,8 +11,8 @@ from engine_cases import STOPPED, lighter, needs
 
 import integ_gym  # noqa: F401
 from integ_gym.envs.catalogue.lookup import environment_setup
-from integ_gym.envs.environments.functional.params import params_of, traced_setup
-from integ_gym.envs.environments.lanes import of_lanes
+from integ_gym.envs.functional import params_of, traced_setup
+from integ_gym.envs.lanes import of_lanes
 from integ_gym.envs.registries import ENGINES
 from integ_gym.eval.diagnosis.bench.counting import counted
 

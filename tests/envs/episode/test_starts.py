@@ -10,9 +10,8 @@ import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from integ_gym.envs.catalogue.lookup import environment_setup
-from integ_gym.envs.catalogue.registration import ENVIRONMENTS
-from integ_gym.envs.episode.lane_starts import AT_ONCE, LaneStarts
-from integ_gym.envs.episode.starts import GivenNumbers, numbers_per_start
+from integ_gym.envs.registries import ENVIRONMENTS
+from integ_gym.envs.starts import AT_ONCE, GivenNumbers, LaneStarts, numbers_per_start
 from integ_gym.envs.tasks.pendulum_swing_up import PendulumSwingUp
 
 LANES = 3
@@ -145,7 +144,7 @@ def test_what_was_drawn_ahead_is_put_back():
 @pytest.mark.parametrize("most", [1 << 17, 8])
 def test_starts_of_many_lanes_are_their_own_generators(most, monkeypatch):
     """Also where few are drawn ahead, and where some are drawn by `begin` and some by `draw`."""
-    monkeypatch.setattr("integ_gym.envs.episode.lane_starts.MOST", most)
+    monkeypatch.setattr("integ_gym.envs.starts.MOST", most)
     setup = environment_setup("IntegCartPole-v0", {})
     generators, alone = ([np.random.default_rng(k) for k in range(LANES)] for _ in range(2))
     starts, rng = LaneStarts(setup, generators, 4), np.random.default_rng(0)

@@ -8,7 +8,7 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 import integ_gym  # noqa: F401
-from integ_gym.envs.episode.control_period import DIVERGED, STATUS_NAMES
+from integ_gym.envs.transition import DIVERGED, STATUS_NAMES
 
 DIVERGING = {"integrator": "explicit_euler", "dt": 0.5, "mass": 0.01, "damping": 5.0}
 LANES = 4

@@ -27,14 +27,13 @@ from checks import (
 from own_plants import PolarElasticPendulum
 from stated import stated
 
-from integ_gym.envs.integrators._solving import newton as _newton
-from integ_gym.envs.numerics.linear import linear_map, stability_limit
-from integ_gym.envs.numerics.phase_space import (
+from integ_gym.envs.integrators import newton as _newton
+from integ_gym.envs.numerics.accuracy import (
     reversibility_errors,
     symplecticity_defect,
     volume_defect,
 )
-from integ_gym.envs.numerics.stepping import advance
+from integ_gym.envs.numerics.stepping import advance, linear_map, stability_limit
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.plants.elastic_pendulum import ElasticPendulum
 from integ_gym.envs.registries import INTEGRATORS

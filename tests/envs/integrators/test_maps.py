@@ -13,16 +13,17 @@ from checks import (
     registered_plants,
 )
 
-from integ_gym.envs.arithmetic.ops import SCALAR
-from integ_gym.envs.maps._families.runge_kutta import (
+from integ_gym.envs.engines.maps import (
     ExplicitRungeKutta,
     ImplicitRungeKutta,
     Tableau,
+    map_names,
+    one_step_map,
 )
-from integ_gym.envs.maps.lookup import map_names, one_step_map
-from integ_gym.envs.mechanics.system import PlantSystem
+from integ_gym.envs.mechanics import PlantSystem
 from integ_gym.envs.numerics.identity import declared
 from integ_gym.envs.numerics.stepping import advance
+from integ_gym.envs.ops.ops import SCALAR
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.registries import MAPS
 

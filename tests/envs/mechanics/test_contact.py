@@ -16,17 +16,16 @@ from sameness import assert_same
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from integ_gym.envs.arithmetic.array_ops import ARRAY
-from integ_gym.envs.arithmetic.jax_ops import JaxOps
-from integ_gym.envs.arithmetic.ops import SCALAR
 from integ_gym.envs.engines.native import NativeEngine
-from integ_gym.envs.episode.control_period import initial_state, transition
-from integ_gym.envs.mechanics.contact import Stops
-from integ_gym.envs.mechanics.system import PlantSystem
+from integ_gym.envs.mechanics import PlantSystem, Stops
 from integ_gym.envs.numerics.energy import ledger
 from integ_gym.envs.numerics.identity import declared
+from integ_gym.envs.ops.array_ops import ARRAY
+from integ_gym.envs.ops.jax_ops import JaxOps
+from integ_gym.envs.ops.ops import SCALAR
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.plants.pendulum import Pendulum
+from integ_gym.envs.transition import initial_state, transition
 
 STOPPED = {
     "pendulum": ("IntegPendulum-v0", {"joint_limit": 1.0, "start": "uniform"}),

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from integ_gym.envs.numerics.linear import critical_step
+from integ_gym.envs.numerics.stepping import critical_step
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.plants.pendulum import Pendulum
 from integ_gym.train.baselines.lqr import linearized, lqr_gain

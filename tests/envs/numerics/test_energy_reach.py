@@ -9,7 +9,7 @@ import pytest
 
 from integ_gym.envs import numerics
 from integ_gym.envs.catalogue.lookup import environment_setup
-from integ_gym.envs.episode.settings import Setup
+from integ_gym.envs.settings import Setup
 
 HANGING = np.array([math.pi, 0.0])
 
@@ -62,7 +62,7 @@ def test_a_finer_grid_of_controls_finds_no_more(
 ) -> None:
     made = setup(1.0, integrator=integrator)
     coarse = numerics.critical_limit(made, HANGING, 8.0, 0.05, 3.0)
-    monkeypatch.setattr("integ_gym.envs.numerics.energy_reach.CONTROLS", np.linspace(-1, 1, 9))
+    monkeypatch.setattr("integ_gym.envs.numerics.energy.CONTROLS", np.linspace(-1, 1, 9))
     assert numerics.critical_limit(made, HANGING, 8.0, 0.05, 3.0) == pytest.approx(coarse, abs=2e-3)
 
 

@@ -8,14 +8,25 @@ import numpy as np
 import pytest
 
 from integ_gym.envs.integrators.interface import Step, along
+from integ_gym.envs.numerics.accuracy import (
+    convergence,
+    independent_motion,
+    reversibility_errors,
+    slope,
+    volume_defect,
+)
 from integ_gym.envs.numerics.energy import energies, energy_growth
 from integ_gym.envs.numerics.identity import Declared, classify, declared
-from integ_gym.envs.numerics.independent import independent_motion
-from integ_gym.envs.numerics.linear import linear_map, stability_limit
-from integ_gym.envs.numerics.order import convergence, slope
-from integ_gym.envs.numerics.phase_space import reversibility_errors, volume_defect
-from integ_gym.envs.numerics.probe import fastest_mode, fastest_rate, linear_rates, probe_state
-from integ_gym.envs.numerics.stepping import advance, jacobian
+from integ_gym.envs.numerics.stepping import (
+    advance,
+    fastest_mode,
+    fastest_rate,
+    jacobian,
+    linear_map,
+    linear_rates,
+    probe_state,
+    stability_limit,
+)
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.plants.elastic_pendulum import ElasticPendulum
 from integ_gym.envs.plants.pendulum import Pendulum

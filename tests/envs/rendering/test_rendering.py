@@ -14,13 +14,19 @@ import pygame
 import pytest
 
 import integ_gym
-from integ_gym.envs.episode.settings import Setup
 from integ_gym.envs.registries import PLANTS
 from integ_gym.envs.rendering import plants as drawing_plants
 from integ_gym.envs.rendering import renderer as rendering
-from integ_gym.envs.rendering.canvas import BLUE, GREEN, VERMILION, Colour, tint
+from integ_gym.envs.rendering.canvas import (
+    BLUE,
+    GREEN,
+    VERMILION,
+    Colour,
+    tint,
+)
 from integ_gym.envs.rendering.plants import DRAWINGS
 from integ_gym.envs.rendering.renderer import Renderer, discretization_label
+from integ_gym.envs.settings import Setup
 
 Frame = npt.NDArray[np.uint8]
 

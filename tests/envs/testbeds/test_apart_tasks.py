@@ -10,9 +10,9 @@ from apart_scenarios import SCENARIOS
 from engine_cases import TOLERANCE
 from exchanges import replayed
 
-from integ_gym.envs.episode.discretization import Discretization
+from integ_gym.envs.settings import Discretization
 from integ_gym.envs.testbeds import making
-from integ_gym.envs.testbeds.apart import tasks
+from integ_gym.envs.testbeds import remote as tasks
 from integ_gym.envs.testbeds.interface import Applied
 from integ_gym.envs.testbeds.making import make_checked
 from integ_gym.support.packages.apart.environments import APART, Apart

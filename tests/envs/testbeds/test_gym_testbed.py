@@ -15,18 +15,13 @@ from gymnasium.wrappers import RescaleAction, TimeLimit, TransformObservation, T
 from house import ROOT
 from mountain_car import MountainCar, ScaledMountainCar, swing
 
-from integ_gym import (
-    Discretization,
-    EpisodeContext,
-    EvidenceStore,
-    GymTestbed,
-    RecordVectorEvidence,
-)
-from integ_gym.envs.environments.foreign import time_limit, wrappers_of
-from integ_gym.envs.environments.stated.environment import StatedEnv
-from integ_gym.envs.environments.stated.repeated import Repeated
-from integ_gym.envs.testbeds.classic_control import CLASSIC
+from integ_gym.envs.foreign import Repeated, StatedEnv, time_limit, wrappers_of
+from integ_gym.envs.settings import Discretization
+from integ_gym.envs.testbeds.gym_testbed import CLASSIC, GymTestbed
 from integ_gym.envs.testbeds.making import make_checked, testbed_of
+from integ_gym.evidence.episodes.context import EpisodeContext
+from integ_gym.evidence.recorders.vector_recorder import RecordVectorEvidence
+from integ_gym.evidence.store.store import EvidenceStore
 
 PAGE = (ROOT / "docs" / "how-to" / "testbeds.md").read_text(encoding="utf-8")
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from integ_gym.envs.registries import TESTBEDS
-from integ_gym.envs.testbeds.state_passing import step_told
+from integ_gym.envs.testbeds.jax_tasks import step_told
 from integ_gym.support.packages.apart.environments import APART
 
 TASKS = {

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from small_atlas import written
 
-from integ_gym.envs.episode.discretization import Discretization
+from integ_gym.envs.settings import Discretization
 from integ_gym.eval.atlas.limits import control_argument, critical_limit, middle_start, setup_of
 from integ_gym.eval.atlas.specification import read_atlas
 from integ_gym.eval.panel.specification.values import SpecError

@@ -13,7 +13,7 @@ from small_panel import pictures_alone
 
 import integ_gym
 from integ_gym.cli import main
-from integ_gym.envs.episode.discretization import Discretization
+from integ_gym.envs.settings import Discretization
 from integ_gym.eval import loss_check
 from integ_gym.eval.loss_check import (
     MOST_SEEDS,

@@ -11,9 +11,8 @@ from pairing import covering
 
 from integ_gym.envs.engines.native import NativeEngine
 from integ_gym.envs.numerics import stepping
-from integ_gym.envs.numerics.independent import independent_motion
-from integ_gym.envs.numerics.probe import fastest_mode
-from integ_gym.envs.numerics.stepping import advance
+from integ_gym.envs.numerics.accuracy import independent_motion
+from integ_gym.envs.numerics.stepping import advance, fastest_mode
 from integ_gym.envs.registries import INTEGRATORS, PLANTS
 from integ_gym.eval.diagnosis.bench import bench, handmade
 from integ_gym.eval.diagnosis.bench.subject import subjects
@@ -74,9 +73,9 @@ def test_every_step_of_every_rollout_is_in_a_record(section, tmp_path, monkeypat
         probes.append(len(states))
         return one_step(integrator, plant, states, *more)
 
-    monkeypatch.setattr("integ_gym.envs.episode.steps.WARM_UP", 10**9)
+    monkeypatch.setattr("integ_gym.envs.steps.WARM_UP", 10**9)
     monkeypatch.setattr(
-        "integ_gym.envs.environments.environment.WARM_UP", 10**9
+        "integ_gym.envs.environment.WARM_UP", 10**9
     )  # traced steps do not call the engine
     whole, one_step = NativeEngine.advance, stepping.advance_lanes
     monkeypatch.setattr(NativeEngine, "advance", counting)

@@ -12,7 +12,7 @@ from checks import POINT
 from stated import stated
 
 from integ_gym.envs.numerics.energy import energies
-from integ_gym.envs.numerics.linear import linear_map, stability_limit
+from integ_gym.envs.numerics.stepping import linear_map, stability_limit
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.registries import INTEGRATORS
 from integ_gym.eval.diagnosis.worked_example import (

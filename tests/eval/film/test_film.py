@@ -11,9 +11,9 @@ from PIL import Image
 
 import integ_gym
 from integ_gym.envs.catalogue.lookup import environment_setup
-from integ_gym.envs.catalogue.registration import ENVIRONMENTS
-from integ_gym.envs.episode.discretization import Discretization
+from integ_gym.envs.registries import ENVIRONMENTS
 from integ_gym.envs.rendering.canvas import FAILS, GREEN
+from integ_gym.envs.settings import Discretization
 from integ_gym.eval.film.choosing import chosen
 from integ_gym.eval.film.film import Film
 from integ_gym.support.figures.colours import AMOUNTS, PALETTE, channels

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from integ_gym.cli import main
-from integ_gym.envs.episode.discretization import DISCRETIZATION, Discretization
+from integ_gym.envs.settings import DISCRETIZATION, Discretization
 from integ_gym.eval.film import of_record
 from integ_gym.eval.film.of_record import watch
 from integ_gym.eval.panel.existing.run_policies import policy_of

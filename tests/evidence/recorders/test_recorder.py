@@ -11,7 +11,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 from integ_gym.envs.catalogue.pendulum import IntegPendulumEnv
-from integ_gym.envs.catalogue.registration import ENVIRONMENTS
+from integ_gym.envs.registries import ENVIRONMENTS
 from integ_gym.evidence.episodes.context import EpisodeContext
 from integ_gym.evidence.episodes.labels import Replays
 from integ_gym.evidence.recorders import recorder as recorder_module

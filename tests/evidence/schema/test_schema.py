@@ -9,10 +9,9 @@ import gymnasium as gym
 import jsonschema
 import pytest
 
-from integ_gym.envs.catalogue.registration import ENVIRONMENTS
-from integ_gym.envs.episode.settings import Settings
 from integ_gym.envs.plants.interface import state_names
-from integ_gym.envs.registries import PLANTS, TASKS
+from integ_gym.envs.registries import ENVIRONMENTS, PLANTS, TASKS
+from integ_gym.envs.settings import Settings
 from integ_gym.evidence.recorders.recorder import RecordEvidence
 from integ_gym.evidence.schema.arrow import ENV_KEY, VERSION_KEY, arrow_schema, described
 from integ_gym.evidence.schema.fields import (

@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 from pairing import covering
 
-from integ_gym.envs.arithmetic.ops import SCALAR
 from integ_gym.envs.catalogue.lookup import environment_setup
-from integ_gym.envs.engines.making import missing_modules
-from integ_gym.envs.episode.settings import Setup
+from integ_gym.envs.engines.interface import missing_modules
+from integ_gym.envs.ops.ops import SCALAR
 from integ_gym.envs.registries import ENGINES, INTEGRATORS, MAPS
+from integ_gym.envs.settings import Setup
 from integ_gym.support.packages.apart.environments import APART
 
 ELSEWHERE = tuple(name for name in ENGINES.names() if name in APART)

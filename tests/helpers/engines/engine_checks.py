@@ -11,8 +11,8 @@ import numpy as np
 from engine_cases import mapped, one_step
 
 from integ_gym.envs.catalogue.lookup import environment_setup
-from integ_gym.envs.episode.settings import Setup
-from integ_gym.envs.maps.lookup import one_step_map
+from integ_gym.envs.engines.maps import one_step_map
+from integ_gym.envs.settings import Setup
 
 
 def new_setup(engine: str, integrator: str, env_id: str, **arguments: Any) -> Setup:

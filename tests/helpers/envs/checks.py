@@ -13,19 +13,18 @@ from own_plants import CentralSpring
 from scipy.integrate import solve_ivp
 from scipy.special import ellipj, ellipk
 
-from integ_gym.envs.arithmetic.ops import SCALAR
-from integ_gym.envs.integrators._solving.newton import CAP, TOLERANCE
-from integ_gym.envs.mechanics.system import PlantSystem
-from integ_gym.envs.numerics.energy import ledger
-from integ_gym.envs.numerics.identity import declared
-from integ_gym.envs.numerics.linear import linear_map
-from integ_gym.envs.numerics.order import convergence
-from integ_gym.envs.numerics.phase_space import (
+from integ_gym.envs.integrators.newton import CAP, TOLERANCE
+from integ_gym.envs.mechanics import PlantSystem
+from integ_gym.envs.numerics.accuracy import (
+    convergence,
     reversibility_errors,
     symplecticity_defect,
     volume_defect,
 )
-from integ_gym.envs.numerics.probe import fastest_rate, probe_state
+from integ_gym.envs.numerics.energy import ledger
+from integ_gym.envs.numerics.identity import declared
+from integ_gym.envs.numerics.stepping import fastest_rate, linear_map, probe_state
+from integ_gym.envs.ops.ops import SCALAR
 from integ_gym.envs.plants.interface import join_state, split_state
 from integ_gym.envs.plants.pendulum import Pendulum
 from integ_gym.envs.registries import INTEGRATORS, PLANTS

@@ -7,7 +7,7 @@ import inspect
 import textwrap
 from functools import cached_property
 
-import integ_gym.envs.integrators._solving.newton as newton
+import integ_gym.envs.integrators.newton as newton
 from integ_gym.envs.integrators.explicit_euler import ExplicitEuler
 from integ_gym.envs.integrators.implicit_euler import ImplicitEuler
 from integ_gym.envs.integrators.implicit_midpoint import ImplicitMidpoint

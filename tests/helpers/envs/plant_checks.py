@@ -11,10 +11,9 @@ from dataclasses import fields
 import numpy as np
 from scipy.optimize import minimize
 
-from integ_gym.envs.arithmetic.array_ops import ARRAY
-from integ_gym.envs.arithmetic.ops import SCALAR
-from integ_gym.envs.numerics.probe import probe_state
-from integ_gym.envs.numerics.stepping import jacobian
+from integ_gym.envs.numerics.stepping import jacobian, probe_state
+from integ_gym.envs.ops.array_ops import ARRAY
+from integ_gym.envs.ops.ops import SCALAR
 from integ_gym.envs.plants.interface import MASS_DISTRIBUTIONS
 
 

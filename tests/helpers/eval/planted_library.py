@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
-from integ_gym.envs.arithmetic.ops import SCALAR
 from integ_gym.envs.numerics.stepping import one_step
+from integ_gym.envs.ops.ops import SCALAR
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.plants.pendulum import Pendulum
 from integ_gym.eval.census.subjects.observed import Episode, Observed, Policy

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from integ_gym.envs.catalogue.registration import ENVIRONMENTS
+from integ_gym.envs.registries import ENVIRONMENTS
 from integ_gym.evidence.episodes.context import EpisodeContext
 from integ_gym.support.processes.workers import peak_memory
 from integ_gym.train.fleet.training import train_chunk

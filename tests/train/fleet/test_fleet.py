@@ -21,7 +21,7 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.logger import Logger
 
 from integ_gym.envs.catalogue.lookup import environment_setup
-from integ_gym.envs.catalogue.registration import ENVIRONMENTS
+from integ_gym.envs.registries import ENVIRONMENTS
 from integ_gym.evidence.episodes.context import EpisodeContext
 from integ_gym.evidence.store.store import EvidenceStore
 from integ_gym.train.command import training_command as main

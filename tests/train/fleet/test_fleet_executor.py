@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 from fleet_runs import small_run
 
-from integ_gym import train_fleet
 from integ_gym.support.executors import ClusterError
+from integ_gym.train.fleet.training import train_fleet
 
 
 @pytest.mark.slow

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from integ_gym.envs.catalogue.lookup import environment_setup
-from integ_gym.envs.catalogue.registration import ENVIRONMENTS
+from integ_gym.envs.registries import ENVIRONMENTS
 from integ_gym.train.baselines.making import BASELINES, make_baseline
 from integ_gym.train.policy.actions import BoxActions, DiscreteActions
 from integ_gym.train.policy.mlp_policy import MlpPolicy

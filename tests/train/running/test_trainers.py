@@ -17,7 +17,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from small_ppo import FLAGS, SMALL, files_of, looked_on, trained
 
 import integ_gym
-from integ_gym.envs.environments.rediscretized.environment import rediscretize
+from integ_gym.envs.rediscretized import rediscretize
 from integ_gym.evidence.episodes.context import EpisodeContext
 from integ_gym.evidence.store.store import EvidenceStore
 from integ_gym.train.fleet.training import train_fleet

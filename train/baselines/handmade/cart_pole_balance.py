@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from integ_gym.envs.episode.settings import Setup
 from integ_gym.envs.plants.cart_pole import CartPole
+from integ_gym.envs.settings import Setup
 from integ_gym.envs.tasks.cart_pole_balance import CartPoleBalance
 
 from ..lqr import held, linearized, lqr_gain

@@ -7,8 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from integ_gym.envs.episode.settings import Setup
 from integ_gym.envs.plants.elastic_pendulum import ElasticPendulum
+from integ_gym.envs.settings import Setup
 from integ_gym.envs.tasks.elastic_pendulum_quiet import NEAR_PLUMB
 
 from ..lqr import held, linearized, lqr_gain

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from integ_gym.envs.episode.settings import Setup
+from integ_gym.envs.settings import Setup
 
 from ...policy.arrays import ActionArray
 from ..interface import Baseline

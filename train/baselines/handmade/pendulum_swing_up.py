@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from integ_gym.envs.arithmetic.array_ops import ARRAY
-from integ_gym.envs.episode.settings import Setup
+from integ_gym.envs.ops.array_ops import ARRAY
 from integ_gym.envs.plants.pendulum import Pendulum
+from integ_gym.envs.settings import Setup
 from integ_gym.envs.tasks.pendulum_swing_up import wrapped
 
 from ..catching import caught

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from integ_gym.envs import numerics
-from integ_gym.envs.arithmetic.ops import Components
+from integ_gym.envs.ops.ops import Components
 
 
 def jax_step(

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from integ_gym.envs import numerics
-from integ_gym.envs.arithmetic.ops import SCALAR, Components
+from integ_gym.envs.ops.ops import SCALAR, Components
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.plants.interface import Plant
 from integ_gym.envs.plants.pendulum import Pendulum

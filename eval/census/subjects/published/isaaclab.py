@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from integ_gym.envs import numerics
-from integ_gym.envs.arithmetic.ops import Components
+from integ_gym.envs.ops.ops import Components
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.testbeds.making import make_checked, testbed_of
 from integ_gym.support.packages.apart.environments import APART
@@ -46,7 +46,7 @@ class Isaaclab(Library):
         """The task on two integrators."""
         home = testbed_of(f"isaaclab:{TASK}", {}).home
         for name, integrator in ((TASK, home.integrator), (f"{TASK}, {EXPLICIT}", EXPLICIT)):
-            period = home.control_period or home.dt
+            period = home.dt if home.control_period is None else home.control_period
             stated = Statement(period, round(period / home.dt), words=integrator)
             yield self.subject(
                 name, plant_of(DAMPING), stated, FORCE,

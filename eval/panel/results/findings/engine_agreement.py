@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from integ_gym.envs import numerics
-from integ_gym.envs.episode.discretization import NATIVE, Discretization
 from integ_gym.envs.plants.interface import Plant
 from integ_gym.envs.registries import ENGINES
+from integ_gym.envs.settings import NATIVE, Discretization
 
 from ...model.conclusions import EngineAgreement
 from ...specification.cells.cell import Cell

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from integ_gym.envs.episode.discretization import Discretization
-from integ_gym.envs.episode.timing import Timing
 from integ_gym.envs.registries import ENGINES
+from integ_gym.envs.settings import Discretization, Timing
 
 from ...specification.cells.cell import Cell, Home
 from ...specification.cells.engines import is_engine

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.envs.episode.discretization import Discretization
-from integ_gym.envs.episode.settings import Settings
+from integ_gym.envs.settings import Discretization, Settings
 from integ_gym.evidence.episodes.labels import Home as HomeReplay
 from integ_gym.evidence.episodes.labels import Replays
 

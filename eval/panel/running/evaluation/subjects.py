@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium.vector import VectorEnv
 
-from integ_gym.envs.environments.discretized_vector import DiscretizedVectorEnv
+from integ_gym.envs.sequential_vector import DiscretizedVectorEnv
 from integ_gym.evidence.episodes.context import EpisodeContext
 from integ_gym.evidence.recorders.vector_recorder import RecordVectorEvidence
 from integ_gym.evidence.schema.fields import ATTEMPT, LATER_ATTEMPT, SECOND_HORIZON

@@ -8,10 +8,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, TypeAlias
 
-from integ_gym.envs.environments.discretized_vector import DiscretizedVectorEnv
-from integ_gym.envs.episode.discretization import DISCRETIZATION, Discretization
-from integ_gym.envs.episode.mixture import WEIGHT
-from integ_gym.envs.episode.timing import dividing_step
+from integ_gym.envs.sequential_vector import DiscretizedVectorEnv
+from integ_gym.envs.settings import DISCRETIZATION, WEIGHT, Discretization, dividing_step
 from integ_gym.envs.testbeds.interface import Testbed
 from integ_gym.envs.testbeds.making import make_checked
 

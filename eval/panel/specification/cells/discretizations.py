@@ -6,8 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from integ_gym.envs.episode.discretization import Discretization
-from integ_gym.envs.episode.mixture import WEIGHT
+from integ_gym.envs.settings import WEIGHT, Discretization
 
 from ..values import SpecError, check_keys, check_unique, list_of, many, positive, text
 from .cell import DiscretizationMixture, Home

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from integ_gym.envs.engines.making import missing_modules
-from integ_gym.envs.episode.discretization import NATIVE, Discretization
-from integ_gym.envs.maps.lookup import map_names
+from integ_gym.envs.engines.interface import missing_modules
+from integ_gym.envs.engines.maps import map_names
 from integ_gym.envs.registries import ENGINES
+from integ_gym.envs.settings import NATIVE, Discretization
 from integ_gym.support.packages.apart.environments import APART
 from integ_gym.support.packages.extras import install_command
 from integ_gym.support.packages.versions import running_version

@@ -11,11 +11,11 @@ import pytest
 from engine_cases import needs, setup_of
 from own_plants import CentralSpring
 
-from integ_gym.envs.arithmetic.ops import SCALAR
-from integ_gym.envs.engines.casadi import engine as _casadi_engine
-from integ_gym.envs.maps.lookup import one_step_map
-from integ_gym.envs.mechanics.system import PlantSystem
-from integ_gym.envs.numerics.fingerprinting import fingerprint
+from integ_gym.envs.engines import casadi as _casadi_engine
+from integ_gym.envs.engines.maps import one_step_map
+from integ_gym.envs.mechanics import PlantSystem
+from integ_gym.envs.numerics.identity import fingerprint
+from integ_gym.envs.ops.ops import SCALAR
 from integ_gym.envs.registries import ENGINES
 from integ_gym.support.packages.extras import load
 
@@ -110,7 +110,7 @@ def test_every_operation_of_a_component_can_be_told():
 @pytest.mark.parametrize("pair", [(1.0, 2.0), (2.0, 1.0), (math.nan, 1.0), (1.0, math.nan)])
 def test_extremes_are_those_of_the_scalar_world(casadi, name, pair):
     """NaN if either is: CasADi's own `fmin` and `fmax` pass it over."""
-    from integ_gym.envs.engines.casadi.ops import CasadiOps, Expression, plain
+    from integ_gym.envs.engines.casadi import CasadiOps, Expression, plain
 
     symbols = casadi.SX.sym("a"), casadi.SX.sym("b")
     told = getattr(CasadiOps(), name)(*map(Expression, symbols))
@@ -162,7 +162,7 @@ def test_one_step_is_one_element(casadi, integrator, monkeypatch):
 
 def _integrated(casadi, system, integrator, options):
     """One step of 0.1 s by CasADi's integrator itself, from where the test above begins."""
-    from integ_gym.envs.engines.casadi.engine import _equations
+    from integ_gym.envs.engines.casadi import _equations
 
     plugin, *scheme = integrator.split("_")
     if scheme:

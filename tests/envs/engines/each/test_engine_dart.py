@@ -7,7 +7,7 @@ import pytest
 from engine_cases import DAMPING, IDS, mapped, needs, one_step, setup_of, states
 from engine_checks import told_by_an_episode
 
-from integ_gym.envs.maps.lookup import one_step_map
+from integ_gym.envs.engines.maps import one_step_map
 
 ENGINE = ("dart", "semi_implicit_euler")
 

@@ -11,12 +11,20 @@ from engine_cases import DAMPING, mapped, needs, one_step, setup_of, states
 from engine_checks import new_setup, told_by_an_episode
 
 import integ_gym  # noqa: F401
-from integ_gym.envs.arithmetic.ops import SCALAR
-from integ_gym.envs.engines.drake.engine import DISCRETE, EXPLICIT, IMPLICIT, DrakeEngine
-from integ_gym.envs.engines.drake.implicit import Stepper, implicit_steps, rest_serves
-from integ_gym.envs.engines.drake.steps import SPAN, Clock
-from integ_gym.envs.maps.lookup import one_step_map
-from integ_gym.envs.numerics.fingerprinting import fingerprint
+from integ_gym.envs.engines.drake import (
+    DISCRETE,
+    EXPLICIT,
+    IMPLICIT,
+    SPAN,
+    Clock,
+    DrakeEngine,
+    Stepper,
+    implicit_steps,
+    rest_serves,
+)
+from integ_gym.envs.engines.maps import one_step_map
+from integ_gym.envs.numerics.identity import fingerprint
+from integ_gym.envs.ops.ops import SCALAR
 from integ_gym.support.packages.extras import load
 
 ALL = tuple(DrakeEngine.maps)

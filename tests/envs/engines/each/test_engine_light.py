@@ -8,7 +8,7 @@ import pytest
 from engine_cases import FIRST, TOLERANCE, lighter, needs, setup_of, states
 from engine_checks import defect, new_setup
 
-from integ_gym.envs.engines._rigid.formats import LEAST_INERTIA
+from integ_gym.envs.engines.rigid import LEAST_INERTIA
 from integ_gym.envs.registries import ENGINES
 
 PENDULUM = "IntegPendulum-v0"

@@ -11,8 +11,8 @@ import pytest
 from engine_cases import needs, one_step, setup_of, states
 from engine_checks import new_setup
 
-from integ_gym.envs.arithmetic.ops import SCALAR
-from integ_gym.envs.engines._rigid.formats import mjcf
+from integ_gym.envs.engines.rigid import mjcf
+from integ_gym.envs.ops.ops import SCALAR
 from integ_gym.envs.registries import ENGINES
 
 ENGINE = ("mjx", "Euler")
@@ -23,7 +23,7 @@ STOPPED = {"env_id": "IntegCartPoleSwingUp-v0", "contact": "engine", "dt": 0.001
 def program():
     """The module of MJX's functions."""
     needs("mjx")
-    from integ_gym.envs.engines.mjx import program as _mjx_program
+    from integ_gym.envs.engines import mjx as _mjx_program
 
     return _mjx_program
 

@@ -12,8 +12,8 @@ from engine_cases import DAMPING, IDS, needs, one_step, setup_of, states
 from engine_checks import defect, new_setup, told_by_an_episode
 
 import integ_gym  # noqa: F401
-from integ_gym.envs.arithmetic.ops import SCALAR
 from integ_gym.envs.engines.mujoco import MujocoEngine
+from integ_gym.envs.ops.ops import SCALAR
 
 ALL = tuple(MujocoEngine.maps)
 STOPPED = {"env_id": "IntegCartPoleSwingUp-v0", "contact": "engine", "dt": 0.001}

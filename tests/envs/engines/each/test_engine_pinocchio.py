@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from engine_cases import DAMPING, IDS, needs, setup_of, states
 
-from integ_gym.envs.arithmetic.ops import SCALAR
 from integ_gym.envs.engines.pinocchio import ArticulatedBodies
-from integ_gym.envs.episode.steps import traced_step
-from integ_gym.envs.integrators._solving import newton as _newton
+from integ_gym.envs.integrators import newton as _newton
+from integ_gym.envs.ops.ops import SCALAR
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.registries import INTEGRATORS
+from integ_gym.envs.steps import traced_step
 
 pytestmark = pytest.mark.usefixtures("pinocchio")
 
@@ -93,7 +93,7 @@ def test_more_lanes_than_its_parallel_algorithm_survives():
 
 
 def test_an_integrator_of_the_users_own():
-    own = "integ_gym.envs.maps.heun:Heun"
+    own = "integ_gym.envs.engines.maps:Heun"
     ends = []
     for engine in ("pinocchio", "native"):
         env = gym.make("IntegCartPole-v0", engine=engine, integrator=own, dt=0.05)

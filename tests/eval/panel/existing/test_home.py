@@ -11,7 +11,7 @@ from stable_baselines3 import PPO
 
 import integ_gym
 from integ_gym.cli import main
-from integ_gym.envs.episode.discretization import Discretization
+from integ_gym.envs.settings import Discretization
 from integ_gym.eval.panel.existing.home import provenance
 from integ_gym.eval.panel.existing.policy import read_existing
 from integ_gym.evidence.store.store import EvidenceStore

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from integ_gym.envs.episode.discretization import Discretization
+from integ_gym.envs.settings import Discretization
 from integ_gym.eval.panel.model.matrix import Policy
 from integ_gym.eval.panel.model.panel import Cost, Panel
 from integ_gym.eval.panel.results.artefact import build_artefact

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from integ_gym.envs.episode.discretization import Discretization
+from integ_gym.envs.settings import Discretization
 from integ_gym.eval.panel.results.findings.remedy import remedies
 from integ_gym.eval.panel.results.findings.training_cost import RATE, WINDOW, decisions_to_success
 from integ_gym.eval.panel.results.layout import PanelLayout

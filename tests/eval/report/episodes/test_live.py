@@ -10,7 +10,7 @@ import pytest
 from report_episodes import network, told_of
 from report_pages import Page, panel_of
 
-from integ_gym.envs.episode.discretization import NATIVE
+from integ_gym.envs.settings import NATIVE
 from integ_gym.eval.panel.model.matrix import Policy
 from integ_gym.eval.report.episodes.live import MOST_POLICIES, policy_read
 from integ_gym.eval.report.page.page import render

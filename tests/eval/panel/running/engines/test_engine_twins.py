@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from engine_cases import needs, setup_of
 
-from integ_gym.envs.arithmetic.ops import SCALAR
-from integ_gym.envs.engines._rigid.bodies import HeldForce
-from integ_gym.envs.episode.discretization import Discretization
+from integ_gym.envs.engines.rigid import HeldForce
 from integ_gym.envs.integrators.interface import along
+from integ_gym.envs.ops.ops import SCALAR
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.plants.pendulum import Pendulum
 from integ_gym.envs.registries import INTEGRATORS
+from integ_gym.envs.settings import Discretization
 from integ_gym.eval.panel.results.findings.engine_agreement import (
     EVALUATED_ONCE,
     agreements,

@@ -9,7 +9,7 @@ import pyarrow.parquet as pq
 import pytest
 from engine_cases import needs
 
-from integ_gym.envs.episode.discretization import Discretization
+from integ_gym.envs.settings import Discretization
 from integ_gym.envs.testbeds.making import testbed_of
 from integ_gym.eval.panel.running.evaluation.replays import Successes
 from integ_gym.eval.panel.running.evaluation.subjects import Subject, divided, evaluate

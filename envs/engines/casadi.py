@@ -1,0 +1,321 @@
+"""Components as CasADi expressions: the plant's equations, told to CasADi."""
+
+from __future__ import annotations
+
+import math
+import operator
+import sys
+from collections.abc import Callable, Mapping
+from contextlib import redirect_stderr
+from io import StringIO
+from math import nan
+from typing import Any, ClassVar, NoReturn
+
+import numpy as np
+
+from integ_gym.support.packages.extras import load
+
+from ..integrators.interface import Step
+from ..mechanics import PlantSystem
+from ..ops.ops import SCALAR, Component, Components, Ops, repeat
+from ..registries import TRUTH
+from .rigid import Array
+from .stepping import MappedEngine, Run, guarded
+
+casadi = load("casadi", "casadi")
+
+
+def plain(x: Component) -> Any:
+    """What CasADi takes for a component: its own symbols, and numbers."""
+    return x.sx if isinstance(x, Expression) else x
+
+
+def _noted(function: Callable[..., Any]) -> Callable[..., Expression]:
+    return lambda *operands: Expression(function(*map(plain, operands)))
+
+
+def _reflected(function: Callable[..., Any]) -> Callable[..., Expression]:
+    return lambda a, b: Expression(function(plain(b), plain(a)))
+
+
+class Expression:
+    """A scalar `casadi.SX` with all the operators of a component; SX has no ``&`` and ``|``."""
+
+    __slots__ = ("sx",)
+    __array_ufunc__ = None
+    __hash__ = None  # type: ignore[assignment]
+
+    def __init__(self, sx: Any) -> None:
+        self.sx = sx
+
+    def __bool__(self) -> bool:
+        raise TypeError("the truth of a component is not known when its equations are written")
+
+    __add__, __radd__ = _noted(operator.add), _reflected(operator.add)
+    __sub__, __rsub__ = _noted(operator.sub), _reflected(operator.sub)
+    __mul__, __rmul__ = _noted(operator.mul), _reflected(operator.mul)
+    __truediv__, __rtruediv__ = _noted(operator.truediv), _reflected(operator.truediv)
+    __mod__, __rmod__ = _noted(operator.mod), _reflected(operator.mod)
+    __pow__, __rpow__ = _noted(operator.pow), _reflected(operator.pow)
+    __neg__, __pos__, __abs__ = _noted(operator.neg), _noted(operator.pos), _noted(casadi.fabs)
+    __lt__, __le__ = _noted(operator.lt), _noted(operator.le)
+    __gt__, __ge__ = _noted(operator.gt), _noted(operator.ge)
+    __eq__, __ne__ = _noted(operator.eq), _noted(operator.ne)  # type: ignore[assignment]
+    __and__ = __rand__ = _noted(casadi.logic_and)
+    __or__ = __ror__ = _noted(casadi.logic_or)
+
+
+def _called(name: str) -> Callable[[Component], Component]:
+    """A function of one expression, or of a number."""
+
+    def call(x: Component, /) -> Component:
+        if isinstance(x, Expression):
+            return Expression(getattr(casadi, name)(x.sx))
+        return getattr(SCALAR, name)(x)
+
+    return call
+
+
+class CasadiOps:
+    """The arithmetic of expressions; see :class:`integ_gym.envs.ops.ops.Ops`."""
+
+    epsilon = SCALAR.epsilon
+    repeat = staticmethod(repeat)
+
+    sin, cos = staticmethod(_called("sin")), staticmethod(_called("cos"))
+    floor, sqrt = staticmethod(_called("floor")), staticmethod(_called("sqrt"))
+    tanh = staticmethod(_called("tanh"))
+
+    def usually(self, condition: Component, /) -> Component:
+        return condition
+
+    rarely = usually
+
+    def where(self, condition: Component, a: Component, b: Component, /) -> Component:
+        if not isinstance(condition, Expression):
+            return a if condition else b
+        return Expression(casadi.if_else(condition.sx, plain(a), plain(b)))
+
+    def minimum(self, a: Component, b: Component, /) -> Component:
+        return self.where(a <= b, a, self.where(b < a, b, math.nan))
+
+    def maximum(self, a: Component, b: Component, /) -> Component:
+        return self.where(a >= b, a, self.where(b > a, b, math.nan))
+
+    def isfinite(self, x: Component, /) -> Component:
+        return abs(x) <= sys.float_info.max
+
+    def any(self, condition: Component, /) -> Component:
+        return condition
+
+    def while_loop(self, *_: Any, **__: Any) -> NoReturn:
+        """Not possible: a CasADi expression has no loops whose length it finds by itself."""
+        raise TypeError("a plant with a `while_loop` cannot be told to CasADi; use engine 'native'")
+
+    def foreign(self, *_: Any, **__: Any) -> NoReturn:
+        """Not possible: a CasADi expression is made of CasADi's own operations."""
+        raise TypeError("a plant with a `foreign` part cannot be told to CasADi")
+
+
+TOLERANCE = 1e-12
+"""Of Newton's defect and correction, and of the local error of an adaptive integrator."""
+
+NEWTON_CAP = 50
+"""Most Newton iterations per step."""
+
+INNER_CAP = 5000
+"""Most inner steps of an adaptive integrator per step."""
+
+_ONE_ELEMENT = {"number_of_finite_elements": 1}
+"""CasADi divides a step in 20 by default."""
+
+
+class CasadiEngine(MappedEngine):
+    """CasADi's integrators over the plant's own equations, in float64, interpreted by CasADi.
+
+    The equations are told to CasADi once, friction, stops and losses included, so that all act
+    within the integrator's stages. Every plant will do whose equations are made of the operations
+    of :class:`integ_gym.envs.ops.ops.Ops` but `while_loop` and `foreign`. `rk` and
+    `collocation` take one finite element per step. `cvodes` and `idas` choose inner steps of their
+    own, to a local error of 1e-12: at steps of interest tens to hundreds of them, so that they
+    agree with the reference to about 1e-10 per step.
+
+    Raises:
+        TypeError: for equations that CasADi cannot be told.
+    """
+
+    name: ClassVar[str] = "casadi"
+    package: ClassVar[str] = "casadi"
+    modules: ClassVar[tuple[str, ...]] = ("casadi",)
+    reports: bool = True
+    maps: ClassVar[Mapping[str, str]] = {
+        "rk": "rk4",
+        "collocation_legendre_1": "implicit_midpoint",
+        "collocation_legendre_2": "gauss_legendre4",
+        "collocation_radau_1": "implicit_euler",
+        "collocation_radau_2": "radau_iia3",
+        "collocation_radau_3": "radau_iia5",
+        "cvodes": "reference",
+        "idas": "reference",
+    }
+
+    def __init__(self, system: PlantSystem, integrator: str, dt: float) -> None:
+        super().__init__(system, integrator, dt)
+        size = 2 * len(system.plant.coordinates) + len(system.no_losses)
+        self._truths = (*[False] * size, False, False, True)
+        lost = (*[nan] * size, 0, 0.0, False)
+        self._step = guarded(_stepper(_equations(system), integrator, dt), lost)
+        if integrator != "rk":
+            self.solver_tolerance = TOLERANCE
+            self.solver_cap = INNER_CAP if self.map == TRUTH else NEWTON_CAP
+
+    def move(
+        self, ops: Ops, q: Components, v: Components, losses: Components, control: Component
+    ) -> Step:
+        """One of CasADi's"""
+        n = len(q)
+        flat = ops.foreign(self._step, (*q, *v, *losses, control), self._truths)
+        return Step(flat[:n], flat[n : 2 * n], flat[2 * n : -3], *flat[-3:])
+
+
+def _equations(system: PlantSystem) -> dict[str, Any]:
+    """(q, v, losses)' as CasADi's expression of (q, v, losses) and the control."""
+    casadi = load("casadi", "casadi")
+
+    n = len(system.plant.coordinates)
+    state = casadi.SX.sym("state", 2 * n + len(system.no_losses))
+    control = casadi.SX.sym("control")
+    q, v = (tuple([Expression(state[i]) for i in range(k, k + n)]) for k in (0, n))
+    acceleration, losses = system.rates(CasadiOps(), q, v, Expression(control))
+    slopes = [plain(x) for x in (*v, *acceleration, *losses)]
+    return {"x": state, "p": control, "ode": casadi.vertcat(*slopes)}
+
+
+def _stepper(dae: dict[str, Any], integrator: str, dt: float) -> Run:
+    """An integrator as a function of floats: (*state, control) to (*state, *report).
+
+    A report is (iterations, residual, converged). It takes one step of ``dt`` seconds of the
+    equations ``dae``, a dictionary as `casadi.integrator` takes it with state x, control p and ode.
+    """
+    if integrator == "rk":
+        return _runge_kutta(dae, dt)
+    if integrator in ("cvodes", "idas"):
+        return _adaptive(dae, dt, integrator)
+    _, scheme, order = integrator.split("_")
+    return _collocation(dae, dt, scheme, int(order))
+
+
+def _runge_kutta(dae: dict[str, Any], dt: float) -> Run:
+    """The explicit method `rk`: there is nothing to report."""
+    start, end = _arrays(dae)
+    step = _Bound(_integrator("rk", dae, dt, _ONE_ELEMENT), x0=start[:-1], p=start[-1:], xf=end)
+
+    def run(*values: float) -> tuple[Any, ...]:
+        start[:] = values
+        step.call()
+        return (*end.tolist(), 0, 0.0, True)
+
+    return run
+
+
+def _collocation(dae: dict[str, Any], dt: float, scheme: str, order: int) -> Run:
+    """Collocation at the points of a scheme, `legendre` or `radau`.
+
+    The integrator takes a step by one call of its function `step`, Newton's method on the equations
+    of its function `implicit_step`. Those two are called here, for the integrator itself keeps
+    Newton's report to itself and raises where it fails. The residual is the largest defect of an
+    equation, scaled by the component that it is solved for; a step that Newton's method leaves
+    above the tolerance only by rounding counts as converged.
+    """
+    options = {
+        **_ONE_ELEMENT,
+        "collocation_scheme": scheme,
+        "interpolation_order": order,
+        "rootfinder_options": {
+            "abstol": TOLERANCE,
+            "abstolStep": TOLERANCE,
+            "max_iter": NEWTON_CAP,
+            "error_on_fail": False,
+            "show_eval_warnings": False,
+        },
+    }
+    integrator = _integrator("collocation", dae, dt, options)
+    start, end = _arrays(dae)
+    state, (guess, stages, defect) = start[:-1], np.zeros((3, order, len(end)))
+    given = {"h": np.array([dt]), "x0": state, "p": start[-1:]}
+    newton = _Bound(integrator.get_function("step"), **given, v00=guess, xf=end, v0=stages)
+    test = _Bound(integrator.get_function("implicit_step"), **given, v0=stages, vf=defect)
+
+    def run(*values: float) -> tuple[Any, ...]:
+        start[:] = values
+        guess[:] = state
+        newton.call()
+        test.call()
+        told = newton.told()
+        residual = float((abs(defect) / (1.0 + abs(stages))).max())
+        solved = told["success"] or residual <= TOLERANCE
+        return (*end.tolist(), told["iter_count"], residual, solved)
+
+    return run
+
+
+def _adaptive(dae: dict[str, Any], dt: float, plugin: str) -> Run:
+    """SUNDIALS' `cvodes` or `idas`: iterations are inner steps; the residual is not told and is 0.
+
+    Where it gives up there is no state: components are NaN. `idas` then writes to `sys.stderr`,
+    whatever `disable_internal_warnings` says, so that this is turned away during the call.
+    """
+    options = {
+        "abstol": TOLERANCE,
+        "reltol": TOLERANCE,
+        "max_num_steps": INNER_CAP,
+        "disable_internal_warnings": True,
+        "show_eval_warnings": False,
+    }
+    start, end = _arrays(dae)
+    step = _Bound(_integrator(plugin, dae, dt, options), x0=start[:-1], p=start[-1:], xf=end)
+    lost = (*[nan] * len(end), INNER_CAP, 0.0, False)
+
+    def run(*values: float) -> tuple[Any, ...]:
+        start[:] = values
+        try:
+            with redirect_stderr(StringIO()):
+                step.call()
+        except RuntimeError:
+            return lost
+        return (*end.tolist(), step.told()["nsteps"], 0.0, True)
+
+    return run
+
+
+def _integrator(plugin: str, dae: dict[str, Any], dt: float, options: dict[str, Any]) -> Any:
+    return load("casadi", "casadi").integrator("step", plugin, dae, 0.0, dt, options)
+
+
+def _arrays(dae: dict[str, Any]) -> tuple[Array, Array]:
+    """State and control, and state after the step."""
+    size = dae["x"].numel()
+    return np.zeros(size + 1), np.zeros(size)
+
+
+class _Bound:
+    """A CasADi function that reads and writes these arrays when called.
+
+    Args:
+        function: whose inputs and outputs are columns.
+        arrays: by name of the input or output; an input that is not named is zero.
+    """
+
+    def __init__(self, function: Any, **arrays: Array) -> None:
+        self._arrays = arrays
+        self._buffer, self.call = function.buffer()
+        inputs = function.name_in()
+        for name, array in arrays.items():
+            if name in inputs:
+                self._buffer.set_arg(function.index_in(name), array.data)
+            else:
+                self._buffer.set_res(function.index_out(name), array.data)
+
+    def told(self) -> Mapping[str, Any]:
+        """Statistics of the last call."""
+        return self._buffer.stats()  # type: ignore[no-any-return]

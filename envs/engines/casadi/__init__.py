@@ -1,1 +1,0 @@
-"""CasADi: the plant's equations as its expressions, and its integrators as functions of floats."""

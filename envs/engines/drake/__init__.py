@@ -1,1 +1,0 @@
-"""Drake: the plant as a `MultibodyPlant`, and its integrators made to take steps of one size."""

@@ -1,1 +1,0 @@
-"""MJX: MuJoCo in JAX, its step a compiled function of numbers."""

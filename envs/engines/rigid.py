@@ -1,0 +1,426 @@
+"""Plants as rigid bodies, which simulators are told and held against."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from dataclasses import dataclass
+from functools import cache
+from math import nan
+from typing import Any, ClassVar, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from ..integrators.interface import State, Step, along
+from ..mechanics import Link, Mechanism, PlantSystem, Stops
+from ..ops.ops import SCALAR, Component, Components, Ops
+from ..plants.interface import Plant
+from .maps import one_step_map
+from .stepping import ASTRAY, ForeignEngine, Run
+
+Array = npt.NDArray[np.float64]
+
+TOLERANCE = {64: 1e-9, 32: 1e-5}
+"""Largest relative error of a mass matrix or gravity force, by the width of the engine's floats."""
+
+PROBES = ((0.3, -0.7), (-1.1, 2.2), (0.6, 1.4))
+"""Configurations at which an engine is compared with the plant."""
+
+
+class Model(Protocol):
+    """An engine with a model of its own of the plant."""
+
+    name: ClassVar[str]
+    width: ClassVar[int]
+    version: str
+
+    def at_rest(self, q: Components) -> tuple[Array, Array]:
+        """The simulator's mass matrix, (dof, dof), kg, kg m, kg m^2, and its force of gravity.
+
+        That is a generalized force, (dof,), N or N m.
+        """
+
+
+def mechanism_of(engine: str, plant: Plant) -> Mechanism:
+    """The plant's links.
+
+    Raises:
+        ValueError: if it has none, and if their dampers do not take what the plant's damping takes.
+    """
+    mechanism: Mechanism | None = getattr(plant, "mechanism", None)
+    if mechanism is None:
+        raise ValueError(
+            f"engine {engine!r} moves rigid links, and the plant {plant.name!r} has none: it gives "
+            "no `mechanism`; use engine 'native' or 'casadi'"
+        )
+    for probe in PROBES:
+        q = v = probe[-len(plant.coordinates) :]
+        expected = sum(link.damping * x * x for link, x in zip(mechanism.links, v, strict=True))
+        power = plant.dissipation(SCALAR, q, v)
+        if not np.isclose(power, expected, rtol=1e-12, atol=0.0):
+            raise ValueError(
+                f"plant {plant.name!r} loses {power:g} W to damping at q = v = {v}, where the "
+                f"dampers of its `mechanism` take {expected:g} W; give its links the same damping"
+            )
+    return mechanism
+
+
+def check_agreement(model: Model, plant: Plant) -> None:
+    """Compare mass matrix and gravity force with the plant's.
+
+    Raises:
+        ValueError: if they differ.
+    """
+    for probe in PROBES:
+        q = probe[-len(plant.coordinates) :]
+        expected = np.array(plant.mass_matrix(SCALAR, q), dtype=np.float64)
+        still = (0.0,) * len(q)
+        weight = expected @ np.array(plant.acceleration(SCALAR, q, still, still))
+        mass, gravity = model.at_rest(q)
+        for what, got, wanted in (
+            ("mass matrix", mass, expected),
+            ("gravity force", gravity, weight),
+        ):
+            scale = max(float(np.abs(wanted).max()), 1e-30)
+            if not np.allclose(got, wanted, rtol=0.0, atol=TOLERANCE[model.width] * scale):
+                raise ValueError(
+                    f"engine {model.name!r} {model.version} has another {what} than the plant at "
+                    f"q = {q}: {np.asarray(got).tolist()} for {wanted.tolist()}; this version "
+                    "of the engine cannot be compared"
+                )
+
+
+class RigidBodyEngine(ForeignEngine):
+    """Builds the plant's mechanism in a simulator and advances it under generalized forces.
+
+    Friction and stops are forces of our own, taken at the start of each step and held during it:
+    a simulator takes generalized forces once in a step. Under a map that evaluates forces once
+    that is the map's own law; any other is of first order where they act.
+
+    Raises:
+        ValueError: for a plant without a mechanism or whose damping is not its mechanism's, for
+            one too light for the engine, and for an engine whose mass matrix or gravity force is
+            not the plant's.
+    """
+
+    holds_resistance: ClassVar[bool] = True
+    own_stops: ClassVar[bool] = True
+    least_inertia: ClassVar[float] = 0.0
+    """Moment of inertia of a body below which it takes none, kg m^2."""
+    tells_speeds: ClassVar[bool] = False
+    """Whether it has a :meth:`run_with_speeds`."""
+
+    def __init__(self, system: PlantSystem, integrator: str, dt: float) -> None:
+        super().__init__(system, integrator, dt)
+        self.free = mechanism_of(self.name, system.plant)
+        self.mechanism = self.free.stopped(system.engine_stops)
+        self._map = one_step_map(self.map)
+        self._map_losses_of = getattr(self._map, "losses_of", None)
+        self._map_losses_between = getattr(self._map, "losses_between", None)
+        self._run_with_speeds = cache(self.run_with_speeds)
+        self._damped = any(link.damping for link in self.mechanism.links)
+        self.build()
+        self._check()
+
+    @abstractmethod
+    def build(self) -> None:
+        """Make the simulator's model of :attr:`mechanism`, whose own stops :attr:`free` lacks."""
+
+    @abstractmethod
+    def at_rest(self, q: Components) -> tuple[Array, Array]:
+        """The simulator's mass matrix, (dof, dof), and its generalized force of gravity, (dof,)."""
+
+    def _check(self) -> None:
+        """Compare the model with the plant.
+
+        Raises:
+            ValueError: if they differ, and if the least moment of inertia that the engine takes
+                makes a difference.
+        """
+        least = self.least_inertia
+        for link in self.mechanism.links:
+            about_joint = link.inertia + link.mass * link.centre**2
+            tolerated = TOLERANCE[self.width] * about_joint
+            if link.joint == "hinge" and max(link.inertia, tolerated) < least:
+                raise ValueError(
+                    f"engine {self.name!r} takes no body's moment of inertia below {least:g} "
+                    f"kg m^2, which the plant's {about_joint:g} kg m^2 about {link.coordinate!r} "
+                    "is too small for; use a larger mass or length, or an engine without this "
+                    "limit, such as 'native', 'drake' or 'pinocchio'"
+                )
+        check_agreement(self, self.system.plant)
+
+    @property
+    def straight(self) -> bool:
+        """Whether nothing is booked between steps but work, and damping that is told with them."""
+        system = self.system
+        if system.steep or system.max_speed is not None or system.engine_stops is not None:
+            return False
+        return not self._damped or (self.tells_speeds and self._map_losses_of is not None)
+
+    def run_with_speeds(self, count: int) -> Run:
+        """As :meth:`run`, with each velocity's mean square over the ends of steps after (q, v)."""
+        raise NotImplementedError
+
+    def stride(
+        self,
+        ops: Ops,
+        q: Components,
+        v: Components,
+        losses: Components,
+        force: Components,
+        count: int,
+    ) -> Step:
+        """Take ``count`` steps; lost is what joint damping takes."""
+        if not self._damped:
+            return super().stride(ops, q, v, losses, force, count)
+        if count == 1:
+            end_q, end_v, *report = self.travel(ops, q, v, force, 1)
+            speeds = v if self._map_losses_of == "start" else end_v
+        else:
+            end_q, end_v, squares, *report = self._travel_with_speeds(ops, q, v, force, count)
+            if self._map_losses_of == "start":
+                pairs = zip(squares, v, end_v, strict=True)
+                squares = tuple([x + (a * a - b * b) / count for x, a, b in pairs])
+            speeds = tuple([ops.sqrt(ops.maximum(0.0, x)) for x in squares])
+        # Dampers at the joints: the mean power is that at the root mean square of each velocity.
+        power = self.system.plant.dissipation(ops, end_q, speeds)
+        lost = along(losses, count * self.dt, (power,))
+        return Step(end_q, end_v, self._of_whole_steps(ops, lost, report[-1]), *report)
+
+    def _travel_with_speeds(
+        self, ops: Ops, q: Components, v: Components, force: Components, count: int
+    ) -> tuple[Components, Components, Components, Component, Component, Component]:
+        """As :meth:`travel`, with the mean squares of the velocities after q and v."""
+        n, run = len(q), self._run_with_speeds(count)
+        flat, report = self._called_with(ops, run, (*q, *v, *force), 3 * n)
+        return flat[:n], flat[n : 2 * n], flat[2 * n :], *report
+
+    def move(
+        self, ops: Ops, q: Components, v: Components, losses: Components, control: Component
+    ) -> Step:
+        """One of the simulator's steps, with friction, contact and losses."""
+        resisting, rates = self.system.resistance(ops, q, v)
+        drive = self.system.generalized(control)
+        force = tuple([a + b for a, b in zip(drive, resisting, strict=True)])
+        end_q, end_v, iterations, residual, converged = self.travel(ops, q, v, force, 1)
+        losses = along(losses, self.dt, rates)
+        if self._damped:
+            losses = (self._damping(ops, (q, v), (end_q, end_v), force, losses[0]), *losses[1:])
+            losses = self._of_whole_steps(ops, losses, converged)
+        if self.system.engine_stops is None:
+            return Step(end_q, end_v, losses, iterations, residual, converged)
+        push = self._push(ops, q, v, end_v, force)
+        losses = (losses[0], ops.where(push == 0.0, losses[1], nan))
+        return Step(end_q, end_v, losses, iterations, residual, converged, push)
+
+    def _damping(
+        self, ops: Ops, start: State, end: State, force: Components, loss: Component
+    ) -> Component:
+        """``loss`` with what joint damping takes in a step: as the map books it."""
+        plant = self.system.plant
+        if self._map_losses_of is not None:
+            state = start if self._map_losses_of == "start" else end
+            return along((loss,), self.dt, (plant.dissipation(ops, *state),))[0]
+        held = HeldForce(plant, force)
+        if self._map_losses_between is not None:
+            return self._map_losses_between(ops, held, start, end, (loss,), 0.0, self.dt)[0]
+        return self._map.step(ops, held, *start, (loss,), 0.0, self.dt).losses[0]
+
+    def _of_whole_steps(self, ops: Ops, losses: Components, converged: Component) -> Components:
+        """``losses``; that of damping is not known where the engine divided a step of its map."""
+        if not self.reports or self.system.engine_stops is not None:
+            return losses
+        return (ops.where(converged, losses[0], nan), *losses[1:])
+
+    def _push(
+        self, ops: Ops, q: Components, v: Components, end: Components, force: Components
+    ) -> Component:
+        """Force of the engine's own stop: what it changed in the momentum, over the step; or 0.
+
+        What energy it took is not told, so that the ledger is open where it acts.
+        """
+        held = HeldForce(self.system.plant, force)
+        free = self._map.step(ops, held, q, v, (0.0,), 0.0, self.dt).v
+        changes = [a - b for a, b in zip(end, free, strict=True)]
+        assert self.system.engine_stops is not None
+        row = self.system.plant.mass_matrix(ops, q)[self.system.engine_stops.coordinate]
+        impulse = sum(a * b for a, b in zip(row, changes, strict=True))
+        felt = abs(impulse) > TOLERANCE[self.width] * 10.0 * (1.0 + abs(free[0]))
+        return ops.where(felt, impulse / self.dt, 0.0)
+
+
+@dataclass(frozen=True)
+class HeldForce:
+    """A plant under a generalized force that is held: what an engine integrates in one step."""
+
+    plant: Plant
+    force: Components
+    steep: ClassVar[bool] = False
+    kinked: ClassVar[bool] = False
+
+    def rates(
+        self, ops: Ops, q: Components, v: Components, control: Component
+    ) -> tuple[Components, Components]:
+        """Accelerations, and the power of damping, W."""
+        losses = (self.plant.dissipation(ops, q, v),)
+        return self.plant.acceleration(ops, q, v, self.force), losses
+
+    def slopes(
+        self, ops: Ops, q: Components, v: Components, control: Component
+    ) -> tuple[tuple[Components, ...], tuple[Components, ...]] | None:
+        """(∂a/∂q, ∂a/∂v), or None if the plant gives none."""
+        jacobian = getattr(self.plant, "jacobian", None)
+        return None if jacobian is None else jacobian(ops, q, v, self.force)
+
+    def limit(self, ops: Ops, v: Components) -> Components:
+        """``v``: no limit acts within a step."""
+        return v
+
+
+MAPS: dict[str, str] = {
+    "Euler": "symplectic_euler_implicit_damping",
+    "implicitfast": "symplectic_euler_implicit_damping",
+    "implicit": "symplectic_euler_implicit_velocity",
+    "discrete": "symplectic_euler_implicit_damping",
+    "RK4": "rk4",
+}
+"""MuJoCo's integrators, and the one-step maps that they apply."""
+
+LEAST_INERTIA = 1.1e-15
+"""Of a body, kg m^2: MuJoCo's compiler wants more than 1e-15."""
+
+LEAST_SHARE = 1e-12
+"""A point mass's moment of inertia about itself, as a share of that about its joint."""
+
+_AXES = {"slide": "1 0 0", "hinge": "0 1 0"}
+
+
+def moment(link: Link) -> float:
+    """A link's moment of inertia, kg m^2, or one above zero that makes no difference.
+
+    For simulators that take none of zero. A sliding body never turns: any will do.
+    """
+    about_joint = link.mass * (link.centre**2 or 1.0)
+    least: float = max(link.inertia, LEAST_SHARE * about_joint)
+    return least
+
+
+def mjcf(mechanism: Mechanism, dt: float, integrator: str, history: int = 0) -> str:
+    """The model in MuJoCo's format, XML text; stops have MuJoCo's own parameters of contact.
+
+    Args:
+        mechanism: with numbers as parameters.
+        dt: timestep, s.
+        integrator: MuJoCo's name.
+        history: of so many steps, the last, the data keeps the velocities of the start.
+    """
+    bodies = "".join(map(_opening, mechanism.links))
+    sensors = "".join(
+        f'<jointvel joint="{link.coordinate}" nsample="{history}"/>'
+        for link in mechanism.links
+        if history
+    )
+    return (
+        '<mujoco><compiler angle="radian" autolimits="false"/>'
+        f'<option timestep="{dt!r}" integrator="{integrator}" gravity="0 0 {-mechanism.gravity!r}">'
+        '<flag contact="disable" autoreset="disable"/></option>'
+        f"<worldbody>{bodies}{'</body>' * len(mechanism.links)}</worldbody>"
+        f"<sensor>{sensors}</sensor></mujoco>"
+    )
+
+
+def _opening(link: Link) -> str:
+    inertia, limit = max(moment(link), LEAST_INERTIA), link.limit
+    ends = "" if limit is None else f'limited="true" range="{-limit!r} {limit!r}" '
+    return (
+        f'<body name="{link.coordinate}">'
+        f'<joint name="{link.coordinate}" type="{link.joint}" axis="{_AXES[link.joint]}" '
+        f'{ends}damping="{link.damping!r}"/>'
+        f'<inertial pos="0 0 {link.centre!r}" mass="{link.mass!r}" '
+        f'diaginertia="{inertia!r} {inertia!r} {inertia!r}"/>'
+    )
+
+
+def stop_law(model: Any, stops: Stops | None) -> dict[str, Any]:
+    """`solref` and `solimp` of the limited joint of a MuJoCo model."""
+    assert stops is not None
+    tables = {"solref": model.jnt_solref, "solimp": model.jnt_solimp}
+    return {name: table[stops.coordinate].tolist() for name, table in tables.items()}
+
+
+def mass_matrix(mujoco: Any, model: Any, data: Any) -> Array:
+    """Of a MuJoCo model, (dof, dof), from data that hold it packed."""
+    full = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, full)
+    return full
+
+
+def urdf(mechanism: Mechanism) -> str:
+    """The model in the Unified Robot Description Format, XML text.
+
+    A joint without a limit has its lower one above its upper one. The root link has no mass.
+
+    Args:
+        mechanism: with numbers as parameters.
+    """
+    parts, parent = [_body("ground", 0.0, 0.0, 0.0)], "ground"
+    for link in mechanism.links:
+        parts += [_body(link.coordinate, link.mass, link.centre, link.inertia)]
+        parts += [_joint(link, parent)]
+        parent = link.coordinate
+    return f'<robot name="mechanism">{"".join(parts)}</robot>'
+
+
+def _body(name: str, mass: float, centre: float, inertia: float) -> str:
+    return (
+        f'<link name="{name}"><inertial><origin xyz="0 0 {centre!r}"/><mass value="{mass!r}"/>'
+        f'<inertia ixx="{inertia!r}" iyy="{inertia!r}" izz="{inertia!r}" ixy="0" ixz="0" iyz="0"/>'
+        "</inertial></link>"
+    )
+
+
+def _joint(link: Link, parent: str) -> str:
+    kinds, ends = {"slide": "prismatic", "hinge": "continuous"}, 'lower="0" upper="-1"'
+    if link.limit is not None:
+        kinds["hinge"], ends = "revolute", f'lower="{-link.limit!r}" upper="{link.limit!r}"'
+    return (
+        f'<joint name="{link.coordinate}_joint" type="{kinds[link.joint]}">'
+        f'<parent link="{parent}"/><child link="{link.coordinate}"/>'
+        f'<axis xyz="{_AXES[link.joint]}"/><limit {ends} effort="0" velocity="0"/>'
+        f'<dynamics damping="{link.damping!r}" friction="0"/></joint>'
+    )
+
+
+class LanesEngine(RigidBodyEngine):
+    """Advances one environment by floats and many by arrays."""
+
+    guarded_strides: ClassVar[bool] = True
+
+    @abstractmethod
+    def run_lanes(self, starts: Array, count: int) -> Array:
+        """Take ``count`` steps: (lanes, 3 dof) of q, v and force, finite, to (lanes, 2 dof).
+
+        Of an engine that reports, to three columns more: iterations, residual and convergence.
+        """
+
+    def travel(
+        self, ops: Ops, q: Components, v: Components, force: Components, count: int
+    ) -> tuple[Components, Components, Component, Component, Component]:
+        """Take ``count`` steps; q, v, and the solver's iterations, residual and convergence."""
+        if not isinstance(q[0], np.ndarray):
+            return super().travel(ops, q, v, force, count)
+        dof = len(q)
+        starts = np.empty((len(q[0]), 3 * dof))
+        for column, values in enumerate((*q, *v, *force)):
+            starts[:, column] = values
+        lost = ~(np.linalg.norm(starts, axis=1) < ASTRAY)
+        starts[lost] = 0.0
+        ends = self.run_lanes(starts, count)
+        ends[lost, : 2 * dof] = np.nan
+        columns = tuple(np.ascontiguousarray(ends.T))
+        q, v, report = columns[:dof], columns[dof : 2 * dof], columns[2 * dof :]
+        if not self.reports:
+            return q, v, 0, 0.0, True
+        iterations, residual, converged = report
+        return q, v, iterations, residual, (converged != 0.0) & ~lost

@@ -1,0 +1,467 @@
+"""Environments of others, and the wrapper that states their discretization."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, Final, Literal, cast
+
+import gymnasium as gym
+import numpy as np
+import numpy.typing as npt
+from gymnasium import spaces, wrappers
+from gymnasium.envs.registration import EnvSpec
+from gymnasium.wrappers import TimeLimit
+
+from integ_gym.support.packages.versions import running_version
+from integ_gym.support.parameters import unknown_name
+
+from .environment import at_bounds
+from .lanes import as_floats
+from .settings import Discretization, Settings, Timing
+from .transition import AWAY, NOT_REPORTED
+
+_SECONDS = ("dt", "control_period", "duration")
+
+
+@dataclass(frozen=True)
+class ForeignPlant:
+    """Names and units of controls and state, which is empty where it is not known."""
+
+    name: str
+    controls: tuple[tuple[str, str], ...]
+    """Name and unit of each."""
+    coordinates: tuple[str, ...] = ()
+    coordinate_units: tuple[str, ...] = ()
+    velocities: tuple[str, ...] = ()
+    velocity_units: tuple[str, ...] = ()
+    frame: str = "not known"
+
+
+@dataclass(frozen=True)
+class ForeignTask:
+    """What is asked, as far as it is told apart in evidence."""
+
+    goal: str
+    observation_names: tuple[str, ...]
+    observation_units: tuple[str, ...]
+    discrete: int | None = None
+    goal_stay: float = 0.0
+
+
+@dataclass(frozen=True)
+class ForeignSetup:
+    """The counterpart of :class:`integ_gym.envs.settings.Setup`."""
+
+    settings: Settings
+    timing: Timing
+    plant: ForeignPlant
+    task: ForeignTask
+    engine: Any
+    action_space: spaces.Space[Any]
+    environment: tuple[tuple[str, Any], ...]
+    """Arguments of the environment."""
+    fingerprinted: str | None = None
+    """The plant on which the integrator's fingerprint is taken; None: it is known by name alone."""
+
+    def arguments(self) -> dict[str, Any]:
+        """Discretization and arguments."""
+        chosen = ("engine", "integrator", *_SECONDS)
+        return {**{n: getattr(self.settings, n) for n in chosen}, **dict(self.environment)}
+
+    def units(self) -> dict[str, str]:
+        """SI unit of every argument; empty where it is not stated."""
+        return {name: "s" if name in _SECONDS else "" for name in self.arguments()}
+
+
+SURVIVAL = "not terminated within the time limit"
+"""Success where no return is asked for, in words."""
+
+ENDS_AT_GOAL = (
+    "Acrobot", "BipedalWalker", "BipedalWalkerHardcore", "CarRacing", "LunarLander",
+    "LunarLanderContinuous", "MountainCar", "MountainCarContinuous", "lqr.lqr_2_1", "lqr.lqr_6_2",
+)  # fmt: skip
+"""Tasks that terminate when their goal is reached, by name without version: Gymnasium's, and
+dm_control's by domain and task."""
+
+
+def wrappers_of(env: gym.Env[Any, Any]) -> Iterator[gym.Wrapper[Any, Any, Any, Any]]:
+    """The wrappers around an environment, the outermost first."""
+    while isinstance(env, gym.Wrapper):
+        yield env
+        env = env.env
+
+
+def time_limit(env: gym.Env[Any, Any]) -> int | None:
+    """Steps after which an environment truncates an episode; None without a limit.
+
+    Read from the `TimeLimit` wrappers around it, and from its spec where there are none.
+    """
+    limits = [one._max_episode_steps for one in wrappers_of(env) if isinstance(one, TimeLimit)]
+    if limits:
+        return min(limits)
+    return env.spec.max_episode_steps if env.spec else None
+
+
+def return_of_success(wanted: float | None, spec: EnvSpec | None) -> float | None:
+    """The return that is a success; None: an episode succeeds if it is not terminated.
+
+    A task that ends at its goal is not solved by lasting until the time limit. There, the
+    `reward_threshold` of its registration is the return that is a success. It is known to end at
+    its goal by its name (:data:`ENDS_AT_GOAL`), or by a negative `reward_threshold`: time costs
+    reward there.
+
+    Args:
+        wanted: the return that was asked for, if one was.
+        spec: of the environment, as Gymnasium registers it.
+
+    Raises:
+        ValueError: for a task that ends at its goal and has no `reward_threshold`.
+    """
+    if wanted is not None or spec is None:
+        return wanted
+    threshold = spec.reward_threshold
+    if spec.name not in ENDS_AT_GOAL:
+        return threshold if threshold is not None and threshold < 0.0 else None
+    if threshold is None:
+        raise ValueError(
+            f"{spec.name} ends at its goal, so lasting until the time limit is no success, and it "
+            "has no `reward_threshold`; say which return is a success: --success-return R with "
+            "evaluate, --env-arg success_return=R with train, success_return = R under "
+            "[environment] of a panel"
+        )
+    return threshold
+
+
+class ReturnGoal:
+    """Success by survival until the time limit, or by a return.
+
+    Args:
+        wanted: the return that is a success; None: survival is.
+
+    Attributes:
+        since: since when in the episode it has been met, s; `AWAY` while it is not.
+    """
+
+    def __init__(self, wanted: float | None) -> None:
+        self._wanted = wanted
+        self.begin()
+
+    @property
+    def words(self) -> str:
+        """What success is."""
+        return SURVIVAL if self._wanted is None else f"return of at least {self._wanted:g}"
+
+    def begin(self) -> None:
+        """Start an episode."""
+        self._return = 0.0
+        self.since = 0.0 if self._wanted is None else AWAY
+
+    def note(self, reward: float, terminated: bool, truncated: bool, time: float) -> bool:
+        """Take in a step that ends at ``time``, s; whether the episode has ended in success."""
+        self._return += reward
+        if self._wanted is None:
+            self.since = AWAY if terminated else 0.0
+        elif self._return < self._wanted:
+            self.since = AWAY
+        elif self.since < 0.0:
+            self.since = time
+        return (terminated or truncated) and self.since >= 0.0
+
+
+ASSUMED_RATE = "rate, which nobody said"
+"""What a record says where rewards were taken for rates by default."""
+
+
+@dataclass(frozen=True)
+class StatedEngine:
+    """What advances it, by the name of its package."""
+
+    package: str
+    width: int | None = None
+    reports: bool = False
+    rewards: str | None = None
+    """What a step's rewards are taken for, where a decision has several; None: not known here."""
+
+    @property
+    def version(self) -> str:
+        """The package's version."""
+        return running_version(self.package)
+
+    def solver(self) -> dict[str, Any]:
+        """Nothing is known of it."""
+        return {}
+
+    def describe(self) -> dict[str, Any]:
+        """That losses are not accounted for, and what rewards are taken for."""
+        taken = {} if self.rewards is None else {"rewards": self.rewards}
+        return {"losses_accounted": False, **taken}
+
+
+def _rewards(env: gym.Env[Any, Any]) -> str | None:
+    if not env.has_wrapper_attr("rewards_assumed"):
+        return None
+    assumed = env.get_wrapper_attr("rewards_assumed")
+    return ASSUMED_RATE if assumed else str(env.get_wrapper_attr("rewards"))
+
+
+def stated_setup(
+    env: gym.Env[Any, Any],
+    applied: Discretization,
+    goal: str,
+    arguments: Mapping[str, Any],
+) -> ForeignSetup:
+    """What is known of an environment.
+
+    Args:
+        env: with a time limit.
+        applied: its discretization.
+        goal: success in words.
+        arguments: that it was made with.
+
+    Raises:
+        TypeError: for spaces of another kind than `Box`, and `Discrete` actions.
+        ValueError: without a time limit.
+    """
+    action, observation = env.action_space, env.observation_space
+    if not isinstance(observation, spaces.Box) or not isinstance(
+        action, (spaces.Box, spaces.Discrete)
+    ):
+        raise TypeError(
+            f"a testbed's environment must have a Box of observations and a Box or Discrete of "
+            f"actions, got {observation} and {action}"
+        )
+    limit = time_limit(env)
+    if limit is None:
+        raise ValueError(
+            f"{type(env.unwrapped).__name__} has no time limit, so its episodes may never end; "
+            "wrap it in gymnasium.wrappers.TimeLimit"
+        )
+    period = applied.control_period
+    discrete = int(action.n) if isinstance(action, spaces.Discrete) else None
+    count = 1 if discrete is not None else int(np.prod(action.shape or (1,)))
+    size = int(np.prod(observation.shape or (1,)))
+    return ForeignSetup(
+        settings=Settings(
+            integrator=applied.integrator, dt=applied.dt, control_period=period,
+            engine=applied.engine, duration=limit * period, start="the environment's own",
+        ),
+        timing=Timing.of(applied.dt, period, 0.0, None, limit * period),
+        plant=ForeignPlant(
+            getattr(env.unwrapped, "title", type(env.unwrapped).__name__),
+            tuple((f"action{k}", "") for k in range(count))
+        ),
+        task=ForeignTask(goal, tuple(f"obs{k}" for k in range(size)), ("",) * size, discrete),
+        engine=StatedEngine(applied.engine, rewards=_rewards(env)),
+        action_space=action,
+        environment=tuple(sorted(arguments.items())),
+    )  # fmt: skip
+
+
+Rewards = Literal["rate", "sum", "last"]
+
+REWARDS: Final = ("rate", "sum", "last")
+"""What the rewards of an environment's steps may be; see :class:`Repeated`."""
+
+_COUNTS = (
+    "counts steps, of which a finer `dt` has more; put it around what `held` returns, where a step "
+    "is a decision"
+)
+_LEARNS = (
+    "keeps statistics of all steps so far, so that an episode depends on those before it; give "
+    "fixed numbers to a TransformObservation or TransformReward"
+)
+_REFUSED: Final = {
+    wrappers.AtariPreprocessing: _COUNTS,
+    wrappers.Autoreset: "starts the next episode by itself; leave it out",
+    wrappers.DelayObservation: _COUNTS,
+    wrappers.FrameStackObservation: _COUNTS,
+    wrappers.MaxAndSkipObservation: _COUNTS,
+    wrappers.NormalizeObservation: _LEARNS,
+    wrappers.NormalizeReward: _LEARNS,
+    wrappers.RepeatAction: _COUNTS,
+    wrappers.StickyAction: _COUNTS,
+    wrappers.TimeAwareObservation: _COUNTS,
+}
+"""Wrappers that would mean something else at another step: why, and what helps."""
+
+
+class Repeated(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
+    """Each action is applied for ``count`` steps, so that a finer step has the same decisions.
+
+    What a decision pays depends on what the rewards of the steps are:
+
+    - ``"rate"``: reward per unit of time, the same whatever the step is, as -1 for every step on
+      the way. A decision pays their mean.
+    - ``"sum"``: amounts, such as a cost that is scaled by the step or a bonus for an event. A
+      decision pays their sum.
+    - ``"last"``: a value of the state that is reached. A decision pays that of its last step.
+
+    In each, the reward of the step that ends the episode counts whole.
+
+    Args:
+        env: whose step is one integration step.
+        count: steps of a decision.
+        rewards: what its rewards are; None: nobody said, and they are taken for rates.
+
+    Attributes:
+        rewards_assumed: whether nobody said what the rewards are.
+
+    Raises:
+        ValueError: for other rewards.
+    """
+
+    def __init__(self, env: gym.Env[Any, Any], count: int, rewards: Rewards | None = None) -> None:
+        if rewards is not None and rewards not in REWARDS:
+            raise ValueError(unknown_name("meaning of rewards", rewards, REWARDS))
+        gym.utils.RecordConstructorArgs.__init__(self, count=count, rewards=rewards)
+        super().__init__(env)
+        self.count = count
+        self.rewards: Rewards = rewards or "rate"
+        self.rewards_assumed = rewards is None
+
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+        """Advance one decision, or until the episode ends."""
+        earned, ended = 0.0, False
+        for _ in range(self.count):
+            observation, reward, terminated, truncated, info = self.env.step(action)
+            last, ended = float(reward), bool(terminated or truncated)
+            if ended:
+                break
+            earned += last
+        if self.rewards == "last":
+            earned = last
+        elif self.rewards == "sum":
+            earned += last if ended else 0.0
+        else:
+            earned = earned / self.count + (last if ended else 0.0)
+        return observation, earned, terminated, truncated, info
+
+
+def without_time_limit(env: gym.Env[Any, Any]) -> gym.Env[Any, Any]:
+    """An environment without its `TimeLimit`, all other wrappers kept; it is changed.
+
+    Raises:
+        ValueError: for a wrapper that would mean something else at another step, by its name.
+    """
+    chain = list(wrappers_of(env))
+    for one in chain:
+        for kind, reason in _REFUSED.items():
+            if isinstance(one, kind):
+                name = type(one).__name__
+                raise ValueError(f"`held` cannot keep the wrapper {name}: it {reason}")
+    kept = [one for one in chain if not isinstance(one, wrappers.TimeLimit)]
+    inner = chain[-1].env if chain else env
+    for one in reversed(kept):
+        one.env = inner
+        inner = cast("gym.Env[Any, Any]", one)
+    return inner
+
+
+Array = npt.NDArray[np.float64]
+
+
+class StatedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
+    """An environment whose discretization is stated, with success and time in ``info``.
+
+    Energy, work and losses are left out: they are not known. Actions are brought into the action
+    space; in place of one that is not finite the last one holds, at first the one nearest to 0.
+
+    Args:
+        env: with a time limit; one step is one decision.
+        applied: its discretization, read back from it.
+        success_return: an episode succeeds if its return reaches this; None: if it is not
+            terminated, or, where the task ends at its goal, by its `reward_threshold`.
+        arguments: that it was made with, for evidence.
+
+    Attributes:
+        setup: timing, names and units, for evidence.
+        state_components: nothing: the state is not known.
+    """
+
+    state_components: tuple[float, ...] = ()
+    final_state: tuple[float, ...] = ()
+    status_code = final_status = NOT_REPORTED
+
+    def __init__(
+        self,
+        env: gym.Env[Any, Any],
+        applied: Discretization,
+        success_return: float | None = None,
+        arguments: Mapping[str, Any] | None = None,
+    ) -> None:
+        gym.utils.RecordConstructorArgs.__init__(
+            self, applied=applied, success_return=success_return, arguments=arguments
+        )
+        super().__init__(env)
+        self._goal = ReturnGoal(return_of_success(success_return, env.spec))
+        self.setup = stated_setup(env, applied, self._goal.words, arguments or {})
+        self._names = [name for name, _ in self.setup.plant.controls]
+        self._steps = 0
+        self._control = self._within(np.zeros(len(self._names)))
+
+    @property
+    def fresh(self) -> bool:
+        """Whether no step has been taken since the last reset."""
+        return self._steps == 0
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Start an episode."""
+        observation, info = self.env.reset(seed=seed, options=options)
+        self._steps = 0
+        self._goal.begin()
+        self._control = self._within(np.zeros(len(self._names)))
+        return observation, {**info, **self._info(False, False, False)}
+
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+        """Advance one decision."""
+        asked = as_floats(action).ravel()
+        valid = bool(np.isfinite(asked).all())
+        saturated = valid and self._saturates(asked)
+        self._control = self._within(asked if valid else self._control)
+        observation, reward, terminated, truncated, info = self.env.step(self._typed(self._control))
+        self._steps += 1
+        success = self._goal.note(float(reward), bool(terminated), bool(truncated), self._time)
+        told = self._info(saturated, not valid, success)
+        return observation, reward, bool(terminated), bool(truncated), {**info, **told}
+
+    @property
+    def _time(self) -> float:
+        return self._steps * self.setup.timing.control_period
+
+    def _within(self, control: Array) -> Array:
+        """The nearest action of the space, as numbers."""
+        space: Any = self.action_space
+        if isinstance(space, gym.spaces.Discrete):
+            return np.clip(np.rint(control), space.start, space.start + space.n - 1)
+        return np.clip(control, space.low.ravel(), space.high.ravel())
+
+    def _saturates(self, asked: Array) -> bool:
+        """Whether a finite action is beyond the set, or at a bound of the box."""
+        space: Any = self.action_space
+        if isinstance(space, gym.spaces.Discrete):
+            return bool((self._within(asked) != asked).any())
+        return at_bounds(asked, space.low.ravel(), space.high.ravel())
+
+    def _typed(self, control: Array) -> Any:
+        """Numbers as an action of the space."""
+        space: Any = self.action_space
+        if isinstance(space, gym.spaces.Discrete):
+            return int(control[0])
+        return control.reshape(space.shape).astype(space.dtype)
+
+    def _info(self, saturated: bool, fell_back: bool, success: bool) -> dict[str, Any]:
+        controls = {}
+        for name, given in zip(self._names, self._control.tolist(), strict=True):
+            controls[f"{name}_commanded"] = controls[f"{name}_applied"] = given
+        return {
+            "time": self._time,
+            "saturated": saturated,
+            "fallback_used": fell_back,
+            "sensor_time": self._time,
+            "goal_since": self._goal.since,
+            "success": success,
+            **controls,
+        }

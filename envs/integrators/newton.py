@@ -1,0 +1,197 @@
+"""Where within an inner step the accelerations of a system have a kink."""
+
+from __future__ import annotations
+
+from typing import ClassVar, NamedTuple, Protocol
+
+from ..ops.ops import Component, Components, Ops
+from .interface import System, along
+
+
+def time_of_kink(
+    ops: Ops, system: System, n: int, start: Components, end: Components, h: Component
+) -> Component:
+    """When to look for a kink within an inner step of ``h`` seconds, or -1 where there is none.
+
+    ``start`` and ``end`` begin with the ``n`` coordinates and their velocities. Either the
+    clearances there differ in sign, and a line between them says when it vanished; or the body
+    turned back within the step and the tangents at its ends, which bound a convex clearance from
+    below, meet beyond the kink.
+    """
+    gap, rate = system.clearance(ops, start[:n], start[n : 2 * n])
+    end_gap, end_rate = system.clearance(ops, end[:n], end[n : 2 * n])
+    across = (gap > 0.0) != (end_gap > 0.0)
+    share = abs(gap) / ops.maximum(abs(gap) + abs(end_gap), 1e-30)
+    turning = (gap > 0.0) & (end_gap > 0.0) & (rate < 0.0) & (end_rate > 0.0)
+    turn = (gap - end_gap + end_rate * h) / ops.where(turning, end_rate - rate, 1.0)
+    grazing = turning & (gap + rate * turn < 0.0)
+    return ops.where(across, share * h, ops.where(grazing, ops.minimum(turn, 0.5 * h), -1.0))
+
+
+def solve_linear(ops: Ops, matrix: tuple[Components, ...], rhs: Components) -> Components:
+    """Solve ``matrix @ x = rhs`` by elimination without pivoting.
+
+    Made for the Newton matrices I - O(h) of a few degrees of freedom, whose leading entries stay
+    away from zero. A vanishing pivot is replaced by one machine epsilon, so that the three worlds
+    take the same path; the residual then tells.
+    """
+    pivot = ops.where(matrix[0][0] == 0.0, ops.epsilon, matrix[0][0])
+    if len(rhs) == 1:
+        return (rhs[0] / pivot,)
+    rows, reduced = [], []
+    for row, value in zip(matrix[1:], rhs[1:], strict=True):
+        factor = row[0] / pivot
+        rows.append(tuple(a - factor * b for a, b in zip(row[1:], matrix[0][1:], strict=True)))
+        reduced.append(value - factor * rhs[0])
+    rest = solve_linear(ops, tuple(rows), tuple(reduced))
+    known = sum(a * x for a, x in zip(matrix[0][1:], rest, strict=True))
+    return ((rhs[0] - known) / pivot, *rest)
+
+
+TOLERANCE = 1e-10
+"""Scaled residual max |F_i| / (1 + |V_i|) above which a solution is `not_converged` (float64)."""
+
+CAP = 50
+"""Most Newton iterations per step."""
+
+_ROUNDING = 16.0
+"""Residuals below this many machine epsilons cannot be improved."""
+
+_IMPROVEMENT = 0.5
+"""Below the tolerance, an iteration that gains less than this factor is the last."""
+
+
+class Solved:
+    """What integrators say of this method that solve their equations by it."""
+
+    solver_tolerance: ClassVar[float] = TOLERANCE
+    solver_cap: ClassVar[int] = CAP
+
+
+class Equation(Protocol):
+    """F(V) = 0 in velocities V, of as many degrees of freedom and stages as there are."""
+
+    def defect(self, velocity: Components) -> Components:
+        """F at ``velocity``."""
+
+    def derivative(self, velocity: Components, f: Components) -> tuple[Components, ...]:
+        """Rows of ∂F/∂V at ``velocity``, where F is ``f``."""
+
+
+class Solution(NamedTuple):
+    """Root of an equation with the solver's report."""
+
+    v: Components
+    iterations: Component
+    residual: Component
+    converged: Component
+
+
+def solve_velocity(
+    ops: Ops,
+    system: System,
+    q: Components,
+    v: Components,
+    control: Component,
+    kick: Component,
+    drift: Component,
+) -> Solution:
+    """Solve V = v + kick · a(q + drift · V, V) for V by Newton's method, from V = v.
+
+    ``kick`` and ``drift`` are times in seconds. The Jacobian is the plant's, or a forward
+    difference where the plant has none.
+    """
+    return solve(ops, _VelocityEquation(ops, system, q, v, control, kick, drift), v, system.steep)
+
+
+def solve(ops: Ops, equation: Equation, start: Components, steep: bool) -> Solution:
+    """Solve an equation by Newton's method.
+
+    In a steep system a correction after which the defect would be larger is halved, so that
+    friction and stops do not throw the iteration from side to side.
+    """
+    tolerance = max(TOLERANCE, 4.0 * _ROUNDING * ops.epsilon)
+    n = len(start)
+
+    def unfinished(carry: tuple[Component, ...]) -> Component:
+        residual, previous, iterations = carry[2 * n : 2 * n + 3]
+        improving = (residual > tolerance) | (residual < _IMPROVEMENT * previous)
+        return (residual > _ROUNDING * ops.epsilon) & improving & (iterations < CAP)
+
+    def newton(carry: tuple[Component, ...]) -> tuple[Component, ...]:
+        velocity, f = carry[:n], carry[n : 2 * n]
+        residual, previous, iterations, share, size = carry[2 * n :]
+        correction = solve_linear(ops, equation.derivative(velocity, f), f)
+        trial = tuple([x - share * y for x, y in zip(velocity, correction, strict=True)])
+        moved = equation.defect(trial)
+        now = _largest(ops, moved) if steep else size
+        accepted = (*trial, *moved, _scaled(ops, moved, trial), residual, iterations + 1, 1.0, now)
+        if not steep:
+            return accepted
+        better = (now < size) | (residual <= tolerance)
+        refused = (*velocity, *f, residual, previous, iterations + 1, 0.5 * share, size)
+        pairs = zip(accepted, refused, strict=True)
+        return tuple([ops.where(better, new, old) for new, old in pairs])
+
+    f = equation.defect(start)
+    residual = _scaled(ops, f, start)
+    carry = (*start, *f, residual, 4.0 * residual + 1.0, 0, 1.0, _largest(ops, f))
+    end = ops.while_loop(unfinished, newton, carry)
+    return Solution(end[:n], end[2 * n + 2], end[2 * n], end[2 * n] <= tolerance)
+
+
+class _VelocityEquation(NamedTuple):
+    """F(V) = V - v - kick · a(q + drift · V, V)."""
+
+    ops: Ops
+    system: System
+    q: Components
+    v: Components
+    control: Component
+    kick: Component
+    drift: Component
+
+    def defect(self, velocity: Components) -> Components:
+        position = along(self.q, self.drift, velocity)
+        acceleration, _ = self.system.rates(self.ops, position, velocity, self.control)
+        target = along(self.v, self.kick, acceleration)
+        return tuple([x - y for x, y in zip(velocity, target, strict=True)])
+
+    def derivative(self, velocity: Components, f: Components) -> tuple[Components, ...]:
+        """Rows of ∂F/∂V at ``velocity``, where F is ``f``."""
+        position = along(self.q, self.drift, velocity)
+        slopes = self.system.slopes(self.ops, position, velocity, self.control)
+        if slopes is None:
+            return differences(self.ops, self, velocity, f)
+        by_q, by_v = slopes
+        indices = range(len(velocity))
+        return tuple(
+            tuple(
+                (1.0 if i == j else 0.0) - self.kick * (self.drift * by_q[i][j] + by_v[i][j])
+                for j in indices
+            )
+            for i in indices
+        )
+
+
+def differences(
+    ops: Ops, equation: Equation, velocity: Components, f: Components
+) -> tuple[Components, ...]:
+    """Rows of ∂F/∂V at ``velocity``, where F is ``f``, by forward differences."""
+    columns = []
+    for j, x in enumerate(velocity):
+        increment = ops.epsilon**0.5 * (1.0 + abs(x))
+        moved = equation.defect((*velocity[:j], x + increment, *velocity[j + 1 :]))
+        columns.append([(b - a) / increment for a, b in zip(f, moved, strict=True)])
+    return tuple(tuple(column[i] for column in columns) for i in range(len(velocity)))
+
+
+def _largest(ops: Ops, f: Components) -> Component:
+    largest = abs(f[0])
+    for x in f[1:]:
+        largest = ops.maximum(largest, abs(x))
+    return largest
+
+
+def _scaled(ops: Ops, f: Components, velocity: Components) -> Component:
+    return _largest(ops, tuple([x / (1.0 + abs(v)) for x, v in zip(f, velocity, strict=True)]))

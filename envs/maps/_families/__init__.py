@@ -1,1 +1,0 @@
-"""Families that maps are made of: Runge-Kutta tableaux, linearly implicit kicks."""

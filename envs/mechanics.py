@@ -1,0 +1,318 @@
+"""The plant as integrators see it: equations of motion with stops, friction and a speed limit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal, NamedTuple
+
+from .ops.ops import Component, Components, Ops
+from .plants.interface import Plant
+
+
+class Contact(NamedTuple):
+    """What the stops do to a plant in one state; all zero away from them."""
+
+    force: Component
+    """Generalized force along the stopped coordinate, N or N m: inwards, never adhesive."""
+    penetration: Component
+    """How far the coordinate is beyond its limit, m or rad."""
+    energy: Component
+    """Elastic energy stored in the stop, J."""
+    dissipated: Component
+    """Power that the stop takes out, W, never negative."""
+
+
+@dataclass(frozen=True)
+class Stops:
+    r"""Stops at ±``limit`` on one coordinate.
+
+    With p the penetration and k, d the stiffness and damping, the stop pushes inwards with
+
+    .. math:: F = k\,p\,\max(0,\ 1 + d\,\dot p)
+
+    which is continuous on touching and on leaving. Where nothing else acts on a mass, the speeds v
+    of arrival and u of departure obey :math:`g(v) = g(-u)`, :math:`g(v) = v/d - \ln(1 + d v)/d^2`.
+    Source: Hunt and Crossley (1975), *Coefficient of restitution interpreted as damping in
+    vibroimpact*, Journal of Applied Mechanics 42, with exponent 1.
+
+    Attributes:
+        coordinate: index of the stopped coordinate.
+        limit: distance of either stop from zero, m or rad.
+        stiffness: k, N/m or N m/rad.
+        damping: d, s/m or s/rad.
+    """
+
+    coordinate: int
+    limit: Component
+    stiffness: Component
+    damping: Component
+
+    def contact(self, ops: Ops, q: Components, v: Components) -> Contact:
+        """Force, penetration, energy and dissipated power in the state (q, v)."""
+        side, depth, outward, grip = self._touch(ops, q, v)
+        elastic = self.stiffness * depth
+        push = elastic * grip
+        return Contact(0.0 - side * push, depth, 0.5 * elastic * depth, (push - elastic) * outward)
+
+    def slopes(self, ops: Ops, q: Components, v: Components) -> tuple[Component, Component]:
+        """(∂F/∂q, ∂F/∂v) of the generalized force, along the stopped coordinate."""
+        _, depth, _, grip = self._touch(ops, q, v)
+        by_q = ops.where(depth > 0.0, -self.stiffness * grip, 0.0)
+        by_v = ops.where(grip > 0.0, -self.stiffness * self.damping * depth, 0.0)
+        return by_q, by_v
+
+    def clearance(self, ops: Ops, q: Components, v: Components) -> tuple[Component, Component]:
+        """Distance from the nearer stop, m or rad, negative in contact, and its rate."""
+        x = q[self.coordinate]
+        inward = ops.where(x < 0.0, v[self.coordinate], -v[self.coordinate])
+        return self.limit - abs(x), inward
+
+    def confined(self, ops: Ops, q: Components) -> Components:
+        """``q`` with the stopped coordinate within its limits."""
+        i = self.coordinate
+        within = ops.maximum(-self.limit, ops.minimum(q[i], self.limit))
+        return (*q[:i], within, *q[i + 1 :])
+
+    def _touch(
+        self, ops: Ops, q: Components, v: Components
+    ) -> tuple[Component, Component, Component, Component]:
+        """Side (±1) of the nearer stop, penetration, speed outwards and max(0, 1 + d ṗ)."""
+        x = q[self.coordinate]
+        side = ops.where(x < 0.0, -1.0, 1.0)
+        outward = side * v[self.coordinate]
+        depth = ops.maximum(side * x - self.limit, 0.0)
+        return side, depth, outward, ops.maximum(1.0 + self.damping * outward, 0.0)
+
+
+def stops_at(
+    coordinate: int, limit: Component | None, stiffness: Component, damping: Component
+) -> Stops | None:
+    """Stops on a coordinate, or None where there is no limit."""
+    return None if limit is None else Stops(coordinate, limit, stiffness, damping)
+
+
+@dataclass(frozen=True)
+class Friction:
+    r"""Coulomb friction on every coordinate: :math:`F_i = -c_i \tanh(v_i / v_s)`.
+
+    The sign of the velocity is smoothed over the speed :math:`v_s`, so that the force is analytic;
+    a body held by friction creeps at less than that speed instead of sticking.
+    Source: Andersson, Söderberg and Björklund (2007), *Friction models for sliding dry, boundary
+    and mixed lubricated contacts*, Tribology International 40, equation 3.
+
+    Attributes:
+        levels: c of each coordinate, N or N m.
+        speed: v_s, m/s or rad/s.
+    """
+
+    levels: Components
+    speed: Component
+
+    def forces(self, ops: Ops, v: Components) -> Components:
+        """Generalized friction force on each coordinate, N or N m."""
+        return tuple(
+            [-level * ops.tanh(x / self.speed) for level, x in zip(self.levels, v, strict=True)]
+        )
+
+    def slopes(self, ops: Ops, v: Components) -> Components:
+        """∂F_i/∂v_i of each coordinate."""
+        slopes = []
+        for level, x in zip(self.levels, v, strict=True):
+            tangent = ops.tanh(x / self.speed)
+            slopes.append(-level / self.speed * (1.0 - tangent * tangent))
+        return tuple(slopes)
+
+
+def friction_of(levels: Components, speed: Component) -> Friction | None:
+    """The friction of these levels, or None where all of them are the number zero."""
+    if all(isinstance(level, (int, float)) and level == 0 for level in levels):
+        return None
+    return Friction(levels, speed)
+
+
+@dataclass(frozen=True)
+class Link:
+    """A rigid body moved by one joint, planar in x (to the right) and z (upwards).
+
+    Attributes:
+        coordinate: name of the joint's coordinate.
+        joint: ``"slide"`` along +x, or ``"hinge"`` about +y, which turns +z towards +x.
+        mass: kg.
+        centre: from the joint to the centre of mass along the link's own z axis, m.
+        inertia: about the centre of mass and y, kg m^2; 0 for a point mass.
+        damping: viscous, at the joint, N s/m or N m s/rad.
+        limit: where the joint has stops by an engine's own law, m or rad to either side; or None.
+    """
+
+    coordinate: str
+    joint: Literal["slide", "hinge"]
+    mass: Component
+    centre: Component
+    inertia: Component
+    damping: Component
+    limit: Component | None = None
+
+
+@dataclass(frozen=True)
+class Mechanism:
+    """Links from the ground up, each hung on the joint of the one before; the first on the ground.
+
+    Joint coordinates are the plant's, in its order: a hinge at 0 has its link upright.
+
+    Attributes:
+        links: in the order of the plant's coordinates.
+        gravity: gravitational acceleration along -z, m/s^2.
+    """
+
+    links: tuple[Link, ...]
+    gravity: Component
+
+    def stopped(self, stops: Stops | None) -> Mechanism:
+        """The same with stops on the joint whose coordinate they stop."""
+        if stops is None:
+            return self
+        links = list(self.links)
+        links[stops.coordinate] = replace(links[stops.coordinate], limit=stops.limit)
+        return replace(self, links=tuple(links))
+
+
+class PlantSystem:
+    """A plant at a constant control, with its stops and friction, and an optional speed limit.
+
+    Args:
+        plant: the continuous-time plant.
+        max_speed: largest magnitude of each velocity component, rad/s or m/s, or None.
+        engine_stops: whether the stops are left to the engine.
+
+    Attributes:
+        stops: the plant's stops, or None where there are none of ours.
+        engine_stops: the plant's stops where the engine has them act by its own law, else None.
+        steep: whether there are stops or friction.
+        kinked: whether there are stops.
+        no_losses: zero of every loss component: (damping,), or (damping, contact) with stops of
+            either kind.
+    """
+
+    def __init__(
+        self, plant: Plant, max_speed: Component | None = None, engine_stops: bool = False
+    ) -> None:
+        self.plant = plant
+        self.max_speed = max_speed
+        stops: Stops | None = getattr(plant, "stops", None)
+        self.stops = None if engine_stops else stops
+        self.engine_stops = stops if engine_stops else None
+        self.kinked = self.stops is not None
+        self.no_losses: Components = (0.0,) if stops is None else (0.0, 0.0)
+        self._friction: Friction | None = getattr(plant, "dry_friction", None)
+        self.steep = self.stops is not None or self._friction is not None
+        self._before = (0.0,) * plant.actuated
+        self._after = (0.0,) * (len(plant.coordinates) - plant.actuated - 1)
+        self._jacobian = getattr(plant, "jacobian", None)
+
+    def generalized(self, control: Component) -> Components:
+        """The control as a generalized force, one entry per coordinate."""
+        return (*self._before, control, *self._after)
+
+    def rates(
+        self, ops: Ops, q: Components, v: Components, control: Component
+    ) -> tuple[Components, Components]:
+        """Accelerations and the power of each loss component, W."""
+        force = self.generalized(control)
+        plant = self.plant
+        if not self.steep:
+            return plant.acceleration(ops, q, v, force), (plant.dissipation(ops, q, v),)
+        force, losses = self._resisted(ops, q, v, force)
+        return plant.acceleration(ops, q, v, force), losses
+
+    def slopes(
+        self, ops: Ops, q: Components, v: Components, control: Component
+    ) -> tuple[tuple[Components, ...], tuple[Components, ...]] | None:
+        """(∂a/∂q, ∂a/∂v) of the plant with its stops and friction, or None if it gives none."""
+        if self._jacobian is None:
+            return None
+        force = self.generalized(control)
+        if not self.steep:
+            return self._jacobian(ops, q, v, force)  # type: ignore[no-any-return]
+        force, _ = self._resisted(ops, q, v, force)
+        by_q, by_v = self._jacobian(ops, q, v, force)
+        for j, (force_by_q, force_by_v) in enumerate(self._force_slopes(ops, q, v)):
+            response = self._response(ops, q, v, j)
+            by_q = _column_added(by_q, j, response, force_by_q)
+            by_v = _column_added(by_v, j, response, force_by_v)
+        return by_q, by_v
+
+    def limit(self, ops: Ops, v: Components) -> Components:
+        """``v`` with each component within ±max_speed."""
+        if self.max_speed is None:
+            return v
+        return tuple([ops.maximum(-self.max_speed, ops.minimum(x, self.max_speed)) for x in v])
+
+    def clearance(self, ops: Ops, q: Components, v: Components) -> tuple[Component, Component]:
+        """Distance from the nearer stop, m or rad, negative in contact, and its rate."""
+        assert self.stops is not None
+        return self.stops.clearance(ops, q, v)
+
+    def energy(self, ops: Ops, q: Components, v: Components) -> Component:
+        """Energy of the plant and of its stops, J."""
+        if self.stops is None:
+            return self.plant.energy(ops, q, v)
+        return self.plant.energy(ops, q, v) + self.stops.contact(ops, q, v).energy
+
+    def confined(self, ops: Ops, q: Components) -> Components:
+        """``q`` between the stops, ours or the engine's."""
+        stops = self.engine_stops if self.stops is None else self.stops
+        return q if stops is None else stops.confined(ops, q)
+
+    def resistance(self, ops: Ops, q: Components, v: Components) -> tuple[Components, Components]:
+        """Generalized forces of friction and stops, and the power of each loss component by them.
+
+        The plant's own damping is not among them.
+        """
+        force: Components = (0.0,) * len(v)
+        rubbed: Component = 0.0
+        if self._friction is not None:
+            force = self._friction.forces(ops, v)
+            for x, f in zip(v, force, strict=True):
+                rubbed = rubbed - f * x
+        if self.stops is None:
+            return force, (rubbed, *self.no_losses[1:])
+        contact = self.stops.contact(ops, q, v)
+        i = self.stops.coordinate
+        force = (*force[:i], force[i] + contact.force, *force[i + 1 :])
+        return force, (rubbed, contact.dissipated)
+
+    def _resisted(
+        self, ops: Ops, q: Components, v: Components, force: Components
+    ) -> tuple[Components, Components]:
+        """Force with friction and contact, and the power of each loss component."""
+        resisting, losses = self.resistance(ops, q, v)
+        total = tuple([a + b for a, b in zip(force, resisting, strict=True)])
+        return total, (self.plant.dissipation(ops, q, v) + losses[0], *losses[1:])
+
+    def _force_slopes(self, ops: Ops, q: Components, v: Components) -> list[Components]:
+        """(∂F_j/∂q_j, ∂F_j/∂v_j) of friction and contact, for each coordinate j."""
+        by_v = (0.0,) * len(v) if self._friction is None else self._friction.slopes(ops, v)
+        slopes: list[Components] = [(0.0, slope) for slope in by_v]
+        if self.stops is not None:
+            i = self.stops.coordinate
+            contact_by_q, contact_by_v = self.stops.slopes(ops, q, v)
+            slopes[i] = (contact_by_q, slopes[i][1] + contact_by_v)
+        return slopes
+
+    def _response(self, ops: Ops, q: Components, v: Components, j: int) -> Components:
+        """Accelerations per unit of force on coordinate ``j``: they are affine in the force."""
+        none = (0.0,) * len(v)
+        unit = (*none[:j], 1.0, *none[j + 1 :])
+        pushed = self.plant.acceleration(ops, q, v, unit)
+        free = self.plant.acceleration(ops, q, v, none)
+        return tuple([a - b for a, b in zip(pushed, free, strict=True)])
+
+
+def _column_added(
+    matrix: tuple[Components, ...], j: int, response: Components, slope: Component
+) -> tuple[Components, ...]:
+    """``matrix`` with ``response`` times ``slope`` added to its column ``j``."""
+    return tuple(
+        (*row[:j], row[j] + a * slope, *row[j + 1 :])
+        for row, a in zip(matrix, response, strict=True)
+    )

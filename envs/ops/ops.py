@@ -1,0 +1,201 @@
+"""The arithmetic that plants, integrators and tasks are written in, and its scalar form.
+
+Equations are written once, over *components*: a component is one state variable, held as a
+Python ``float`` (one environment), a NumPy array (a batch of environments) or a JAX array.
+``+ - * / %``, ``abs`` and comparisons mean the same in the three worlds; whatever does not is a
+method of :class:`Ops`. ``x ** y`` may differ in the last bit: write ``x * x`` and ``ops.sqrt(x)``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, Protocol, TypeAlias, TypeVar
+
+import numpy as np
+
+Component: TypeAlias = Any
+"""One state variable: ``float``, ``numpy.ndarray`` or ``jax.Array``, of shape () or (lanes,)."""
+
+Components: TypeAlias = tuple[Component, ...]
+"""Generalized coordinates, velocities or forces: one entry per degree of freedom."""
+
+Carry = TypeVar("Carry", bound=tuple[Any, ...])
+
+FLOAT32_MAX = 3.4028234663852886e38
+"""Largest finite float32; a larger state cannot be observed."""
+
+
+class Ops(Protocol):
+    """What the three worlds do differently."""
+
+    epsilon: float
+    """Machine epsilon of the components: solver tolerances scale with it."""
+
+    def sin(self, x: Component, /) -> Component: ...
+
+    def cos(self, x: Component, /) -> Component: ...
+
+    def floor(self, x: Component, /) -> Component:
+        """The largest whole number that is not above ``x``, as a component."""
+
+    def sqrt(self, x: Component, /) -> Component: ...
+
+    def tanh(self, x: Component, /) -> Component: ...
+
+    def where(self, condition: Component, a: Component, b: Component, /) -> Component:
+        """``a`` where ``condition`` holds, else ``b``; both are evaluated."""
+
+    def minimum(self, a: Component, b: Component, /) -> Component:
+        """The smaller; NaN if either is."""
+
+    def maximum(self, a: Component, b: Component, /) -> Component:
+        """The larger; NaN if either is."""
+
+    def isfinite(self, x: Component, /) -> Component: ...
+
+    def any(self, condition: Component, /) -> Component:
+        """Whether ``condition`` holds in at least one lane."""
+
+    def usually(self, condition: Component, /) -> Component:
+        """``condition``, of which it is known that it holds in every lane but for rare cases.
+
+        Code that is written for the usual case takes it for True, and hands the others back.
+        """
+
+    def rarely(self, condition: Component, /) -> Component:
+        """``condition``, of which it is known that it holds in no lane but for rare cases.
+
+        What is wanted only where it holds, written as ``condition & …``, may then not be computed.
+        """
+
+    def while_loop(
+        self,
+        condition: Callable[[Carry], Component],
+        body: Callable[[Carry], Carry],
+        carry: Carry,
+    ) -> Carry:
+        """Apply ``body`` in every lane for as long as ``condition`` holds in that lane.
+
+        ``carry`` is a flat tuple of components; a lane whose condition no longer holds keeps
+        its values while others go on.
+        """
+
+    def repeat(self, count: int, body: Callable[[Component, Carry], Carry], carry: Carry) -> Carry:
+        """Apply ``body(index, carry)`` for index 0 … count - 1."""
+
+    def foreign(
+        self,
+        function: Callable[..., Components],
+        arguments: Components,
+        truths: tuple[bool, ...],
+    ) -> Components:
+        """Call a function of floats that is made of other than these operations.
+
+        ``truths`` has one entry per result: whether it is a truth value.
+        """
+
+
+def repeat(count: int, body: Callable[[int, Carry], Carry], carry: Carry) -> Carry:
+    """A Python loop: :meth:`Ops.repeat` for scalars and arrays."""
+    for index in range(count):
+        carry = body(index, carry)
+    return carry
+
+
+def _or_nan(function: Callable[[float], float]) -> Callable[[float], float]:
+    """NaN outside the function's domain."""
+
+    def safe(x: float, /) -> float:
+        try:
+            return function(x)
+        except ValueError:
+            return math.nan
+
+    return safe
+
+
+def _tanh(x: float, /) -> float:
+    """NumPy's: ``math.tanh`` differs from it in the last bit, as ``math.sin`` does not."""
+    return float(np.tanh(x))
+
+
+class ScalarOps:
+    """Components are Python floats.
+
+    Outside their domain ``sin``, ``cos`` and ``sqrt`` give NaN, as in the other worlds. What Python
+    raises by itself (``1.0 / 0.0``, ``1e200 ** 2``) is an ``ArithmeticError``, which the
+    environment turns into a divergence.
+    """
+
+    epsilon = 2.220446049250313e-16
+    sin = staticmethod(_or_nan(math.sin))
+    cos = staticmethod(_or_nan(math.cos))
+    sqrt = staticmethod(_or_nan(math.sqrt))
+    isfinite = staticmethod(math.isfinite)
+    any = staticmethod(bool)
+    tanh = staticmethod(_tanh)
+    repeat = staticmethod(repeat)
+
+    @staticmethod
+    def floor(x: float, /) -> float:
+        return x // 1.0
+
+    @staticmethod
+    def usually(condition: bool, /) -> bool:
+        return condition
+
+    rarely = usually
+
+    @staticmethod
+    def where(condition: bool, a: float, b: float, /) -> float:
+        return a if condition else b
+
+    @staticmethod
+    def minimum(a: float, b: float, /) -> float:
+        return a if a <= b or a != a else b
+
+    @staticmethod
+    def maximum(a: float, b: float, /) -> float:
+        return a if a >= b or a != a else b
+
+    @staticmethod
+    def while_loop(
+        condition: Callable[[Carry], bool], body: Callable[[Carry], Carry], carry: Carry
+    ) -> Carry:
+        while condition(carry):
+            carry = body(carry)
+        return carry
+
+    @staticmethod
+    def foreign(
+        function: Callable[..., Components], arguments: Components, truths: tuple[bool, ...]
+    ) -> Components:
+        return function(*arguments)
+
+
+SCALAR = ScalarOps()
+
+
+def map_leaves(function: Callable[..., Any], tree: Any, *others: Any) -> Any:
+    """``function`` of every component in nested (named) tuples, and of those that stand there in
+    ``others``, which are shaped alike."""
+    values = [
+        map_leaves(function, *alike) if isinstance(alike[0], tuple) else function(*alike)
+        for alike in zip(tree, *others, strict=True)
+    ]
+    return type(tree)(*values) if hasattr(tree, "_fields") else tuple(values)
+
+
+def leaves_of(value: Any) -> list[Any]:
+    """Components of a nested tuple, in order."""
+    if isinstance(value, tuple):
+        return [leaf for part in value for leaf in leaves_of(part)]
+    return [value]
+
+
+def rebuilt(pattern: Any, leaves: Sequence[Any]) -> Any:
+    """A nested tuple like ``pattern`` with other components."""
+    rest = iter(leaves)
+    (tree,) = map_leaves(lambda _: next(rest), (pattern,))
+    return tree

@@ -1,0 +1,641 @@
+"""What to say where MuJoCo has no OpenGL context to draw in."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from math import nan
+from typing import Any, NamedTuple
+
+import gymnasium as gym
+import numpy as np
+import numpy.typing as npt
+
+from integ_gym.support.packages.extras import load
+from integ_gym.support.packages.versions import check_versions, package_version
+from integ_gym.support.parameters import (
+    check_values,
+    finite_number,
+    parameter,
+    positive,
+    text,
+    unknown_name,
+)
+
+from .engines.mujoco import silencer
+from .environment import at_bounds
+from .foreign import (
+    ForeignPlant,
+    ForeignSetup,
+    ForeignTask,
+    ReturnGoal,
+    return_of_success,
+    time_limit,
+)
+from .lanes import as_floats
+from .plants.interface import join_state
+from .settings import Settings, Timing, check_divides
+from .transition import (
+    DIVERGED,
+    NOT_CONVERGED,
+    OK,
+    STATUS_NAMES,
+)
+
+_HEADLESS = ("egl", "osmesa")
+"""Values of `MUJOCO_GL` that need no display."""
+
+
+def is_of_opengl(error: Exception) -> bool:
+    """Whether an error of a renderer is that there is no context to draw in."""
+    words = f"{type(error).__module__} {type(error).__name__} {error}".lower()
+    return any(word in words for word in ("opengl", "egl", "osmesa", "glfw", "x11", "display"))
+
+
+def no_context(chosen: str | None) -> str:
+    """The remedy.
+
+    Args:
+        chosen: the environment variable `MUJOCO_GL`.
+    """
+    failed = "MuJoCo has no OpenGL context to draw in"
+    if chosen not in _HEADLESS:
+        return (
+            f"{failed}; without a display set the environment variable MUJOCO_GL=egl (or osmesa) "
+            "before Python starts"
+        )
+    other = next(name for name in _HEADLESS if name != chosen)
+    return (
+        f"{failed} with MUJOCO_GL={chosen}; install its library (on Debian libegl1 or libosmesa6), "
+        f"or set MUJOCO_GL={other} before Python starts"
+    )
+
+
+_PLACE = (("_x", "m"), ("_y", "m"), ("_z", "m"))
+_ATTITUDE = (("_qw", "1"), ("_qx", "1"), ("_qy", "1"), ("_qz", "1"))
+_VELOCITY = (("_vx", "m/s"), ("_vy", "m/s"), ("_vz", "m/s"))
+_SPIN = (("_wx", "rad/s"), ("_wy", "rad/s"), ("_wz", "rad/s"))
+_JOINTS = {
+    "slide": ((("", "m"),), (("_dot", "m/s"),)),
+    "hinge": ((("", "rad"),), (("_dot", "rad/s"),)),
+    "ball": (_ATTITUDE, _SPIN),
+    "free": (_PLACE + _ATTITUDE, _VELOCITY + _SPIN),
+}
+"""By kind of joint: what is put to its name, and the unit, of each coordinate and velocity."""
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The arguments of :func:`integ_gym.rediscretize`; None leaves the task as it is.
+
+    Raises:
+        ValueError: for a value of another kind or range, with what was expected.
+    """
+
+    integrator: str | None = parameter(None, "", "MuJoCo's name", text)
+    dt: float | None = parameter(None, "s", "timestep", positive)
+    success_return: float | None = parameter(None, "", "return of a success", finite_number)
+
+    def __post_init__(self) -> None:
+        check_values(Choice, {name: x for name, x in vars(self).items() if x is not None})
+
+    def step_of(self, model: Any, period: float) -> float:
+        """The timestep, s.
+
+        Raises:
+            ValueError: if the control period ``period``, s, is no whole multiple of it.
+        """
+        step = float(model.opt.timestep) if self.dt is None else float(self.dt)
+        check_divides("dt", step, "the control period", period)
+        return step
+
+    def integrator_of(self, model: Any) -> str:
+        """MuJoCo's name of the integrator.
+
+        Raises:
+            ValueError: for one that MuJoCo lacks, with those it has.
+        """
+        known = integrator_numbers()
+        if self.integrator is None:
+            return next(own for own, number in known.items() if number == model.opt.integrator)
+        if self.integrator not in known:
+            raise ValueError(unknown_name("integrator of MuJoCo", self.integrator, known))
+        return self.integrator
+
+
+def integrator_numbers() -> dict[str, int]:
+    """Integrators of the installed MuJoCo by the names that its model files use."""
+    members = load("mujoco", "mujoco").mjtIntegrator.__members__.values()
+    capitals = {"euler": "Euler", "rk4": "RK4"}
+    names = [member.name.removeprefix("mjINT_").lower() for member in members]
+    return {capitals.get(n, n): int(m) for n, m in zip(names, members, strict=True)}
+
+
+@dataclass(frozen=True)
+class ModelEngine:
+    """MuJoCo on the task's own model."""
+
+    integrator: str
+    tolerance: float
+    cap: int
+    accounted: bool
+    width: int = 64
+    reports: bool = True
+
+    @property
+    def version(self) -> str:
+        """MuJoCo's version."""
+        return package_version("mujoco") or "unknown"
+
+    def solver(self) -> dict[str, Any]:
+        """Tolerance and iteration cap of the constraint solver."""
+        return {"solver_tolerance": self.tolerance, "solver_cap": self.cap}
+
+    def describe(self) -> dict[str, Any]:
+        """Float width, and whether the ledger knows every loss where no constraint acts."""
+        return {"width": self.width, "losses_accounted": self.accounted}
+
+
+def plant_of(mujoco: Any, model: Any, name: str) -> ForeignPlant:
+    """Names and units of a compiled model's state and controls."""
+    kinds = {int(getattr(mujoco.mjtJoint, f"mjJNT_{k.upper()}")): x for k, x in _JOINTS.items()}
+    of_q, of_v = [], []
+    for index in range(model.njnt):
+        joint = model.joint(index).name or f"joint{index}"
+        coordinates, velocities = kinds[int(model.jnt_type[index])]
+        of_q += [(f"{joint}{suffix}", unit) for suffix, unit in coordinates]
+        of_v += [(f"{joint}{suffix}", unit) for suffix, unit in velocities]
+    names, units = zip(*of_q, strict=True)
+    rates, rate_units = zip(*of_v, strict=True)
+    return ForeignPlant(
+        name, tuple(_controls(mujoco, model)), names, units, rates, rate_units, "the model's joints"
+    )
+
+
+def _controls(mujoco: Any, model: Any) -> list[tuple[str, str]]:
+    """Name of every actuator, or of its joint; MuJoCo's control has no unit before its gear."""
+    on_joint = int(mujoco.mjtTrn.mjTRN_JOINT)
+    names: list[str] = []
+    for index in range(model.nu):
+        name = model.actuator(index).name
+        if not name and int(model.actuator_trntype[index]) == on_joint:
+            name = model.joint(int(model.actuator_trnid[index, 0])).name
+        names.append(name if name and name not in names else f"{name or 'actuator'}{index}")
+    return [(f"{name}_control", "1") for name in names]
+
+
+Array = npt.NDArray[np.float64]
+
+TAKEN_AT_THE_END = ("Euler", "implicit", "implicitfast", "discrete")
+"""Integrators that take joint damping at the end of the step: its work is force · displacement."""
+
+
+FASTEST = 1e6
+"""A velocity component beyond this, m/s or rad/s, is a divergence."""
+
+
+_NOT_BOOKED = (
+    "body_gravcomp", "tendon_damping", "tendon_dampingpoly", "dof_dampingpoly",
+    "actuator_damping", "actuator_dampingpoly",
+)  # fmt: skip
+"""Parameters of a model, where its MuJoCo has them, of losses that are not accounted for."""
+
+
+class Booked(NamedTuple):
+    """What one control period brought, J."""
+
+    work: float
+    dissipated: float
+    """NaN where a loss is not accounted for."""
+    constrained: bool
+    """Whether a contact, joint limit or other constraint acted in any sub-step."""
+    iterations: int
+    """Most solver iterations of any sub-step."""
+    penetration: float
+    """Deepest contact where the forces of any sub-step were last computed, m: at its beginning,
+    under RK4 at its end."""
+    violation: float
+    """Largest violation of any constraint there, m or rad."""
+
+
+NOTHING = Booked(0.0, 0.0, False, 0, 0.0, 0.0)
+
+
+class Ledger:
+    """Books the work of the actuators and the losses of a model while it is stepped.
+
+    Work is the generalized force of the actuators times the displacement, which is exact where the
+    force does not depend on the state within a step, as that of a motor. What damping takes is
+    known for integrators that take it at the end of the step; losses in a fluid, a tendon or an
+    actuator, by gravity compensation or by powers of the speed are not accounted for. Of RK4's four
+    stages MuJoCo tells the constraints of the last alone: a step that ends where it would without
+    any constraint had none in the others.
+
+    Args:
+        mujoco: the module.
+        model: compiled model.
+        integrator: MuJoCo's name of its integrator.
+    """
+
+    def __init__(self, mujoco: Any, model: Any, integrator: str) -> None:
+        self._mujoco, self._model = mujoco, model
+        self._scratch = mujoco.MjData(model)
+        self._displacement = np.zeros(model.nv)
+        self._damping = np.array(model.dof_damping).reshape(model.nv, -1)[:, 0]
+        self.accounted = _accounted(model, integrator)
+        self._staged = self.accounted and integrator == "RK4"
+
+    def energy(self, data: Any) -> float:
+        """Kinetic plus potential energy, J, zero where MuJoCo has it."""
+        scratch, model, mujoco = self._scratch, self._model, self._mujoco
+        scratch.qpos[:], scratch.qvel[:] = data.qpos, data.qvel
+        mujoco.mj_kinematics(model, scratch)
+        mujoco.mj_comPos(model, scratch)
+        mujoco.mj_tendon(model, scratch)
+        mujoco.mj_makeM(model, scratch)
+        mujoco.mj_energyPos(model, scratch)
+        mujoco.mj_energyVel(model, scratch)
+        return float(scratch.energy.sum())
+
+    def step(self, data: Any, count: int) -> Booked:
+        """Take ``count`` steps, or as many as there are until the motion has diverged."""
+        work = lost = depth = violation = 0.0
+        constrained, iterations = False, 0
+        for _ in range(count):
+            before = data.qpos.copy()
+            constrained |= self._taken(data)
+            if is_lost(data):
+                break
+            moved = self._displacement
+            self._mujoco.mj_differentiatePos(self._model, moved, 1.0, before, data.qpos)
+            work += float(data.qfrc_actuator @ moved)
+            lost += float((self._damping * data.qvel) @ moved)
+            if data.nefc:
+                iterations = max(iterations, int(data.solver_niter.max()))
+                violation = max(violation, -float(data.efc_pos.min()))
+            if data.ncon:
+                depth = max(depth, -float(data.contact.dist.min()))
+        lost = lost if self.accounted else nan
+        return Booked(work, lost, constrained, iterations, depth, violation)
+
+    def put_back(self, booked: Booked) -> Booked:
+        """What is booked of a control period whose motion was taken back."""
+        lost = 0.0 if self.accounted else nan
+        return NOTHING._replace(
+            dissipated=lost, constrained=booked.constrained, iterations=booked.iterations
+        )
+
+    def _taken(self, data: Any) -> bool:
+        """Take one step; whether a constraint acted in it."""
+        mujoco, model, free = self._mujoco, self._model, self._scratch
+        if self._staged:
+            mujoco.mj_copyData(free, model, data)
+        mujoco.mj_step(model, data)
+        if data.nefc or not self._staged:
+            return bool(data.nefc)
+        flags = model.opt.disableflags
+        model.opt.disableflags = flags | int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+        mujoco.mj_step(model, free)
+        model.opt.disableflags = flags
+        return bool((free.qpos != data.qpos).any() or (free.qvel != data.qvel).any())
+
+
+def is_lost(data: Any) -> bool:
+    """Whether the motion has diverged."""
+    finite = np.isfinite(data.qpos).all()
+    return not (finite and bool((np.abs(data.qvel) <= FASTEST).all()))
+
+
+def _accounted(model: Any, integrator: str) -> bool:
+    """Whether every loss of the model is joint damping that the ledger knows."""
+    elsewhere = (
+        model.opt.density > 0.0
+        or model.opt.viscosity > 0.0
+        or any(np.any(getattr(model, name, 0.0)) for name in _NOT_BOOKED)
+    )
+    damped = bool(np.any(model.dof_damping))
+    return not elsewhere and (not damped or integrator in TAKEN_AT_THE_END)
+
+
+def rediscretize(
+    env: gym.Env[Any, Any],
+    integrator: str | None = None,
+    dt: float | None = None,
+    success_return: float | None = None,
+) -> RediscretizedEnv:
+    """Change integrator and timestep of a Gymnasium MuJoCo environment.
+
+    The control period stays, so that decisions and the time limit mean the same. The task pays one
+    reward for each control period, by its own formula and with the timestep it was made with.
+
+    Args:
+        env: one that ``gym.make`` made of Gymnasium's MuJoCo environments; it is changed.
+        integrator: MuJoCo's name: ``Euler``, ``RK4``, ``implicit``, ``implicitfast``,
+            ``discrete``; None: as it is.
+        dt: timestep, s; None: as it is.
+        success_return: an episode succeeds if its return reaches this; None: if it is not
+            terminated, or, of a task whose `reward_threshold` is negative, if it reaches that.
+
+    Raises:
+        TypeError: for another environment.
+        ValueError: for an unknown integrator, a timestep of which the control period is no whole
+            multiple, with the nearest that are possible, or an argument of another kind.
+
+    >>> import gymnasium as gym
+    >>> import integ_gym
+    >>> stock = gym.make("InvertedPendulum-v5")
+    >>> env = integ_gym.rediscretize(stock, integrator="implicitfast", dt=0.01)
+    >>> env.setup.timing.control_period, env.setup.timing.substeps
+    (0.04, 4)
+    """
+    return RediscretizedEnv(env, integrator, dt, success_return)
+
+
+class RediscretizedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
+    """A MuJoCo task whose discretization was chosen; made by :func:`rediscretize`.
+
+    ``info`` has, beside the task's own, what every integ-gym environment tells: ``time``,
+    ``energy``, ``actuator_work``, ``dissipated``, ``energy_residual``, solver report and success.
+    ``energy_residual`` is left out of a control period in which a constraint acted, and it and
+    ``dissipated`` wherever a loss is not accounted for. A motion that diverges ends the episode
+    with the last finite observation; MuJoCo's own silent reset to the initial pose is switched off.
+
+    Attributes:
+        setup: timing, names and units, for evidence.
+        final_state: see :attr:`state_components`, before the last reset.
+        final_status: see :attr:`status_code`, before the last reset.
+    """
+
+    def __init__(
+        self,
+        env: gym.Env[Any, Any],
+        integrator: str | None = None,
+        dt: float | None = None,
+        success_return: float | None = None,
+    ) -> None:
+        gym.utils.RecordConstructorArgs.__init__(
+            self, integrator=integrator, dt=dt, success_return=success_return
+        )
+        super().__init__(env)
+        check_versions("mujoco")
+        self._mujoco = load("mujoco", "mujoco")
+        self._inner = _mujoco_env(env)
+        choice = Choice(integrator, dt, success_return)
+        self._goal = ReturnGoal(return_of_success(success_return, env.spec))
+        self._model, self._data = self._inner.model, self._inner.data
+        self._stock = float(self._model.opt.timestep), int(self._inner.frame_skip)
+        limited = self._model.actuator_ctrllimited.astype(bool)
+        low, high = self._model.actuator_ctrlrange.T
+        self._low, self._high = np.where(limited, low, -np.inf), np.where(limited, high, np.inf)
+        self._command_low, self._command_high = self._command_bounds()
+        self.setup = self._discretized(choice)
+        self._silence = silencer(self._mujoco, self._data)
+        self._ledger = Ledger(self._mujoco, self._model, self.setup.settings.integrator)
+        self._inner.do_simulation = self._simulate
+        self._booked = NOTHING
+        self._saturated = False
+        self._diverged = False
+
+    def __getstate__(self) -> Any:
+        """Refused: MuJoCo's data belong to the task that is wrapped.
+
+        Raises:
+            TypeError: always.
+        """
+        raise TypeError(
+            "a rediscretized task cannot be pickled or copied; make another one and set its state"
+        )
+
+    @property
+    def state(self) -> npt.NDArray[np.float64]:
+        """Positions and velocities of the joints, SI units, shape (nq + nv,)."""
+        return np.array(self.state_components)
+
+    @property
+    def state_components(self) -> tuple[float, ...]:
+        """The same as floats."""
+        q, v = self._data.qpos.tolist(), self._data.qvel.tolist()
+        return join_state(tuple(q), tuple(v))
+
+    @property
+    def fresh(self) -> bool:
+        """Whether no step has been taken since the last reset."""
+        return self._steps == 0
+
+    @property
+    def status_code(self) -> int:
+        """The solver's status in the last control step, as a code of `STATUS_NAMES`."""
+        if self._diverged:
+            return DIVERGED
+        capped = self._booked.iterations >= self.setup.engine.cap
+        return NOT_CONVERGED if capped else OK
+
+    @property
+    def applied(self) -> tuple[str, float, int]:
+        """Integrator, timestep (s) and timesteps per decision, read from the compiled model."""
+        integrator = Choice().integrator_of(self._model)
+        return integrator, float(self._model.opt.timestep), int(self._inner.frame_skip)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Start an episode."""
+        self.final_state, self.final_status = self.state_components, self.status_code
+        observation, info = self.env.reset(seed=seed, options=options)
+        self._steps, self._least, self._earned = 0, 0.0, 0.0
+        self._goal.begin()
+        self._energy = self._ledger.energy(self._data)
+        self._control = np.zeros(self._model.nu)
+        self._observation, self._booked, self._diverged = observation, NOTHING, False
+        return observation, {**info, **self._info(0.0, False, False, False)}
+
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+        """Advance one control period."""
+        asked = as_floats(action)
+        valid = bool(np.isfinite(asked).all())
+        command = asked if valid else self._control
+        with self._timed(*self._stock):
+            observation, reward, terminated, truncated, info = self.env.step(
+                command.astype(self._inner.action_space.dtype)
+            )
+        self._steps += 1
+        before = self._energy
+        if self._diverged:
+            observation, terminated = self._observation, True
+            left = self.setup.timing.horizon - self._steps + 1
+            reward = self._least * left - max(0.0, self._earned)
+        self._observation = observation
+        self._control = np.clip(command, self._command_low, self._command_high)
+        self._least = min(self._least, float(reward))
+        self._earned += float(reward)
+        self._energy = before if self._diverged else self._ledger.energy(self._data)
+        booked = self._booked
+        residual = self._energy - before - booked.work + booked.dissipated
+        residual = math.nan if booked.constrained else residual
+        time = self._steps * self.setup.timing.control_period
+        success = self._goal.note(float(reward), bool(terminated), bool(truncated), time)
+        success = success and not self._diverged
+        told = self._info(residual, valid and self._saturated, not valid, success)
+        return observation, reward, bool(terminated), bool(truncated), {**info, **told}
+
+    def _command_bounds(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+        """Bounds of an action: the actuators', or those that a wrapper has put in their place.
+
+        Raises:
+            TypeError: for actions other than one number for each actuator.
+        """
+        space = self.action_space
+        if not isinstance(space, gym.spaces.Box) or space.shape != (self._model.nu,):
+            raise TypeError(
+                f"rediscretize takes tasks whose actions are one number for each of the model's "
+                f"{self._model.nu} actuators, got {space}; apply the wrapper that changes them to "
+                "what rediscretize returns"
+            )
+        if space == self._inner.action_space:
+            return self._low, self._high
+        return space.low.astype(np.float64), space.high.astype(np.float64)
+
+    def render(self) -> Any:
+        """As the task draws itself.
+
+        Raises:
+            RuntimeError: where no OpenGL context can be had, with what to set.
+        """
+        try:
+            return self.env.render()
+        except Exception as error:
+            if not is_of_opengl(error):
+                raise
+            raise RuntimeError(no_context(os.environ.get("MUJOCO_GL"))) from error
+
+    @contextmanager
+    def _timed(self, timestep: float, frame_skip: int) -> Iterator[None]:
+        """Another timestep, s, and number of them in a control period, for as long as it lasts.
+
+        A task reads its own: `HumanoidStandup` divides its reward by the timestep.
+        """
+        option, inner = self._model.opt, self._inner
+        kept = option.timestep, inner.frame_skip
+        option.timestep, inner.frame_skip = timestep, frame_skip
+        try:
+            yield
+        finally:
+            option.timestep, inner.frame_skip = kept
+
+    def _simulate(self, control: Any, count: int) -> None:
+        """What the task calls to advance its model; stands in for Gymnasium's ``do_simulation``.
+
+        Args:
+            control: one number for each actuator.
+            count: the task's own ``frame_skip``: one control period.
+        """
+        timing = self.setup.timing
+        if count != self._stock[1]:
+            raise ValueError(
+                f"a task must be advanced by one control period at once, {self._stock[1]} of its "
+                f"own timesteps, got {count}"
+            )
+        control = np.asarray(control, dtype=np.float64)
+        if control.shape != (self._model.nu,):
+            raise ValueError(f"an action must have shape ({self._model.nu},), got {control.shape}")
+        data, model = self._data, self._model
+        q, v = data.qpos.copy(), data.qvel.copy()
+        data.ctrl[:] = control
+        self._applied = np.clip(control, self._low, self._high)
+        self._saturated = at_bounds(control, self._low, self._high)
+        self._silence()
+        with self._timed(timing.dt, timing.substeps):
+            self._booked = self._ledger.step(data, timing.substeps)
+            self._diverged = is_lost(data)
+            if self._diverged:
+                data.qpos[:], data.qvel[:] = q, v
+                self._mujoco.mj_forward(model, data)
+                self._booked = self._ledger.put_back(self._booked)
+            self._mujoco.mj_rnePostConstraint(model, data)
+
+    def _info(
+        self, residual: float, saturated: bool, fell_back: bool, success: bool
+    ) -> dict[str, Any]:
+        time = self._steps * self.setup.timing.control_period
+        booked = self._booked
+        known = {"dissipated": booked.dissipated, "energy_residual": residual}
+        applied = self._control if self._steps == 0 else self._applied
+        controls = {}
+        for (name, _), asked, given in zip(
+            self.setup.plant.controls, self._control.tolist(), applied.tolist(), strict=True
+        ):
+            controls[f"{name}_commanded"], controls[f"{name}_applied"] = asked, given
+        return {
+            "time": time,
+            "energy": self._energy,
+            "actuator_work": booked.work,
+            "clip_loss": 0.0,
+            "saturated": saturated,
+            "fallback_used": fell_back,
+            "sensor_time": time,
+            "goal_since": self._goal.since,
+            "success": success,
+            "penetration": booked.penetration,
+            "constraint_violation": booked.violation,
+            "solver_iterations": booked.iterations,
+            "solver_residual": 0.0,
+            "solver_status": STATUS_NAMES[self.status_code],
+            **controls,
+            **{name: value for name, value in known.items() if not math.isnan(value)},
+        }
+
+    def _discretized(self, choice: Choice) -> ForeignSetup:
+        """Put the discretization into the model, and say what it is."""
+        model, inner, mujoco = self._model, self._inner, self._mujoco
+        period = float(inner.dt)
+        step, chosen = choice.step_of(model, period), choice.integrator_of(model)
+        limit = time_limit(self)
+        horizon = 1000 if limit is None else limit
+        timing = Timing.of(step, period, 0.0, None, horizon * period)
+        model.opt.timestep = step
+        model.opt.integrator = integrator_numbers()[chosen]
+        model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+        inner.frame_skip = timing.substeps
+        size = int(np.prod(self.observation_space.shape or (1,)))
+        names = tuple(f"obs{index}" for index in range(size))
+        return ForeignSetup(
+            settings=Settings(
+                integrator=chosen, dt=step, control_period=period, engine="mujoco",
+                duration=horizon * period, start="the task's own",
+            ),
+            timing=timing,
+            plant=plant_of(mujoco, model, type(inner).__name__),
+            task=ForeignTask(self._goal.words, names, ("",) * size),
+            engine=ModelEngine(
+                chosen, float(model.opt.tolerance), int(model.opt.iterations),
+                Ledger(mujoco, model, chosen).accounted,
+            ),
+            action_space=self.action_space,
+            environment=tuple(sorted((self.spec.kwargs if self.spec else {}).items())),
+            fingerprinted="cart_pole",
+        )  # fmt: skip
+
+
+def _mujoco_env(env: gym.Env[Any, Any]) -> Any:
+    """Gymnasium's MuJoCo environment inside.
+
+    Raises:
+        TypeError: if there is none, or it is rediscretized already.
+    """
+    load("mujoco", "mujoco")
+    from gymnasium.envs.mujoco import MujocoEnv
+
+    if not isinstance(env.unwrapped, MujocoEnv):
+        raise TypeError(
+            f"rediscretize takes one of Gymnasium's MuJoCo environments, got "
+            f"{type(env.unwrapped).__name__}; for our own, give `integrator` and `dt` to gym.make"
+        )
+    wrapper: Any = env
+    while wrapper is not env.unwrapped:
+        if isinstance(wrapper, RediscretizedEnv):
+            raise TypeError("the environment is rediscretized already; make a new one")
+        wrapper = wrapper.env
+    return env.unwrapped

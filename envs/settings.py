@@ -1,0 +1,561 @@
+"""What an environment's arguments stand for: discretization, timing, setup, mixtures of them."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from fractions import Fraction
+from itertools import accumulate
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+
+from integ_gym.support.parameters import (
+    check_values,
+    nonnegative,
+    one_of,
+    optional,
+    parameter,
+    positive,
+    suggestion,
+    text,
+    units,
+    unknown_name,
+)
+
+from .engines.interface import DIVERGENCE_SPEED, Engine, make_engine
+from .engines.native import NativeEngine
+from .mechanics import PlantSystem
+from .ops.ops import Component
+from .plants.interface import Plant
+from .tasks.interface import Task
+
+NATIVE = NativeEngine.name
+"""Name of integ-gym's own engine."""
+
+
+@dataclass(frozen=True, eq=False)
+class Discretization:
+    """Engine, integrator, dt (s) and control period (s).
+
+    Two are equal where names are equal and times agree as messages write them, to twelve
+    significant digits: a step from a file and the same step from a division are one.
+    """
+
+    integrator: str
+    dt: float
+    control_period: float
+    engine: str = NATIVE
+
+    @classmethod
+    def of(cls, setup: Any) -> Discretization:
+        """That of an environment's setup."""
+        settings = setup.settings
+        period = setup.timing.control_period
+        return cls(settings.integrator, settings.dt, period, settings.engine)
+
+    @property
+    def name(self) -> str:
+        """Short name, without the control period."""
+        engine = "" if self.engine == NATIVE else f"{self.engine} "
+        return f"{engine}{self.integrator} dt={self.dt:g}"
+
+    @property
+    def shares(self) -> dict[Discretization, float]:
+        """Share of each discretization that training draws from: this one alone."""
+        return {self: 1.0}
+
+    def arguments(self) -> dict[str, Any]:
+        """As constructor arguments of an environment, which is its JSON form."""
+        return {name: getattr(self, name) for name in DISCRETIZATION}
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Discretization):
+            return NotImplemented
+        return _written(self.arguments()) == _written(other.arguments())
+
+    def __hash__(self) -> int:
+        return hash(tuple(_written(self.arguments()).values()))
+
+
+DISCRETIZATION = ("engine", "integrator", "dt", "control_period")
+"""Names of a discretization's parts, as constructor arguments and in JSON."""
+
+
+def agrees(stated: Mapping[str, Any], full: Mapping[str, Any]) -> bool:
+    """Whether a discretization has all the parts that are stated, by the rule of its equality."""
+    return _written(stated) == _written({name: full[name] for name in stated})
+
+
+def _written(parts: Mapping[str, Any]) -> dict[str, str]:
+    return {k: x if isinstance(x, str) else f"{x:.12g}" for k, x in parts.items()}
+
+
+TOLERANCE = 1e-9
+"""Relative tolerance of a whole multiple."""
+
+MOST = 1e9
+"""No time is a larger multiple of another."""
+
+
+FINEST_DIVISION = 1000
+"""Parts of the reference's step that are tried to fit latencies and sensor periods."""
+
+
+def is_multiple(value: float, unit: float) -> bool:
+    """Whether ``value`` is a whole multiple of ``unit``, 0 included, within the tolerance."""
+    ratio = value / unit
+    return abs(ratio - round(ratio)) <= TOLERANCE * max(1, round(ratio))
+
+
+def dividing_step(arguments: Mapping[str, Any]) -> float:
+    """The largest whole part of ``dt`` that divides the action latency and the sensor period.
+
+    The reference may take any step, for its result does not depend on it.
+    """
+    dt = float(arguments["dt"])
+    delays = [arguments.get(name) for name in ("action_latency", "sensor_period")]
+    parts = (dt / count for count in range(1, FINEST_DIVISION + 1))
+    fits = (part for part in parts if all(is_multiple(float(x), part) for x in delays if x))
+    return next(fits, dt)
+
+
+def whole_multiple(name: str, value: float, unit_name: str, unit: float, least: int = 1) -> int:
+    """How many ``unit`` make up ``value``.
+
+    Raises:
+        ValueError: if ``value`` is no whole multiple of ``unit``, naming the nearest valid values.
+    """
+    ratio = value / unit
+    if ratio > MOST:
+        raise ValueError(
+            f"`{name}`={value:.12g} s is more than {MOST:.0e} times `{unit_name}`={unit:.12g} s; "
+            f"give a longer `{unit_name}`"
+        )
+    count = round(ratio)
+    if count >= least and is_multiple(value, unit):
+        return count
+    below = max(least, math.floor(ratio))
+    nearest = " or ".join(f"{n * unit:.12g}" for n in (below, below + 1))
+    kept = "" if value <= 0.0 else f"; or keep it, with `{unit_name}` {_parts(value, ratio)} s"
+    raise ValueError(
+        f"`{name}`={value:.12g} s is not a whole multiple of `{unit_name}`={unit:.12g} s; "
+        f"nearest valid: {nearest} s{kept}"
+    )
+
+
+def check_divides(name: str, value: float, whole_name: str, whole: float) -> None:
+    """Check that a time that is given is a whole part of one that cannot be chosen.
+
+    Raises:
+        ValueError: if ``whole`` is no whole multiple of ``value``, naming the nearest valid values.
+    """
+    ratio = whole / value
+    if ratio <= MOST and (round(ratio) < 1 or not is_multiple(whole, value)):
+        raise ValueError(
+            f"`{name}`={value:.12g} s does not divide {whole_name} of {whole:.12g} s into whole "
+            f"steps; nearest valid: {_parts(whole, ratio)} s"
+        )
+
+
+def _parts(whole: float, ratio: float) -> str:
+    """The whole parts of a time that are nearest to the one that goes into it ``ratio`` times."""
+    below = math.floor(ratio)
+    return " or ".join(f"{whole / n:.12g}" for n in (below + 1, below) if n)
+
+
+def _horizon(duration: float, period: float) -> int:
+    """Decisions until truncation."""
+    if duration / period > MOST:
+        raise ValueError(
+            f"`duration`={duration:.12g} s is more than {MOST:.0e} control periods of "
+            f"{period:.12g} s; give a shorter one"
+        )
+    return max(1, math.ceil(duration / period * (1.0 - TOLERANCE)))
+
+
+def _check_within(name: str, value: float, duration: float) -> None:
+    if value > duration * (1.0 + TOLERANCE):
+        raise ValueError(
+            f"`{name}`={value:.12g} s is longer than an episode, `duration`={duration:.12g} s; all "
+            "times are in seconds"
+        )
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Rates of one environment, in seconds and in sub-steps of ``dt``.
+
+    Attributes:
+        dt: integration step, s.
+        control_period: time between two decisions, s.
+        substeps: integration steps per decision.
+        latency: action latency in integration steps.
+        sensor: integration steps between two sensor samples, or None for one per decision.
+        horizon: decisions until truncation.
+    """
+
+    dt: float
+    control_period: float
+    substeps: int
+    latency: int
+    sensor: int | None
+    horizon: int
+
+    @classmethod
+    def of(
+        cls,
+        dt: float,
+        control_period: float | None,
+        action_latency: float,
+        sensor_period: float | None,
+        duration: float,
+    ) -> Timing:
+        """Check the times against each other and count them.
+
+        Raises:
+            ValueError: if one of them is no whole multiple of ``dt``, or if an episode has not one
+                whole control period or ends before the first command acts.
+        """
+        period = dt if control_period is None else control_period
+        _check_within("control_period" if control_period else "dt", period, duration)
+        _check_within("action_latency", action_latency, duration)
+        return cls(
+            dt=dt,
+            control_period=period,
+            substeps=whole_multiple("control_period", period, "dt", dt),
+            latency=whole_multiple("action_latency", action_latency, "dt", dt, least=0),
+            sensor=None
+            if sensor_period is None
+            else whole_multiple("sensor_period", sensor_period, "dt", dt),
+            horizon=_horizon(duration, period),
+        )
+
+    @property
+    def delay(self) -> tuple[int, int]:
+        """Latency as (whole decisions, sub-steps beyond them)."""
+        return divmod(self.latency, self.substeps)
+
+    @property
+    def memory(self) -> int:
+        """Past commands to keep: those still under way, and the last one to hold."""
+        periods, rest = self.delay
+        return max(1, periods + (1 if rest else 0))
+
+
+@dataclass(frozen=True)
+class Settings:
+    """The arguments that all environments have in common."""
+
+    integrator: str = parameter(
+        "rk4", "", "one-step map such as `rk4`, as the engine calls it, or `module:Class`", text
+    )
+    dt: float = parameter(0.05, "s", "integration step", positive)
+    control_period: float | None = parameter(
+        None,
+        "s",
+        "time between two decisions, a whole multiple of `dt`; `None`: `dt`",
+        optional(positive),
+    )
+    engine: str = parameter(
+        NATIVE, "", "what advances the plant: ours, or a simulator such as `mujoco`", text
+    )
+    duration: float = parameter(
+        10.0, "s", "truncation after ceil(duration / control_period) decisions", positive
+    )
+    action_latency: float = parameter(
+        0.0, "s", "delay of every command, a whole multiple of `dt`", nonnegative
+    )
+    sensor_period: float | None = parameter(
+        None,
+        "s",
+        "time between two samples, a whole multiple of `dt`; `None`: one per decision",
+        optional(positive),
+    )
+    observation_noise: float = parameter(
+        0.0, "SI", "standard deviation of each sensed state component", nonnegative
+    )
+    fallback: str = parameter(
+        "hold",
+        "",
+        "`hold` the last control or `zero`, where no valid command acts",
+        one_of("hold", "zero"),
+    )
+    max_speed: float | None = parameter(
+        None, "rad/s, m/s", "clip on every velocity; `None`: no clip", optional(positive)
+    )
+    start: str = parameter("", "", "start distribution", text)
+    contact: str = parameter(
+        "compliant",
+        "",
+        "law of the stops: ours, the same in every engine, or `engine`",
+        one_of("compliant", "engine"),
+    )
+
+
+@dataclass(frozen=True)
+class Setup:
+    """Everything that one discretization of an environment is made of."""
+
+    settings: Settings
+    timing: Timing
+    plant: Plant
+    task: Task
+    system: PlantSystem
+    engine: Engine
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without a simulator, which is made anew of the rest."""
+        kept = self.engine if self.settings.engine == NATIVE else type(self.engine)
+        return {**vars(self), "engine": kept}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        if isinstance(self.engine, type):
+            made = _engine(self.engine, self.system, self.settings, self.timing)
+            vars(self)["engine"] = made
+
+    @property
+    def fingerprinted(self) -> str:
+        """The plant on which the engine's fingerprint is taken."""
+        return self.task.plant
+
+    @property
+    def action_space(self) -> spaces.Box | spaces.Discrete:
+        """`Discrete`, or a `Box` of shape (1,) in N or N m."""
+        if self.task.discrete is not None:
+            return spaces.Discrete(self.task.discrete)
+        limit = np.max(self.task.control_limit)
+        return spaces.Box(-limit, limit, shape=(1,), dtype=np.float32)
+
+    def arguments(self) -> dict[str, Any]:
+        """All constructor arguments with their values, defaults included."""
+        parts = (self.settings, self.plant, self.task)
+        return {f.name: getattr(part, f.name) for part in parts for f in fields(part)}  # type: ignore[arg-type]
+
+    def units(self) -> dict[str, str]:
+        """SI unit of every constructor argument."""
+        return {**units(self.settings), **units(self.plant), **units(self.task)}
+
+    def limited(self, max_episode_steps: int | None) -> Setup:
+        """The same setup with episodes of at most so many decisions, which shortens `duration`.
+
+        Raises:
+            ValueError: for more than `duration` has, or less than one.
+        """
+        settings, horizon = self.settings, self.timing.horizon
+        if max_episode_steps is None:
+            return self
+        whole = isinstance(max_episode_steps, (int, np.integer))
+        if not (whole and 1 <= max_episode_steps <= horizon):
+            raise ValueError(
+                f"`max_episode_steps` must be from 1 to {horizon}, the decisions in "
+                f"`duration`={settings.duration:g} s, got {max_episode_steps!r}; for longer "
+                "episodes give a longer `duration`"
+            )
+        if max_episode_steps == horizon:
+            return self
+        shorter = replace(settings, duration=int(max_episode_steps) * self.timing.control_period)
+        return replace(self, settings=shorter, timing=_timing(shorter))
+
+    def with_values(
+        self, plant: Plant, task: Task, timing: Timing, max_speed: Component | None
+    ) -> Setup:
+        """The same setup for other values, which are not looked at and may be traced.
+
+        Args:
+            plant: of the same class, as ``task``.
+            timing: rates.
+            max_speed: clip on every velocity, rad/s or m/s, or None.
+        """
+        system = _system(plant, self.settings, max_speed)
+        if self.engine.batched:
+            engine = self.engine.at(system, timing.dt)
+        else:
+            engine = _engine(type(self.engine), system, self.settings, timing)
+        return replace(self, plant=plant, task=task, timing=timing, system=system, engine=engine)
+
+
+def build_setup(
+    plant: type[Any], task: type[Any], defaults: Mapping[str, Any], arguments: Mapping[str, Any]
+) -> Setup:
+    """Build the setup of an environment from its constructor arguments.
+
+    Args:
+        plant: plant class.
+        task: task class.
+        defaults: the environment's own defaults, by argument name.
+        arguments: what the user gave; plant parameters may be arrays, one value per lane.
+
+    Raises:
+        TypeError: for an unknown argument, with the valid names.
+        ValueError: for an impossible value, with the valid choices.
+    """
+    names = tuple(f.name for owner in (Settings, plant, task) for f in fields(owner))
+    for name in arguments:
+        if name == "max_episode_steps":
+            raise TypeError(
+                "the environment got an unexpected keyword argument 'max_episode_steps', which "
+                "gym.make and gym.make_vec take; here give `duration`, s"
+            )
+        if name not in names:
+            raise TypeError(
+                f"the environment got an unexpected keyword argument {name!r}. "
+                f"{suggestion(name, names)}"
+            )
+    values = {
+        name: value.item() if isinstance(value, np.generic) or _is_scalar(value) else value
+        for name, value in {**defaults, **arguments}.items()
+    }
+    given = _parse(Settings, values)
+    settings = replace(given, start=given.start or task.starts[0])
+    if settings.start not in task.starts:
+        raise ValueError(unknown_name("start", settings.start, task.starts))
+    timing = _timing(settings)
+    the_plant = _parse(plant, values)
+    if settings.max_speed is not None and settings.max_speed > DIVERGENCE_SPEED:
+        raise ValueError(
+            f"`max_speed`={settings.max_speed} is above {DIVERGENCE_SPEED:g}, where a motion "
+            "counts as diverged; give a smaller limit or None"
+        )
+    if settings.contact == "engine" and getattr(the_plant, "stops", None) is None:
+        raise ValueError(
+            f"`contact`='engine' needs stops, and this {the_plant.name} has none; give its limit"
+        )
+    system = _system(the_plant, settings, settings.max_speed)
+    engine = make_engine(settings.engine, system, settings.integrator, timing.dt)
+    return Setup(settings, timing, the_plant, _parse(task, values), system, engine)
+
+
+def _timing(settings: Settings) -> Timing:
+    return Timing.of(
+        settings.dt,
+        settings.control_period,
+        settings.action_latency,
+        settings.sensor_period,
+        settings.duration,
+    )
+
+
+def _is_scalar(value: Any) -> bool:
+    return isinstance(value, np.ndarray) and value.ndim == 0
+
+
+def _engine(kind: type[Any], system: PlantSystem, settings: Settings, timing: Timing) -> Engine:
+    engine: Engine = kind(system, settings.integrator, timing.dt)
+    return engine
+
+
+def _parse(owner: type[Any], values: Mapping[str, Any]) -> Any:
+    own = {f.name: values[f.name] for f in fields(owner) if f.name in values}
+    for name, value in own.items():
+        if owner is Settings and isinstance(value, (np.ndarray, list, tuple)):
+            kind = "an array" if isinstance(value, np.ndarray) else repr(value)
+            raise ValueError(
+                f"`{name}` must be one value for all environments, got {kind}; parameters "
+                "of the plant and the task may be arrays in gym.make_vec, and its `mixture` is a "
+                "list of discretizations"
+            )
+        elements = value.ravel().tolist() if isinstance(value, np.ndarray) else [value]
+        for element in elements:
+            check_values(owner, {name: element})
+    return owner(**{name: _as_float(value) for name, value in own.items()})
+
+
+def _as_float(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        return value.astype(np.float64)
+    return float(value) if isinstance(value, int) and not isinstance(value, bool) else value
+
+
+def _system(plant: Plant, settings: Settings, max_speed: Component | None) -> PlantSystem:
+    return PlantSystem(plant, max_speed, engine_stops=settings.contact == "engine")
+
+
+WEIGHT = "weight"
+"""Key of a member's weight: its share is its weight over the sum of all; 1 where it is left out."""
+
+
+@dataclass(frozen=True)
+class Mixture:
+    """The discretizations of an environment; an environment without a mixture has one.
+
+    Attributes:
+        setups: one per member; they differ in engine, integrator and ``dt`` alone.
+        shares: of each member, adding up to 1.
+    """
+
+    setups: tuple[Setup, ...]
+    shares: tuple[Fraction, ...] = (Fraction(1),)
+
+    def limited(self, max_episode_steps: int | None) -> Mixture:
+        """The same with episodes of at most so many decisions; see :meth:`Setup.limited`."""
+        return replace(self, setups=tuple(s.limited(max_episode_steps) for s in self.setups))
+
+    def member(self, number: float) -> int:
+        """The member that a number drawn from [0, 1) stands for."""
+        *bounds, _ = accumulate(self.shares)
+        return bisect_right(bounds, number)
+
+
+def make_mixture(
+    make_setup: Callable[[Mapping[str, Any]], Setup],
+    arguments: Mapping[str, Any],
+    members: Any,
+) -> Mixture:
+    """Parse the ``mixture`` argument of an environment.
+
+    Args:
+        make_setup: gives the setup of constructor arguments.
+        arguments: the other constructor arguments.
+        members: dicts of ``integrator``, ``dt``, … and, optionally, ``weight``; None: no mixture.
+
+    Raises:
+        TypeError, ValueError: for what is no list of such dicts, for impossible values, and for
+            members of several control periods.
+    """
+    if members is None:
+        return Mixture((make_setup(arguments),))
+    checked = _checked_members(members)
+    for name in DISCRETIZATION:
+        if name in arguments and all(name in member for member in checked):
+            raise ValueError(
+                f"`{name}`={arguments[name]!r} acts nowhere: each member of `mixture` has its own; "
+                "leave one of them out"
+            )
+    setups = tuple(
+        make_setup({**arguments, **{k: x for k, x in member.items() if k != WEIGHT}})
+        for member in checked
+    )
+    periods = sorted({setup.timing.control_period for setup in setups})
+    if len(periods) > 1:
+        raise ValueError(
+            f"all discretizations of a mixture must have one control period, got {periods} s; "
+            "give `control_period`"
+        )
+    weights = [Fraction(str(member.get(WEIGHT, 1))) for member in checked]
+    return Mixture(setups, tuple(weight / sum(weights) for weight in weights))
+
+
+def _checked_members(members: Any) -> Sequence[Mapping[str, Any]]:
+    """Dicts with nothing but known keys, and possible weights."""
+    if isinstance(members, str | Mapping) or not isinstance(members, Sequence):
+        raise ValueError(f"`mixture` must be a list of discretizations, got {members!r}")
+    if not members:
+        raise ValueError("`mixture` must list at least one discretization, got none")
+    for member in members:
+        if not isinstance(member, Mapping):
+            raise ValueError(
+                f'every member of `mixture` must be like {{"integrator": "rk4", "dt": 0.01}}, got '
+                f"{member!r}"
+            )
+        for name in member:
+            if name not in (*DISCRETIZATION, WEIGHT):
+                raise ValueError(unknown_name("key in `mixture`", name, (*DISCRETIZATION, WEIGHT)))
+        wrong = positive(member.get(WEIGHT, 1.0))
+        if wrong:
+            raise ValueError(f"`{WEIGHT}` in `mixture` {wrong}, got {member[WEIGHT]!r}")
+    return members

@@ -1,0 +1,242 @@
+"""Tasks of libraries that pass their state: MuJoCo Playground and Brax."""
+
+from __future__ import annotations
+
+import json
+from functools import lru_cache
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+from gymnasium.envs.registration import EnvSpec
+from gymnasium.wrappers import TimeLimit
+from numpy.typing import NDArray
+
+from integ_gym.support.packages.extras import load
+from integ_gym.support.packages.versions import check_versions
+from integ_gym.support.parameters import unknown_name
+
+from ..settings import Discretization, whole_multiple
+from .gym_testbed import GymTestbed
+from .interface import Applied
+
+
+class StatePassing(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
+    """One of them as a Gymnasium environment, its functions compiled.
+
+    What it calls done ends an episode; a time limit is another's business. JAX draws the starts
+    from the seed alone.
+
+    Args:
+        title: what it is called.
+        inner: has ``reset(key)`` and ``step(state, action)``, which return a state with ``obs``,
+            ``reward`` and ``done``, and ``action_size``.
+        entry: of ``obs``, where that is a mapping.
+    """
+
+    def __init__(self, title: str, inner: Any, entry: str = "state") -> None:
+        self.title, self.inner, self._entry = title, inner, entry
+        self.spec = EnvSpec(f"{title}-v0")
+        self._jax = load("jax", "fleet")
+        self._reset, self._step = _compiled(inner)
+        self.action_space = spaces.Box(-1.0, 1.0, (inner.action_size,), np.float32)
+        size = inner.observation_size
+        shape = size[entry] if isinstance(size, dict) else size
+        shape = (shape,) if isinstance(shape, int) else tuple(shape)
+        self.observation_space = spaces.Box(-np.inf, np.inf, shape, np.float32)
+        self._state: Any = None
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        """Start an episode."""
+        super().reset(seed=seed)
+        key = self._jax.random.PRNGKey(int(self.np_random.integers(2**31)))
+        self._state = self._reset(key)
+        return self._observation(), {}
+
+    def step(
+        self, action: NDArray[np.float32]
+    ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
+        """Advance one decision."""
+        self._state = self._step(self._state, np.asarray(action, np.float32))
+        reward, done = float(self._state.reward), bool(self._state.done)
+        return self._observation(), reward, done, False, {}
+
+    def _observation(self) -> NDArray[np.float32]:
+        told = self._state.obs
+        return np.array(told[self._entry] if isinstance(told, dict) else told, np.float32)
+
+
+@lru_cache(maxsize=32)
+def _compiled(inner: Any) -> tuple[Any, Any]:
+    """Reset and step: one program each, for all lanes of a task and all of its states."""
+    jax = load("jax", "fleet")
+
+    def typed(leaf: Any) -> Any:
+        """Without JAX's weak types, with which a later state would be another program's."""
+        array = jax.numpy.asarray(leaf)
+        return array.astype(array.dtype)
+
+    return (
+        jax.jit(lambda key: jax.tree.map(typed, inner.reset(key))),
+        jax.jit(lambda state, action: jax.tree.map(typed, inner.step(state, action))),
+    )
+
+
+def step_told(step: Any) -> float:
+    """A step that is kept in single precision, s, as the number that it was given as."""
+    return float(str(np.float32(step)))
+
+
+PLAYGROUND = "playground"
+INTEGRATORS = {"Euler": 0, "RK4": 1, "implicitfast": 3}
+"""MuJoCo's numbers of those that MJX has."""
+
+
+class Playground(GymTestbed):
+    """A task of MuJoCo Playground, ``"playground:CartpoleBalance"``, computed by MJX.
+
+    Playground rounds the number of steps in a control period, so that a step that does not divide
+    it runs at another decision rate without a word: here what is applied is read back, and refused
+    where it is not what was asked. The integrator is the model's; another is set in the compiled
+    model.
+
+    Args:
+        task: name in Playground's registry.
+        success_return: see :class:`GymTestbed`.
+        arguments: overrides of the task's configuration, but for its two periods.
+
+    Raises:
+        ModuleNotFoundError: without Playground, with the command that installs it.
+        ValueError: for an unknown task.
+    """
+
+    choices = tuple(INTEGRATORS)
+
+    def __init__(self, task: str, success_return: float | None = None, **arguments: Any) -> None:
+        super().__init__(success_return, **arguments)
+        self.task = self.title = task
+        self.registered = EnvSpec(f"{task}-v0")
+        check_versions("playground")
+        self._registry = load("mujoco_playground", "playground").registry
+        if task not in self._registry.ALL_ENVS:
+            raise ValueError(unknown_name("task of Playground", task, self._registry.ALL_ENVS))
+        self._tasks: dict[tuple[str | None, str], Any] = {}
+        config = self._registry.get_default_config(task)
+        stock = self._made(None, config.sim_dt, config.ctrl_dt, **arguments)
+        self.home = self.read(stock).discretization
+
+    def build(self, discretization: Discretization, **arguments: Any) -> gym.Env[Any, Any]:
+        """The task at its configured step and control period.
+
+        Raises:
+            ValueError: for a step that does not divide the control period, or a configuration that
+                Playground does not take.
+        """
+        period = discretization.control_period
+        period = self.control_period if period is None else period
+        whole_multiple("control_period", period, "dt", discretization.dt)
+        made: gym.Env[Any, Any] = self._made(
+            discretization.integrator, discretization.dt, period, **arguments
+        )
+        return made
+
+    def read(self, env: gym.Env[Any, Any]) -> Applied:
+        """From the compiled model, and from how often the task steps it."""
+        task: Any = env.unwrapped.inner  # type: ignore[attr-defined]
+        number = int(task.mjx_model.opt.integrator)
+        name = next((own for own, n in INTEGRATORS.items() if n == number), str(number))
+        step = step_told(task.mjx_model.opt.timestep)
+        return Applied(
+            Discretization(name, step, step * task.n_substeps, PLAYGROUND), task.n_substeps
+        )
+
+    def _made(self, integrator: str | None, dt: float, period: float, **arguments: Any) -> Any:
+        overrides = {"impl": "jax", **arguments, "sim_dt": dt, "ctrl_dt": period}
+        key = integrator, json.dumps(overrides, sort_keys=True)
+        if key not in self._tasks:
+            self._tasks[key] = self._task(integrator, overrides)
+        length = self._registry.get_default_config(self.task).episode_length
+        return TimeLimit(StatePassing(self.task, self._tasks[key]), length)
+
+    def _task(self, integrator: str | None, overrides: dict[str, Any]) -> Any:
+        task = self._registry.load(self.task, config_overrides=overrides)
+        if integrator is not None:
+            mjx = load("mujoco.mjx", "mjx")
+            task.mj_model.opt.integrator = INTEGRATORS[integrator]
+            task._mjx_model = mjx.put_model(task.mj_model, impl=overrides["impl"])
+        return task
+
+
+BRAX = "brax"
+BACKENDS = ("generalized", "mjx", "positional", "spring")
+DECISIONS = 1000
+"""Of an episode, as Brax's own training has them."""
+
+
+class BraxTask(GymTestbed):
+    """A task of Brax's, ``"brax:inverted_pendulum"``, whose integrators are Brax's backends.
+
+    Choosing a backend changes what Brax's task is: its step, its steps per decision and, of some
+    tasks, the gear of its motors. Step and decisions are set here, so that they are what is asked;
+    the gear is the backend's.
+
+    Args:
+        task: its name.
+        backend: whose step and control period are the home's.
+        success_return: see :class:`GymTestbed`.
+        arguments: of the task.
+
+    Raises:
+        ModuleNotFoundError: without Brax, with the command that installs it.
+        ValueError: for an unknown task.
+    """
+
+    choices = BACKENDS
+
+    def __init__(
+        self,
+        task: str,
+        backend: str = "generalized",
+        success_return: float | None = None,
+        **arguments: Any,
+    ) -> None:
+        super().__init__(success_return, **arguments)
+        self.task = self.title = task
+        self.registered = EnvSpec(f"{task}-v0")
+        self._tasks: dict[tuple[Any, ...], Any] = {}
+        check_versions("brax")
+        self._envs = load("brax.envs", "brax")
+        if task not in self._envs._envs:
+            raise ValueError(unknown_name("task of Brax", task, self._envs._envs))
+        stock = self._envs.get_environment(task, backend=backend, **arguments)
+        step = step_told(stock.sys.opt.timestep)
+        self.home = Discretization(backend, step, step * stock._n_frames, BRAX)
+
+    def build(self, discretization: Discretization, **arguments: Any) -> gym.Env[Any, Any]:
+        """The task on a backend, with its step and its steps per decision.
+
+        Raises:
+            ValueError: for a step that does not divide the control period.
+        """
+        period = discretization.control_period
+        period = self.control_period if period is None else period
+        count = whole_multiple("control_period", period, "dt", discretization.dt)
+        key = discretization.integrator, discretization.dt, count, json.dumps(arguments)
+        if key not in self._tasks:
+            chosen = {"backend": discretization.integrator, "n_frames": count}
+            task = self._envs.get_environment(self.task, **chosen, **arguments)
+            task.sys = task.sys.tree_replace({"opt.timestep": discretization.dt})
+            self._tasks[key] = task
+        return TimeLimit(StatePassing(self.task, self._tasks[key]), DECISIONS)
+
+    def read(self, env: gym.Env[Any, Any]) -> Applied:
+        """From the task's system and its steps per decision."""
+        task: Any = env.unwrapped.inner  # type: ignore[attr-defined]
+        step = step_told(task.sys.opt.timestep)
+        return Applied(
+            Discretization(task._backend, step, step * task._n_frames, BRAX),
+            task._n_frames,
+        )

@@ -1,0 +1,315 @@
+"""One control period of an environment, as a pure function over components.
+
+The single, the vector and the functional environment all advance through :func:`transition`.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from .engines.interface import DIVERGENCE_SPEED, Motion, Segments
+from .ops.ops import Component, Components, Ops
+from .plants.interface import split_state
+from .settings import Setup, Timing
+from .tasks.interface import Command
+
+OK, NOT_CONVERGED, DIVERGED, NOT_REPORTED = 0, 1, 2, -1
+STATUS_NAMES: tuple[str, ...] = ("ok", "not_converged", "diverged", "not_reported")
+"""By code: what is not reported is the last, and the least of the codes; a larger one is worse."""
+
+AWAY = -1.0
+"""`goal_since` while the state is not at the goal."""
+
+
+class EnvState(NamedTuple):
+    """All that evolves within an episode."""
+
+    q: Components
+    v: Components
+    energy: Component
+    """Energy of (q, v), J."""
+    commands: tuple[Component, ...]
+    """Past controls asked for, newest first."""
+    fallbacks: tuple[Component, ...]
+    """Whether each of them came from the fallback."""
+    sensed_q: Components
+    """Configuration at the sensor's last sample."""
+    sensed_v: Components
+    sensed_time: Component
+    """When that sample was taken, s."""
+    steps: Component
+    """Decisions so far."""
+    goal_since: Component
+    """Since when the state has been at the goal without a break, s, or -1."""
+
+
+class Outcome(NamedTuple):
+    """What one control period brought, by default nothing; energies in J over the period."""
+
+    reward: Component = 0.0
+    terminated: Component = False
+    truncated: Component = False
+    success: Component = False
+    sampled: Component = True
+    """Whether the sensor took a new sample."""
+    work: Component = 0.0
+    dissipated: Component = 0.0
+    contact_loss: Component = 0.0
+    clip_loss: Component = 0.0
+    residual_energy: Component = 0.0
+    control: Component = 0.0
+    """Control in force at the end of the period."""
+    commanded: Component = 0.0
+    """Control asked for by this decision, after saturation and fallback."""
+    saturated: Component = False
+    fallback_used: Component = False
+    iterations: Component = 0
+    solver_residual: Component = 0.0
+    status: Component = OK
+    penetration: Component = 0.0
+    """Deepest at the end of any sub-step, m or rad."""
+    contact_force: Component = 0.0
+    """Generalized force of the stops, that of largest magnitude at the end of any sub-step."""
+
+
+def quiet_status(setup: Setup) -> int:
+    """Code of the solver's status where no step has been taken."""
+    return OK if setup.engine.reports else NOT_REPORTED
+
+
+def initial_state(ops: Ops, setup: Setup, q: Components, v: Components) -> EnvState:
+    """Episode state at time 0; no command is under way yet."""
+    zero = 0.0 * q[0]
+    memory = setup.timing.memory
+    at_goal = setup.task.at_goal(ops, q, v)
+    return EnvState(
+        q=q,
+        v=v,
+        energy=setup.system.energy(ops, q, v),
+        commands=(zero,) * memory,
+        fallbacks=(zero == 0.0,) * memory,
+        sensed_q=q,
+        sensed_v=v,
+        sensed_time=zero,
+        steps=0,
+        goal_since=ops.where(at_goal, 0.0, AWAY),
+    )
+
+
+def sensed(state: EnvState, noise: Components) -> tuple[Components, Components]:
+    """Coordinates and velocities at the sensor's last sample.
+
+    Args:
+        state: of the episode.
+        noise: added to them, in state order, SI units; empty: none.
+    """
+    q, v = state.sensed_q, state.sensed_v
+    if noise:
+        by_q, by_v = split_state(noise)
+        q = tuple(a + b for a, b in zip(q, by_q, strict=True))
+        v = tuple(a + b for a, b in zip(v, by_v, strict=True))
+    return q, v
+
+
+class _Orders(NamedTuple):
+    """What is asked of the engine in one control period."""
+
+    commands: tuple[Component, ...]
+    """Controls under way, newest first, this decision's included."""
+    fallbacks: tuple[Component, ...]
+    segments: Segments
+    fallback_used: Component
+    saturated: Component
+    sample_at: Component | None
+    """Sub-step (from 1) of the sensor's last sample in the period; 0 or below: none; None: the
+    last sub-step."""
+
+
+def transition(
+    ops: Ops, setup: Setup, state: EnvState, action: Component
+) -> tuple[EnvState, Outcome]:
+    """Advance one control period under ``action`` (torque, force or action index).
+
+    A diverged motion leaves the state at the start of the period, with nothing booked.
+    """
+    orders = _give_orders(ops, setup, state, setup.task.command(ops, action))
+    try:
+        motion = setup.engine.advance(ops, state.q, state.v, orders.segments, orders.sample_at)
+    except ArithmeticError:
+        q, v = state.q, state.v
+        motion = Motion(q, v, q, v, 0.0, setup.system.no_losses, 0.0, 0, 0.0, False, False)
+    motion = motion._replace(finite=ops.usually(motion.finite))
+    after = _next_state(ops, setup, state, orders, motion)
+    return after, _outcome(ops, setup, state, after, orders, motion)
+
+
+def _give_orders(ops: Ops, setup: Setup, state: EnvState, command: Command) -> _Orders:
+    timing = setup.timing
+    held = state.commands[0] if setup.settings.fallback == "hold" else 0.0
+    valid = ops.usually(command.valid)
+    commands = (ops.where(valid, command.control, held), *state.commands)
+    fallbacks = (_negated(valid), *state.fallbacks)
+    segments, used = _segments(timing.delay, timing.substeps, commands, fallbacks)
+    sample_at = None
+    if timing.sensor is not None:
+        end = (state.steps + 1) * timing.substeps
+        sample_at = end - end % timing.sensor - state.steps * timing.substeps
+    return _Orders(commands, fallbacks, segments, used, command.saturated, sample_at)
+
+
+def _segments(
+    delay: tuple[int, int],
+    substeps: int,
+    commands: tuple[Component, ...],
+    fallbacks: tuple[Component, ...],
+) -> tuple[Segments, Component]:
+    """The controls that act in this period, oldest first, and whether one is the fallback's."""
+    periods, rest = delay
+    recent = (commands[periods], substeps - rest)
+    if not rest:
+        return (recent,), fallbacks[periods]
+    used = fallbacks[periods + 1] | fallbacks[periods]
+    return ((commands[periods + 1], rest), recent), used
+
+
+def _next_state(
+    ops: Ops, setup: Setup, state: EnvState, orders: _Orders, motion: Motion
+) -> EnvState:
+    timing, ok = setup.timing, motion.finite
+    q, v = _choose(ops, ok, motion.q, state.q), _choose(ops, ok, motion.v, state.v)
+    steps = state.steps + 1
+    time = steps * timing.control_period
+    arrived = ops.where(state.goal_since >= 0.0, state.goal_since, time)
+    sampled = _sampled(orders, ok)
+    return EnvState(
+        q=q,
+        v=v,
+        energy=setup.system.energy(ops, q, v),
+        commands=orders.commands[: timing.memory],
+        fallbacks=orders.fallbacks[: timing.memory],
+        sensed_q=_choose(ops, sampled, motion.sampled_q, state.sensed_q),
+        sensed_v=_choose(ops, sampled, motion.sampled_v, state.sensed_v),
+        sensed_time=ops.where(
+            sampled, _sample_time(timing, state.steps, orders.sample_at), state.sensed_time
+        ),
+        steps=steps,
+        goal_since=ops.where(setup.task.at_goal(ops, q, v), arrived, AWAY),
+    )
+
+
+def _outcome(
+    ops: Ops, setup: Setup, before: EnvState, after: EnvState, orders: _Orders, motion: Motion
+) -> Outcome:
+    timing, task, ok = setup.timing, setup.task, motion.finite
+    work = ops.where(ok, motion.work, 0.0)
+    dissipated = ops.where(ok, motion.losses[0], 0.0)
+    clip_loss = ops.where(ok, motion.clip_loss, 0.0)
+    contact_loss = penetration = contact_force = 0.0
+    if len(motion.losses) > 1:
+        contact_loss = ops.where(ok, motion.losses[1], 0.0)
+        penetration = ops.where(ok, motion.penetration, 0.0)
+        contact_force = ops.where(ok, motion.contact_force, 0.0)
+    failed = task.terminated(ops, after.q, after.v) & ok
+    terminated = failed | _negated(ok)
+    truncated = after.steps >= timing.horizon
+    stayed = after.steps * timing.control_period - after.goal_since
+    rounding = max(1e-9, 64.0 * ops.epsilon)
+    reached = (after.goal_since >= 0.0) & (stayed >= task.goal_stay * (1.0 - rounding))
+    period, mean_square = timing.control_period, _mean_square(orders.segments, timing.substeps)
+    earned = task.reward(ops, before.q, before.v, mean_square, failed, period)
+    left = ops.maximum(timing.horizon - before.steps, 1)
+    worst = task.worst_return(ops, left, period, top_speed(setup))
+    solved = ops.where(motion.converged, quiet_status(setup), NOT_CONVERGED)
+    return Outcome(
+        reward=ops.where(ok, earned, worst),
+        terminated=terminated,
+        truncated=truncated,
+        success=ops.rarely(truncated) & (reached & _negated(terminated)),
+        sampled=_sampled(orders, ok),
+        work=work,
+        dissipated=dissipated,
+        contact_loss=contact_loss,
+        clip_loss=clip_loss,
+        residual_energy=after.energy - before.energy - work + dissipated + contact_loss + clip_loss,
+        control=orders.segments[-1][0],
+        commanded=orders.commands[0],
+        saturated=orders.saturated,
+        fallback_used=orders.fallback_used,
+        iterations=motion.iterations,
+        solver_residual=ops.where(ok, motion.residual, 0.0),
+        status=ops.where(ok, solved, DIVERGED),
+        penetration=penetration,
+        contact_force=contact_force,
+    )
+
+
+def _choose(ops: Ops, condition: Component, new: Components, old: Components) -> Components:
+    return tuple([ops.where(condition, a, b) for a, b in zip(new, old, strict=True)])
+
+
+def _negated(condition: Component) -> Component:
+    return condition == False  # noqa: E712
+
+
+def _sampled(orders: _Orders, ok: Component) -> Component:
+    return ok if orders.sample_at is None else (orders.sample_at > 0) & ok
+
+
+def _sample_time(timing: Timing, steps: Component, sample_at: Component | None) -> Component:
+    if sample_at is None:
+        return (steps + 1) * timing.control_period
+    return (steps * timing.substeps + sample_at) * timing.dt
+
+
+def _mean_square(segments: Segments, substeps: int) -> Component:
+    """Time average of the squared control over the period."""
+    if len(segments) == 1:
+        return segments[0][0] * segments[0][0]
+    return sum(count * (control * control) for control, count in segments) / substeps
+
+
+def top_speed(setup: Setup) -> Component:
+    """Largest speed a motion can have without diverging, rad/s or m/s."""
+    return DIVERGENCE_SPEED if setup.system.max_speed is None else setup.system.max_speed
+
+
+LOSSES = ("dissipated", "contact_loss", "clip_loss")
+"""What is taken out of a plant's energy, by its names."""
+
+
+def reset_info(state: EnvState, status: int = OK) -> dict[str, Any]:
+    """`info` of a reset: the keys of a step, nothing booked."""
+    return {**_told(0.0, state, Outcome(status=status)), "sensor_time": 0.0}
+
+
+def step_info(setup: Setup, state: EnvState, outcome: Outcome) -> dict[str, Any]:
+    """`info` of a step."""
+    return _told(state.steps * setup.timing.control_period, state, outcome)
+
+
+def _told(time: Component, state: EnvState, outcome: Outcome) -> dict[str, Any]:
+    return {
+        "time": time,
+        "energy": state.energy,
+        "actuator_work": outcome.work,
+        "dissipated": outcome.dissipated,
+        "contact_loss": outcome.contact_loss,
+        "clip_loss": outcome.clip_loss,
+        "energy_residual": outcome.residual_energy,
+        "control": outcome.control,
+        "commanded": outcome.commanded,
+        "saturated": outcome.saturated,
+        "fallback_used": outcome.fallback_used,
+        "sensor_time": state.sensed_time,
+        "penetration": outcome.penetration,
+        "contact_force": outcome.contact_force,
+        "goal_since": state.goal_since,
+        "success": outcome.success,
+        "solver_iterations": outcome.iterations,
+        "solver_residual": outcome.solver_residual,
+        "solver_status": outcome.status,
+    }
+
+
+BLANK = reset_info(EnvState((), (), 0.0, (), (), (), (), 0.0, 0, AWAY))
+"""What is told about a reset, but for what depends on the start."""
