@@ -96,7 +96,7 @@ USES: dict[str, list[str | list[str]]] = {
     "panel": [
         "integ-gym panel small.toml --out run",
         "integ-gym evidence verify run",
-        "integ-gym evaluate run/policies/rk4*/policy.zip --env IntegPendulum-v0 --home stock "
+        "integ-gym evaluate run/policies/rk4*/policy.safetensors --env IntegPendulum-v0 "
         "--integrator rk4 --dt 0.05 --episodes 2 --out judged",
         "integ-gym check --integrator symplectic_euler --dt 0.05 --seeds 2 "
         "--train-arg total_steps=1024 --train-arg n_steps=64 --out checked",
@@ -129,19 +129,19 @@ USES: dict[str, list[str | list[str]]] = {
         "integ-gym evidence export run --to mcap --out logs",
     ],
     **{
-        engine: [_step(engine=engine)]
-        for engine in (
-            "mujoco",
-            "mjx",
-            "mujoco_warp",
-            "newton",
-            "casadi",
-            "dart",
-            "drake",
-            "pinocchio",
-            "pybullet",
-            "sapien",
-        )
+        engine: [_step(engine=engine, integrator=integrator, dt=0.01)]
+        for engine, integrator in {
+            "mujoco": "Euler",
+            "mjx": "Euler",
+            "mujoco_warp": "Euler",
+            "newton": "featherstone",
+            "casadi": "rk",
+            "dart": "semi_implicit_euler",
+            "drake": "runge_kutta3",
+            "pinocchio": "rk4",
+            "pybullet": "semi_implicit_euler",
+            "sapien": "tgs",
+        }.items()
     },
 }
 """Extra to what a user of it does."""

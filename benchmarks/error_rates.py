@@ -28,6 +28,7 @@ from tqdm import tqdm
 from integ_gym.eval.statistics.rates import rate_interval
 from integ_gym.eval.verdict.achievability import Achieved
 from integ_gym.eval.verdict.family import Comparison, judge_family
+from integ_gym.eval.verdict.looks import Looks
 from integ_gym.eval.verdict.loss import Rates, split
 from integ_gym.eval.verdict.worlds import WORLDS, Draw, measured
 
@@ -106,7 +107,7 @@ def measure(
         looks = [count for count in given.looks if count < seeds]
         seen = [[_first(one, count) for one in family] for count in looks]
         told = [
-            [j.verdict == case.asked for j in judge_family(f, looks[:k], draws=DRAWS)]
+            [j.verdict == case.asked for j in judge_family(f, Looks(tuple(looks[:k])), draws=DRAWS)]
             for k, f in enumerate((*seen, family))
         ]
         verdicts.append(np.any(told, axis=0))

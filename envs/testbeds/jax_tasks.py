@@ -131,9 +131,12 @@ class Playground(GymTestbed):
         """The task at its configured step and control period.
 
         Raises:
-            ValueError: for a configuration that Playground does not take.
+            ValueError: for a step that does not divide the control period, or a configuration that
+                Playground does not take.
         """
-        period = discretization.control_period or self.control_period
+        period = discretization.control_period
+        period = self.control_period if period is None else period
+        whole_multiple("control_period", period, "dt", discretization.dt)
         made: gym.Env[Any, Any] = self._made(
             discretization.integrator, discretization.dt, period, **arguments
         )
@@ -217,7 +220,8 @@ class BraxTask(GymTestbed):
         Raises:
             ValueError: for a step that does not divide the control period.
         """
-        period = discretization.control_period or self.control_period
+        period = discretization.control_period
+        period = self.control_period if period is None else period
         count = whole_multiple("control_period", period, "dt", discretization.dt)
         key = discretization.integrator, discretization.dt, count, json.dumps(arguments)
         if key not in self._tasks:

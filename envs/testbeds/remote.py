@@ -100,7 +100,8 @@ class RemoteTestbed(GymTestbed):
         Raises:
             ValueError: for a step that does not divide the control period.
         """
-        period = discretization.control_period or self.control_period
+        period = discretization.control_period
+        period = self.control_period if period is None else period
         whole_multiple("control_period", period, "dt", discretization.dt)
         given = {
             "task": self.task, "integrator": discretization.integrator, "dt": discretization.dt,

@@ -687,14 +687,16 @@ def next_step(panel: Panel) -> NextStep | None:
 def _next_of_given(panel: Panel, finding: Finding) -> NextStep | None:
     row = panel.row(finding.row)
     if finding.status == "home_unknown":
-        again = _again(panel, "home", "--home", "integrator=…,dt=…,control_period=…")
-        return NextStep("Say what it was trained on", again)
+        again = _again(panel, "--home", "integrator=…,dt=…,control_period=…")
+        count = len(panel.looks)
+        known = f"; this was look {count}, and all of them count there too" if count > 1 else ""
+        return NextStep(f"Say what it was trained on{known}", again)
     if finding.status == "undecided":
-        more = f"{4 * _starts(panel, row)}"
-        return NextStep("Try more starts", _again(panel, f"{more}-starts", "--episodes", more))
+        more = 4 * _starts(panel, row)
+        return NextStep("Try more starts", _again(panel, "--episodes", more))
     if finding.status == "home_decides" and panel.truth is None:
-        finest = min(cell.dt for cell in panel.columns)
-        return NextStep("Try a finer step", _again(panel, "finer", "--dt", f"{finest / 2.0:g}"))
+        steps = sorted({cell.dt for cell in panel.columns}, reverse=True)
+        return NextStep("Try a finer step", _again(panel, "--dt", *steps, steps[-1] / 2.0))
     if row.dt is None or finding.home is None or finding.status == "closed":
         return None
     if finding.status == "cause":
@@ -732,15 +734,28 @@ def _check(panel: Panel, row: Row, finer: int) -> str:
     return shlex.join(words)
 
 
-def _again(panel: Panel, suffix: str, option: str, value: str) -> str:
-    """The command that made an evaluation, with one more option and a directory of its own."""
-    try:
-        words = shlex.split(panel.command)
-    except ValueError:
-        words = []
+def _again(panel: Panel, option: str, *values: str | float) -> str:
+    """The command that made an evaluation, with other values of one option.
+
+    In the same directory, whose looks go on; a home is stated in another one, for records keep it.
+    """
+    told = [value if isinstance(value, str) else f"{value:g}" for value in values]
+    out = f"{panel.directory.rstrip('/')}-home"
+    words = _words(panel.command)
     if "--out" not in words[:-1]:
-        arguments = {"--home": f"home={value!r}", "--dt": f"dts=[{value}]"}
-        return f"integ_gym.evaluate(…, {arguments.get(option, f'episodes={value}')})"
-    place = words.index("--out") + 1
-    words[place] = f"{words[place].rstrip('/')}-{suffix}"
-    return f"{shlex.join(words)} {option} {value}"
+        python = {"--dt": f"dts=[{', '.join(told)}]", "--episodes": f"episodes={told[0]}"}
+        home = f"home={told[0]!r}, out={out!r}"
+        return f"integ_gym.evaluate(…, {python.get(option, home)})"
+    if option == "--home":
+        words[words.index("--out") + 1] = out
+    while option in words:
+        place = words.index(option)
+        del words[place : place + 2]
+    return " ".join([shlex.join(words), *(f"{option} {value}" for value in told)])
+
+
+def _words(command: str) -> list[str]:
+    try:
+        return shlex.split(command)
+    except ValueError:
+        return []

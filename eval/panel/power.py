@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from ..verdict.looks import Looks, Shares
 from ..verdict.power import Power, fewest_seeds, verdict_chances
+from ..verdict.rules import ALPHA
+from .model.panel import Look
 from .specification.panel_spec import PanelSpec
 
 
@@ -28,18 +31,25 @@ class FamilyPower:
     fewest: int
 
 
-def family_power(spec: PanelSpec, before: Sequence[int] = ()) -> FamilyPower | None:
+def family_power(spec: PanelSpec, before: Sequence[Look] = ()) -> FamilyPower | None:
     """Power of a panel's declared transfers, simulated; None without any.
 
     Args:
         spec: the panel.
-        before: how many seeds there were at earlier looks at its verdicts.
+        before: earlier looks at its verdicts.
     """
     if not spec.family:
         return None
+    seen = (
+        Shares(look.level_exceeds / ALPHA, look.level_equivalent / ALPHA)
+        if look.adopted
+        else look.seeds
+        for look in before
+    )
+    looks = Looks(tuple(seen), spec.looks)
     cells, rows = {cell for _, cell in spec.family}, {row for row, _ in spec.family}
     seeds = min(len(spec.seeds_of(home)) for home in spec.train if home.name in rows)
     natives = min((len(spec.seeds_of(h)) for h in spec.train if h.name in cells), default=0)
     family = len(spec.family)
-    found = verdict_chances(seeds, natives, spec.episodes, family, before)
-    return FamilyPower(family, seeds, natives, found, fewest_seeds(family, before))
+    found = verdict_chances(seeds, natives, spec.episodes, family, looks)
+    return FamilyPower(family, seeds, natives, found, fewest_seeds(family, looks))

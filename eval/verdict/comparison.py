@@ -10,7 +10,7 @@ from typing import Literal, TypeAlias
 from ..statistics.family import holm
 from ..statistics.interval import Interval, RatesLike
 from ..statistics.rates import Difference, mean_rate, unpaired_difference
-from .looks import adjust_for_look, shares_of
+from .looks import FIRST_SHARE, adjust_for_look
 from .rules import ALPHA, MIN_SEEDS, UNSOLVED, p_text, require_unique
 
 CellRole: TypeAlias = Literal["quarter_step", "reference"]
@@ -86,7 +86,7 @@ class PolicyComparison:
     cells: tuple[CellFinding, ...]
 
 
-def compare_policies(cells: Sequence[PolicyCell], before: Sequence[int] = ()) -> PolicyComparison:
+def compare_policies(cells: Sequence[PolicyCell], share: float = FIRST_SHARE) -> PolicyComparison:
     """Decide whether the claim "policy A beats policy B" survives refinement.
 
     A cell is uninformative where either policy has fewer than 5 training seeds, or where nobody
@@ -101,14 +101,14 @@ def compare_policies(cells: Sequence[PolicyCell], before: Sequence[int] = ()) ->
        to succeed (intersection-union test, Berger 1982).
     5. `accepted`.
 
-    P-values are divided by the share of the level that this look has (`shares_of`).
+    P-values are divided by the share of the level that this look has (`Looks`).
 
     Parameters
     ----------
     cells
         One entry for each discretization, at least one of each deciding role.
-    before
-        How many seeds there were at every earlier look.
+    share
+        Of the level, what this look has; by default that of a first look.
 
     Raises
     ------
@@ -120,7 +120,7 @@ def compare_policies(cells: Sequence[PolicyCell], before: Sequence[int] = ()) ->
     for role in ("quarter_step", "reference"):
         if not any(cell.role == role for cell in cells):
             raise ValueError(f"expected a cell with role {role!r}; the claim is decided there")
-    findings = _find(cells, shares_of(MIN_SEEDS, before).exceeds)
+    findings = _find(cells, share)
     outcome, reason = _decide(findings)
     return PolicyComparison(outcome, reason, findings)
 

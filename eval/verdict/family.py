@@ -10,7 +10,7 @@ from ..statistics.family import holm
 from ..statistics.posterior import DRAWS
 from ..statistics.rates import mean_rate
 from .achievability import Achieved
-from .looks import adjust_for_look, shares_of
+from .looks import FIRST_LOOK, Looks, adjust_for_look
 from .loss import INTERVAL_DRAWS, Loss, Rates, p_overfitting_exceeds, p_overfitting_within, split
 from .rules import (
     ALPHA,
@@ -18,7 +18,6 @@ from .rules import (
     FAIL_MARGIN,
     LEARNED,
     MIN_SEEDS,
-    MIN_SEEDS_EQUIVALENCE,
     p_text,
     require_unique,
 )
@@ -84,7 +83,7 @@ class Judgement:
 
 
 def judge_family(
-    comparisons: Sequence[Comparison], before: Sequence[int] = (), *, draws: int = DRAWS
+    comparisons: Sequence[Comparison], looks: Looks = FIRST_LOOK, *, draws: int = DRAWS
 ) -> tuple[Judgement, ...]:
     """Judge a declared family of transfers by overfitting; see `Loss`.
 
@@ -104,19 +103,20 @@ def judge_family(
     what was simulated.
 
     Whoever grows a run until it says something looks more than once. Every look has a share of the
-    level (`shares_of`), by which its p-values are divided after Holm's procedure, so that these
+    level (`Looks`), by which its p-values are divided after Holm's procedure, so that these
     chances hold for all looks together.
 
     Equivalence is hard to show: seeds that all succeed leave room for a tenth that fail, and
     0.9**seeds is the chance to see none of these. With every rate at 1.0, a family of one needs
-    33 seeds at the first look, one of four 46 and one of six 50.
+    33 seeds at the first look, one of four 46 and one of six 50; at the only planned look 30, 44
+    and 47.
 
     Parameters
     ----------
     comparisons
         The family. The error rates hold where it was chosen without a look at the results.
-    before
-        How many seeds there were at every earlier look at its verdicts.
+    looks
+        Earlier looks at its verdicts, and those that were planned.
     draws
         Draws of every test, and of intervals as far as these have as many.
 
@@ -135,7 +135,7 @@ def judge_family(
     exceeds = [p_overfitting_exceeds(rates, FAIL_MARGIN, draws=draws) for rates in tested]
     equivalent = [p_overfitting_within(rates, EQUIVALENCE_MARGIN, draws=draws) for rates in tested]
     untold = [1.0 for mark in marks if mark is not None and mark[0] == "undecided"]
-    shares = [shares_of(len(rates.home), before) for rates in tested]
+    shares = [looks.shares(len(rates.home)) for rates in tested]
     adjusted = [
         [adjust_for_look(p, share) for p, share in zip(holm([*found, *untold]), own, strict=False)]
         for found, own in (
@@ -146,7 +146,9 @@ def judge_family(
     p_values = zip(exceeds, equivalent, *adjusted, strict=True)
     splits = [split(c.rates, draws=min(draws, INTERVAL_DRAWS)) for c in comparisons]
     return tuple(
-        _judge(c, splits[k], next(p_values)) if mark is None else _unjudged(c, splits[k], *mark)
+        _judge(c, splits[k], next(p_values), looks.min_seeds_equivalence)
+        if mark is None
+        else _unjudged(c, splits[k], *mark)
         for k, (c, mark) in enumerate(zip(comparisons, marks, strict=True))
     )
 
@@ -175,7 +177,12 @@ def _unjudged(comparison: Comparison, loss: Loss, verdict: Verdict, reason: str)
     return Judgement(comparison.name, verdict, loss, None, None, None, None, reason)
 
 
-def _judge(comparison: Comparison, loss: Loss, p: tuple[float, float, float, float]) -> Judgement:
+def _judge(
+    comparison: Comparison,
+    loss: Loss,
+    p: tuple[float, float, float, float],
+    min_seeds_equivalence: int,
+) -> Judgement:
     _, _, exceeds, equivalent = p
     rates = comparison.rates
     seeds, change = _seeds(rates), _change(rates, loss)
@@ -194,8 +201,8 @@ def _judge(comparison: Comparison, loss: Loss, p: tuple[float, float, float, flo
             f"{seeds}): {change}."
         )
     else:
-        few = len(rates.home) < MIN_SEEDS_EQUIVALENCE
-        least = f"at least {MIN_SEEDS_EQUIVALENCE} seeds are needed"
+        few = len(rates.home) < min_seeds_equivalence
+        least = f"at least {min_seeds_equivalence} seeds are needed"
         within = least if few else f"adjusted {p_text(equivalent)}"
         reason = (
             f"Overfitting is shown neither to be above {FAIL_MARGIN} (adjusted {p_text(exceeds)}) "

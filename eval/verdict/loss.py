@@ -43,7 +43,7 @@ _ROW_WEIGHTS: Final = (0.25, 0.125, 0.125, 0.125, 0.125, 0.25)
 their difference a quarter at −1, half at 0 and a quarter at 1, as in `paired_posterior`; a quarter
 is won back in the second horizon, which moves total and deadline by as much of their own prior."""
 
-_HOME_SHARE: Final = 0.9
+HOME_SHARE: Final = 0.9
 """Of the level at which overfitting is shown to be small, what is spent on home's side."""
 
 _YARDSTICK_PRIOR: Final = np.array([[0.0, 1.0]])
@@ -183,8 +183,8 @@ def p_overfitting_below(rates: Rates, margin: float, *, draws: int = DRAWS) -> f
     of the level, nine tenths are the first's and one is the second's.
     """
     (home, _, recovered), yardsticks = _against(rates, (1.0, 0.0, 0.0), 1.0, PROVEN, draws)
-    below_home = share(home - recovered >= margin) / _HOME_SHARE
-    below = [share(own - recovered >= margin) / (1.0 - _HOME_SHARE) for own in yardsticks]
+    below_home = share(home - recovered >= margin) / HOME_SHARE
+    below = [share(own - recovered >= margin) / (1.0 - HOME_SHARE) for own in yardsticks]
     return min(1.0, below_home, max(below, default=1.0))
 
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
-from .looks import Shares, shares_of
+from .looks import FIRST_LOOK, Looks, Shares
 from .loss import Rates, p_overfitting_exceeds, p_overfitting_within
 from .rules import EQUIVALENCE_MARGIN, FAIL_MARGIN, MIN_SEEDS
 from .worlds import WORLDS, Draw, measured
@@ -54,7 +54,7 @@ def verdict_chances(
     natives: int,
     starts: int,
     family: int,
-    before: Sequence[int] = (),
+    looks: Looks = FIRST_LOOK,
     *,
     repeats: int = 100,
 ) -> tuple[Power, ...]:
@@ -72,12 +72,12 @@ def verdict_chances(
         Of every seed.
     family
         How many transfers are declared.
-    before
-        How many seeds there were at earlier looks.
+    looks
+        Earlier looks, and those that were planned.
     repeats
         Simulated transfers for each chance.
     """
-    rng, shares = np.random.default_rng(0), shares_of(seeds, before)
+    rng, shares = np.random.default_rng(0), looks.shares(seeds)
 
     def chances(draw: Draw, lost: float) -> tuple[float, float]:
         told = [
@@ -94,22 +94,23 @@ def verdict_chances(
     return tuple(found)
 
 
-def fewest_seeds(family: int, before: Sequence[int] = ()) -> int:
+def fewest_seeds(family: int, looks: Looks = FIRST_LOOK) -> int:
     """With how many seeds, all of which always succeed, every member of a family `transfers`.
 
-    At the look that follows those at ``before`` seeds.
+    At the look that comes next, or at any planned one.
     """
 
     def shown(seeds: int) -> bool:
         rates = Rates(*(np.ones(seeds),) * 3)
-        _, level = shares_of(seeds, before).levels
+        own = Looks((), (seeds,) * len(looks.planned)) if looks.planned else looks
+        _, level = own.shares(seeds).levels
         return p_overfitting_within(rates, EQUIVALENCE_MARGIN, draws=_FINE) < level / family
 
     return _first(MIN_SEEDS, _MOST, shown)
 
 
 def seeds_wanted(
-    rates: Rates, family: int, before: Sequence[int] = (), *, repeats: int = 60
+    rates: Rates, family: int, looks: Looks = FIRST_LOOK, *, repeats: int = 60
 ) -> int | None:
     """How many seeds would decide a transfer, if more were as those that there are.
 
@@ -119,26 +120,35 @@ def seeds_wanted(
         What was measured.
     family
         How many transfers are tested.
-    before
-        How many seeds there were at earlier looks, this one included: that at more seeds is the
-        next.
+    looks
+        Earlier looks, this one included, and those that were planned: of these, one must come.
     repeats
         Resamples of the seeds for each number tried.
 
     Returns
     -------
     The smallest number tried with which four in five resamples get a verdict; None if eight times
-    as many seeds do not suffice: overfitting then lies between the margins, or near one.
+    as many seeds do not suffice: overfitting then lies between the margins, or near one; or if no
+    planned look does.
     """
-    rng, now = np.random.default_rng(0), len(rates.home)
-    seeds = now
-    while seeds < FARTHEST * now:
-        seeds = math.ceil(seeds * _GROWTH)
-        shares = shares_of(seeds, before)
+    rng = np.random.default_rng(0)
+    for seeds in _more_seeds(len(rates.home), looks.planned):
+        shares = looks.shares(seeds)
         told = [_verdicts(_resampled(rng, rates, seeds), shares, family) for _ in range(repeats)]
         if np.mean([any(one) for one in told]) >= WANTED:
             return seeds
     return None
+
+
+def _more_seeds(now: int, planned: Sequence[int]) -> Iterator[int]:
+    """Numbers of seeds to try: those of planned looks, or ever more."""
+    if planned:
+        yield from (seeds for seeds in planned if seeds > now)
+        return
+    seeds = now
+    while seeds < FARTHEST * now:
+        seeds = math.ceil(seeds * _GROWTH)
+        yield seeds
 
 
 def _first(low: int, high: int, holds: Callable[[int], bool]) -> int:

@@ -18,10 +18,6 @@ ALPHA: Final = 0.05
 MIN_SEEDS: Final = 5
 """Training seeds in either group below which nothing is concluded."""
 
-MIN_SEEDS_EQUIVALENCE: Final = 33
-"""Training seeds below which overfitting is not tested to be small: even where all seeds succeed,
-a first look at one transfer shows it with no fewer."""
-
 PASS: Final = 0.5
 """Success rate from which on a row passes in a cell."""
 

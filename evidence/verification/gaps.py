@@ -6,11 +6,13 @@ from collections.abc import Iterator
 from typing import Any
 
 from integ_gym.envs.registries import ENVIRONMENTS
+from integ_gym.support.optional import package_version
 from integ_gym.support.terminal import plural
 
 from ..episodes.decisions import told_setup
+from ..episodes.record import told_json
 from ..schema.arrow import ENV_KEY, VERSION_KEY, described
-from ..schema.errors import Finding
+from ..schema.errors import EvidenceError, Finding
 from ..schema.fields import LATER_ATTEMPT, SCHEMA_VERSION, SECOND_HORIZON
 from ..schema.trace_fields import record_fields
 from ..store.parquet_file import check_schema, read
@@ -57,7 +59,8 @@ _MEANT = ("unit", "frame", "at")
 def other_columns(store: EvidenceStore) -> Iterator[Finding]:
     """Columns of our own environments whose unit, frame or place in time is told otherwise.
 
-    Files of earlier schema versions are left out.
+    Files of earlier schema versions are left out; of records that say that this version of
+    integ-gym made them, an earlier schema version is found.
 
     Raises:
         EvidenceError: for a file that cannot be read.
@@ -65,13 +68,21 @@ def other_columns(store: EvidenceStore) -> Iterator[Finding]:
     for file in store.files():
         schema = check_schema(file)
         told = {key.decode(): value.decode() for key, value in schema.metadata.items()}
-        rows = read(file, columns=["env_id", "arguments", "schema_version"])
+        rows = read(file, columns=["env_id", "arguments", "schema_version", "package_versions"])
         for name, key in (("env_id", ENV_KEY), ("schema_version", VERSION_KEY)):
             said = told.get(key.decode())
             if any(str(value) != said for value in set(rows.column(name).to_pylist())):
                 yield Finding(file.name, None, f"its metadata say {name} {said!r}, its records not")
+        version, own = told[VERSION_KEY.decode()], package_version("integ-gym")
+        made_by = map(_maker, set(rows.column("package_versions").to_pylist()))
+        if version != str(SCHEMA_VERSION) and own in made_by:
+            message = (
+                f"it has schema version {version}, and its records say that integ-gym {own} made "
+                f"them, which writes {SCHEMA_VERSION}"
+            )
+            yield Finding(file.name, None, message)
         env_id = told.get(ENV_KEY.decode(), "")
-        if told[VERSION_KEY.decode()] != str(SCHEMA_VERSION) or env_id not in ENVIRONMENTS:
+        if version != str(SCHEMA_VERSION) or env_id not in ENVIRONMENTS:
             continue
         setup = told_setup(env_id, rows.column("arguments")[0].as_py())
         for field in record_fields(setup.plant, setup.task):
@@ -83,3 +94,11 @@ def other_columns(store: EvidenceStore) -> Iterator[Finding]:
                         f"column {field.name}: {about} is {found.get(about)!r}, not {wanted!r}"
                     )
                     yield Finding(file.name, None, message)
+
+
+def _maker(package_versions: str) -> str | None:
+    """Version of integ-gym that made a record; None where it does not say."""
+    try:
+        return str(told_json("package_versions", package_versions)["integ-gym"])
+    except (EvidenceError, LookupError, TypeError):
+        return None

@@ -35,7 +35,7 @@ from ..episodes.record import (
 )
 from ..schema.description import in_words
 from ..schema.errors import EvidenceError, Finding
-from ..schema.fields import SUMMARY_FIELDS
+from ..schema.fields import SCHEMA_VERSION, SUMMARY_FIELDS
 from .findings import deviation, same
 
 Array = npt.NDArray[Any]
@@ -132,6 +132,8 @@ def _recomputed(record: EvidenceRecord, told: _Told) -> Iterator[Finding]:
             if not same(record.fields["time_to_success"], took, 1e-9):
                 yield told("time_to_success", record.fields["time_to_success"], took)
     elif record.fields["env_id"] in ENVIRONMENTS:
+        if record.fields["success"] is None:
+            yield told("success", None, "true or false")
         horizon = _setup(record.fields).timing.horizon
         if record.fields["length"] > horizon:
             yield told("length", record.fields["length"], horizon)
@@ -200,7 +202,11 @@ def _of_ledger(fields: Any, told: _Told) -> Iterator[Finding]:
     """Energy at the end: that at the start, work and losses in between, and numerical error."""
     if fields["env_id"] not in ENVIRONMENTS:
         return
-    known = [fields[name] for name in ("energy_start", "work_total", "energy_residual_total")]
+    parts = ("energy_start", "work_total", "energy_residual_total")
+    gone = [x for x in (*parts, "energy_end", *_LOSSES) if fields[x] is None]
+    if gone and _keeps_a_ledger(fields):
+        yield from (told(name, None, "a number") for name in gone)
+    known = [fields[name] for name in parts]
     if None in (*known, fields["energy_end"]):
         return
     lost = [fields[name] or 0.0 for name in _LOSSES]
@@ -213,6 +219,12 @@ def _of_ledger(fields: Any, told: _Told) -> Iterator[Finding]:
     least = abs(fields["energy_residual_total"])
     if absolute is None or absolute < least * (1.0 - tolerance):
         yield told("energy_residual_abs_total", absolute, least)
+
+
+def _keeps_a_ledger(fields: Any) -> bool:
+    """Whether every entry is a number: our own engine reports all while the motion is finite."""
+    own = fields["engine"] == NATIVE and fields["schema_version"] == SCHEMA_VERSION
+    return bool(own and fields["solver_status"] != "diverged")
 
 
 def _from_trace(record: EvidenceRecord) -> Iterator[tuple[str, Any, float]]:

@@ -10,7 +10,7 @@ from typing import Final, TextIO
 from integ_gym.eval.panel.answer import next_step
 from integ_gym.eval.panel.model.conclusions import Verdict
 from integ_gym.eval.panel.model.files import FILE_NAME, read_panel
-from integ_gym.eval.panel.model.panel import Panel
+from integ_gym.eval.panel.model.panel import Look, Panel
 from integ_gym.eval.panel.model.part import Estimate
 from integ_gym.eval.panel.power import family_power
 from integ_gym.eval.panel.running.costs.expected_cost import fixed_cost, policy_costs, total_cost
@@ -147,8 +147,14 @@ def print_power(spec: PanelSpec, out: Path | None) -> None:
         else f"`transfers` can be shown: it takes {told.fewest} seeds where all episodes succeed.",
         sys.stdout,
     )
+    if spec.looks:
+        say(
+            f"Looks are planned at {' and '.join(map(str, spec.looks))} seeds and share the level "
+            "of 0.05 equally; at another number of seeds there is no verdict.",
+            sys.stdout,
+        )
     if before:
-        looks = " and ".join(str(seeds) for seeds in before)
+        looks = " and ".join(str(look.seeds) for look in before)
         say(
             f"Verdicts were seen with {looks} seeds before. Looks share the level of 0.05, which "
             "these numbers take into account.",
@@ -158,10 +164,10 @@ def print_power(spec: PanelSpec, out: Path | None) -> None:
         _print_wanted(finished)
 
 
-def _seen_before(spec: PanelSpec, panel: Panel) -> list[int]:
-    """Seeds at looks at other seeds or episodes than these."""
+def _seen_before(spec: PanelSpec, panel: Panel) -> list[Look]:
+    """Looks at other seeds or episodes than these, or in another run."""
     now = (len(spec.seeds), spec.episodes)
-    return [look.seeds for look in panel.looks if (look.seeds, look.episodes) != now]
+    return [look for look in panel.looks if look.adopted or (look.seeds, look.episodes) != now]
 
 
 def _print_wanted(panel: Panel) -> None:

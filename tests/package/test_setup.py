@@ -62,7 +62,7 @@ def test_a_panel_brings_neither_torch_nor_an_engine():
         return found
 
     assert brought("panel") == {
-        "duckdb", "jax", "jinja2", "jsonschema", "matplotlib", "msgspec", "portalocker",
+        "duckdb", "jax", "jinja2", "matplotlib", "msgspec", "portalocker",
         "pyarrow", "safetensors",
         "scipy", "threadpoolctl", "tqdm",
     }  # fmt: skip

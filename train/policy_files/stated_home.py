@@ -58,7 +58,8 @@ def stated_arguments(stated: Stated, env_id: str) -> dict[str, Any]:
             "control_period=… alone where no more is known"
         )
     testbed = testbed_of(env_id, {})
-    period = testbed.control_period or parts["dt"]
+    fixed = testbed.control_period
+    period = parts["dt"] if fixed is None else fixed
     return {"engine": testbed.home.engine, "control_period": period, **parts}
 
 

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from integ_gym.evidence.schema.errors import Finding
+from integ_gym.evidence.schema.fields import SCHEMA_VERSION
 from integ_gym.evidence.store.store import EvidenceStore
 from integ_gym.evidence.verification.sealing import SEAL_FILE
+from integ_gym.support.terminal import plural
 from integ_gym.train.policy_files.reading import read_weights
 from integ_gym.train.policy_files.sidecar import (
     WEIGHTS_FILE,
@@ -18,13 +21,14 @@ from integ_gym.train.policy_files.sidecar import (
 )
 
 from ..existing.policy import hashes_of
-from ..model.files import FILE_NAME
+from ..model.files import FILE_NAME, read_panel
 from ..running.evaluation.achievability import unit_of_cell
 from ..running.evaluation.units import Evaluated, evaluated
 from ..running.run_directory import (
     MANIFEST,
     RunDirectory,
     first_of,
+    package_versions,
     read_manifest,
 )
 from ..running.units import Unit, is_card_of, trained_units
@@ -44,6 +48,11 @@ _EVALUATED = """
 SELECT policy_id, cell, count(DISTINCT episode_index) AS present, min(episode_index) AS first,
        max(episode_index) AS last, count(*) AS records
 FROM records WHERE phase = 'evaluation' GROUP BY ALL ORDER BY policy_id, cell
+"""
+
+_EARLIER = f"""
+SELECT schema_version, count(*) AS records FROM records
+WHERE schema_version < {SCHEMA_VERSION} GROUP BY ALL ORDER BY schema_version
 """
 
 _WHOSE = """
@@ -83,9 +92,11 @@ def planned(path: Path, own_code: bool, all_searches: bool = False) -> Iterator[
     versions = manifest["versions"]
     training = Trained(spec, versions, store, can_load)
     given = "policy" in plan
+    is_present = _is_of_this_version(directory, versions)
     parts = (
         of_files(directory),
-        _of_looks(directory, spec),
+        _of_looks(directory, spec, is_present),
+        _of_schema(store) if is_present else iter(()),
         _missing(directory, found, spec, policies) if can_load else iter(()),
         _of_policies(directory, found, policies, units, training),
         _of_records(directory, found, spec),
@@ -122,9 +133,36 @@ class _Sound(RunDirectory):
         return self.readable_markers(prefix)[0]
 
 
-def _of_looks(directory: RunDirectory, spec: PanelSpec) -> Iterator[Finding]:
-    """Looks at verdicts on more seeds than are planned, or on episodes that came at no time."""
-    looks = directory.looks()
+def _is_of_this_version(directory: RunDirectory, versions: Mapping[str, str]) -> bool:
+    """Whether manifest or page says that this version made the run."""
+    own = "integ-gym"
+    if versions.get(own) == package_versions()[own]:
+        return True
+    with suppress(ValueError):
+        read_panel(directory.path / FILE_NAME)  # which reads no other schema
+        return True
+    return False
+
+
+def _of_schema(store: EvidenceStore) -> Iterator[Finding]:
+    """Records of an earlier schema, which less is asked of, in a run of this version."""
+    for row in store.query(_EARLIER).to_pylist():
+        message = (
+            f"{plural(row['records'], 'record')} of schema version {row['schema_version']} in a "
+            f"run of the version that writes {SCHEMA_VERSION}"
+        )
+        yield Finding("evidence", None, message)
+
+
+def _of_looks(directory: RunDirectory, spec: PanelSpec, is_present: bool) -> Iterator[Finding]:
+    """Looks that are gone, or at more seeds than are planned, or at episodes that came at no time.
+
+    Looks in a run whose policies were taken are that run's.
+    """
+    for unit in directory.lost_looks(is_present):
+        message = f"`looks` are not those after which unit {unit} says that it was finished"
+        yield Finding(MANIFEST, None, message)
+    looks = [look for look in directory.looks() if look.spent is None]
     seeds, episodes = [look.seeds for look in looks], [look.episodes for look in looks]
     if any(count > max(1, len(spec.seeds)) for count in seeds):
         said = f"`looks` is on {seeds} seeds"
@@ -137,7 +175,7 @@ def _of_looks(directory: RunDirectory, spec: PanelSpec) -> Iterator[Finding]:
 
 def is_finished(directory: RunDirectory, spec: PanelSpec) -> bool:
     """Whether all that is planned must be there: it was sealed, or verdicts on it were seen."""
-    seen = [(look.seeds, look.episodes) for look in directory.looks()]
+    seen = [(look.seeds, look.episodes) for look in directory.looks() if look.spent is None]
     return (directory.path / SEAL_FILE).exists() or (len(spec.seeds), spec.episodes) in seen
 
 
@@ -150,9 +188,6 @@ def _missing(
     """Units of a finished run that its plan has, and of which nothing is left."""
     if not is_finished(directory, spec):
         return
-    for unit in directory.lost_looks():
-        message = f"`looks` lacks looks at verdicts after which unit {unit} was finished"
-        yield Finding(MANIFEST, None, message)
     units = directory.markers("")
     for policy, own in policies.items():
         if own.seed is not None and f"train-{policy}" not in units:

@@ -59,6 +59,7 @@ class Look(Part, frozen=True, kw_only=True):
         natives: declared transfers whose cell had policies trained in it.
         level_exceeds: level of "overfitting > 0.2", and of comparisons of two rows.
         level_equivalent: level of "overfitting within ±0.1".
+        adopted: whether it was in another run, whose policies were taken.
     """
 
     seeds: int
@@ -66,6 +67,7 @@ class Look(Part, frozen=True, kw_only=True):
     natives: int
     level_exceeds: float
     level_equivalent: float
+    adopted: bool = False
 
 
 class Group(NamedTuple):

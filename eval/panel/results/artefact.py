@@ -142,12 +142,12 @@ def _wanted(
     tested = sum(judgement.verdict not in WITHOUT_VERDICT for judgement in judgements)
     rates = layout.rates(matrix, *layout.family[place])
     assert rates is not None
-    return seeds_wanted(rates, tested, [look.seeds for look in layout.looks])
+    return seeds_wanted(rates, tested, layout.looked)
 
 
 def _judge(layout: PanelLayout, matrix: Matrix) -> tuple[Judgement, ...]:
     comparisons = [layout.comparison(matrix, row, cell) for row, cell in layout.family]
-    return judge_family(comparisons, layout.looked_before) if comparisons else ()
+    return judge_family(comparisons, layout.looks_before) if comparisons else ()
 
 
 def _compare(layout: PanelLayout, matrix: Matrix, a: str, b: str) -> PolicyComparison:
@@ -167,7 +167,7 @@ def _compare(layout: PanelLayout, matrix: Matrix, a: str, b: str) -> PolicyCompa
         if role == "quarter_step" and (place.engine, place.integrator) not in own:
             role = None
         cells.append(PolicyCell(name, matrix.rates(a, name), matrix.rates(b, name), role))
-    return build(PolicyComparison, a=a, b=b, **vars(compare_policies(cells, layout.looked_before)))
+    return build(PolicyComparison, a=a, b=b, **vars(compare_policies(cells, layout.share)))
 
 
 def _row(

@@ -5,17 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-import msgspec
-
 from ...verdict.achievability import UNSOLVABLE, Achieved, Attempt
 from ...verdict.family import Comparison
-from ...verdict.looks import shares_of
+from ...verdict.looks import FIRST_SHARE, Looks
 from ...verdict.loss import Loss, Rates, split
 from ..model.matrix import AppliedDiscretization
 from ..model.panel import Look
-from ..model.part import build
 from ..running.evaluation.achievability import Tried
-from ..running.run_directory import Seen
+from ..running.run_directory import Seen, looks_before, spent_by
 from ..specification.cells.cell import Cell
 from ..specification.panel_spec import PanelSpec
 from .matrix import Matrix, Row
@@ -33,6 +30,7 @@ class PanelLayout:
         family: declared comparisons (row, cell).
         compare: declared pairs of rows.
         looks: every look at the verdicts so far, this one included.
+        looks_before: those before this one, and those that were planned.
         tried: what a hand-made controller and a search reach, by cell.
         applied: what the cells' environments really did, by cell.
     """
@@ -44,6 +42,7 @@ class PanelLayout:
     family: Sequence[tuple[str, str]] = ()
     compare: Sequence[tuple[str, str]] = ()
     looks: tuple[Look, ...] = ()
+    looks_before: Looks = field(default_factory=Looks)
     tried: Mapping[str, Tried] = field(default_factory=dict)
     applied: Mapping[str, AppliedDiscretization] = field(default_factory=dict)
 
@@ -66,15 +65,23 @@ class PanelLayout:
             reference=next((c.name for c in every if c.kind == "reference"), None),
             family=spec.family,
             compare=spec.compare,
-            looks=looks_of(looks),
+            looks=_looks(looks, spec.looks),
+            looks_before=looks_before(looks[:-1], spec.looks)[-1],
             tried=tried,
             applied=applied,
         )
 
     @property
-    def looked_before(self) -> tuple[int, ...]:
-        """Seeds at the looks before this one."""
-        return tuple(look.seeds for look in self.looks[:-1])
+    def looked(self) -> Looks:
+        """All looks so far, this one included."""
+        return self.looks_before.then(self.looks[-1].seeds) if self.looks else self.looks_before
+
+    @property
+    def share(self) -> float:
+        """Of the level, what this look has for comparisons of two rows."""
+        if not self.looks:
+            return FIRST_SHARE
+        return self.looks_before.shares(self.looks[-1].seeds).exceeds
 
     def native(self, cell: str) -> str | None:
         """The row that was trained in a cell alone, if there is one."""
@@ -142,11 +149,16 @@ class PanelLayout:
         return self.tried.get(cell, Tried())
 
 
-def looks_of(seen: Sequence[Seen]) -> tuple[Look, ...]:
+def _looks(seen: Sequence[Seen], planned: Sequence[int]) -> tuple[Look, ...]:
     """Looks with the levels that they spend, from what there was at each."""
-    seeds = [look.seeds for look in seen]
-    levels = [shares_of(count, seeds[:k]).levels for k, count in enumerate(seeds)]
     return tuple(
-        build(Look, **msgspec.structs.asdict(look), level_exceeds=exceeds, level_equivalent=within)
-        for look, (exceeds, within) in zip(seen, levels, strict=True)
+        Look(
+            seeds=look.seeds,
+            episodes=look.episodes,
+            natives=look.natives,
+            level_exceeds=own.levels[0],
+            level_equivalent=own.levels[1],
+            adopted=look.spent is not None,
+        )
+        for look, own in zip(seen, spent_by(seen, planned), strict=True)
     )

@@ -158,6 +158,13 @@ def _looks(layout: PanelLayout) -> dict[str, Any]:
 
 def look_warnings(layout: PanelLayout) -> Iterator[str]:
     """That what is concluded was seen before, with fewer seeds or starts."""
+    planned = layout.looks_before.planned
+    if planned and layout.looks and layout.looks[-1].seeds not in planned:
+        yield (
+            f"This look at {plural(layout.looks[-1].seeds, 'seed')} was not planned: the "
+            f"specification's `looks` are at {', '.join(map(str, planned))} seeds, which have the "
+            "whole level. So it gives no verdict."
+        )
     if len(layout.looks) < 2:
         return
     before, now = layout.looks[-2:]
@@ -166,14 +173,17 @@ def look_warnings(layout: PanelLayout) -> Iterator[str]:
         yield (
             f"These results were seen before, the last time on {plural(before.episodes, 'start')}: "
             f"this is look {number}. Looks share the level of {ALPHA}, so p-values are multiplied "
-            f"by {1.0 / share_of_look(number):.0f} here."
+            f"by {1.0 / share_of_look(number):.0f} here. What is called practically equal goes by "
+            "95 % intervals, which are not adjusted for looks: it is no verdict."
         )
     if not (layout.family or layout.compare):
         return
     seen = f"{plural(before.seeds, 'seed')} of {plural(before.episodes, 'start')}"
+    if before.adopted:
+        seen += " in the run whose policies were taken"
     levels = {"fails": now.level_exceeds, "transfers": now.level_equivalent}
     told = (
-        f"{level:.2g} to `{verdict}`" if level else f"nothing to `{verdict}`, with too few seeds"
+        f"{level:.2g} to `{verdict}`" if level else f"nothing to `{verdict}`"
         for verdict, level in levels.items()
     )
     yield (

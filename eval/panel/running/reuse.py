@@ -41,15 +41,17 @@ def finished_policies(path: Path, spec: PanelSpec) -> RunDirectory:
 
 
 def bring(source: RunDirectory, directory: RunDirectory, spec: PanelSpec) -> None:
-    """Copy every policy that is not there yet; its marker comes last.
+    """Copy every policy that is not there yet, and the looks at it; its marker comes last.
 
     Args:
         source: what :func:`finished_policies` found.
         directory: held by the caller.
         spec: the panel that wants them.
     """
-    for unit in trained_units(spec):
-        if not is_there(spec, directory, unit):
+    missing = [unit for unit in trained_units(spec) if not is_there(spec, directory, unit)]
+    if missing:
+        directory.inherit_looks(source)
+        for unit in missing:
             directory.discard_remains(unit.training)
             directory.adopt_policy(source, unit.policy)
             directory.adopt(source, unit.training)

@@ -34,6 +34,7 @@ from integ_gym.support.files import (
 from integ_gym.support.optional import installed_versions
 from integ_gym.support.storage import LOCK, Busy, Storage
 
+from ...verdict.looks import Looks, Shares
 from ..specification.difference import GROWING, additions, contradictions
 
 MANIFEST = "run.json"
@@ -54,7 +55,7 @@ ADOPTED = "adopted"
 """Of a marker: true where another run did the unit, whose time is not this run's."""
 
 AFTER = "after"
-"""Of a marker: hash of the looks at verdicts that there had been; not there before the first."""
+"""Of a marker: hash of the looks at verdicts that there had been, of none too."""
 
 FIRST = "first"
 """Of a marker: the first episode of what was evaluated or tried."""
@@ -84,18 +85,43 @@ def package_versions() -> dict[str, str]:
     return installed_versions(PACKAGES)
 
 
-class Seen(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class Seen(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """What there was at a look at verdicts.
 
     Attributes:
         seeds: training seeds of the rows that the family names.
         episodes: starts of each.
         natives: declared transfers whose cell had policies trained in it.
+        spent: of a look in another run, whose policies were taken: shares of the level that it
+            spent there, on "overfitting > 0.2" and on "overfitting within ±0.1".
     """
 
     seeds: int
     episodes: int
     natives: int
+    spent: tuple[float, float] | None = None
+
+
+def spent_by(seen: Sequence[Seen], planned: Sequence[int]) -> list[Shares]:
+    """Shares of the level that every look of a run spends.
+
+    Args:
+        seen: what there was at each, in order.
+        planned: seeds at the looks that were planned.
+    """
+    before = looks_before(seen, planned)
+    return [
+        one.shares(look.seeds) if look.spent is None else Shares(*look.spent)
+        for one, look in zip(before, seen, strict=False)
+    ]
+
+
+def looks_before(seen: Sequence[Seen], planned: Sequence[int]) -> list[Looks]:
+    """The looks before every look of a run, and before the next."""
+    found = [Looks((), tuple(planned))]
+    for look in seen:
+        found.append(found[-1].then(look.seeds if look.spent is None else Shares(*look.spent)))
+    return found
 
 
 class RunDirectory:
@@ -194,7 +220,7 @@ class RunDirectory:
     def moved(self, folder: Path) -> RunDirectory:
         """The same in another folder, which is new: what is done there is put here afterwards."""
         there = RunDirectory(folder, self._specification, self._engines)
-        there.looks_before = self.looks_before
+        there.looks_before = self._looks_so_far()
         there.make_folders()
         return there
 
@@ -233,19 +259,39 @@ class RunDirectory:
         """Note that verdicts are about to be seen, unless they were seen on the same."""
         looks = self.looks()
         if not looks or looks[-1] != seen:
-            self.note(**{_LOOKS: msgspec.to_builtins([*looks, seen])})
+            self._note_looks([*looks, seen])
+
+    def inherit_looks(self, source: RunDirectory) -> None:
+        """Note the looks of a run whose policies are taken from there, with what they spent."""
+        seen = source.looks()
+        planned = source.manifest()["specification"].get("looks", [])
+        spent = [(one.exceeds, one.equivalent) for one in spent_by(seen, planned)]
+        theirs = [msgspec.structs.replace(one, spent=x) for one, x in zip(seen, spent, strict=True)]
+        known = self.looks()
+        self._note_looks([*known, *(one for one in theirs if one not in known)])
+
+    def _note_looks(self, looks: Sequence[Seen]) -> None:
+        if looks:
+            self.note(**{_LOOKS: msgspec.to_builtins(looks)})
 
     def looks(self) -> list[Seen]:
         """What there was at every look at verdicts, in order."""
         return _looks_in(self.manifest())
 
-    def lost_looks(self) -> Iterator[str]:
-        """Units that were finished after looks at verdicts which ``run.json`` does not tell."""
+    def lost_looks(self, all_say: bool = True) -> Iterator[str]:
+        """Units that were finished after other looks than ``run.json`` tells.
+
+        Args:
+            all_say: whether every unit must say after which; those of earlier versions do not.
+        """
         looks = self.noted_looks()
-        known = {hash_of_looks(looks[:count]) for count in range(1, len(looks) + 1)}
+        known = {hash_of_looks(looks[:count]) for count in range(len(looks) + 1)}
         for unit, held in self.readable_markers("")[0].items():
-            if held.get(AFTER) not in (None, *known):
+            if held.get(AFTER) not in known and (all_say or AFTER in held):
                 yield unit
+
+    def _looks_so_far(self) -> list[Any]:
+        return self.noted_looks() if self.looks_before is None else self.looks_before
 
     def noted_looks(self) -> list[Any]:
         """The looks at verdicts that ``run.json`` tells, in order."""
@@ -455,12 +501,13 @@ class RunDirectory:
         """
         end = time.time()
         share = end - start if seconds is None else seconds
-        looks = self.noted_looks() if self.looks_before is None else self.looks_before
-        after = {AFTER: hash_of_looks(looks)} if looks else {}
+        looks = self._looks_so_far()
         times = {"start": round(start, 3), "end": round(end, 3), "seconds": round(share, 3)}
         expected = dict.fromkeys({RECORDS} & _noted(unit).keys())
         found = {RECORDS: file_hash(self._records(unit))} if self.has_records(unit) else expected
-        write_json(self._marker(unit), {"key": key, **times, **found, **after, **facts})
+        write_json(
+            self._marker(unit), {"key": key, **times, **found, AFTER: hash_of_looks(looks), **facts}
+        )
 
     def adopt_policy(self, other: RunDirectory, policy: str) -> None:
         """Take a policy's files from another directory, file by file, each in one step."""
@@ -472,11 +519,17 @@ class RunDirectory:
             replace_file(self.policies / policy / name, file.read_bytes())
 
     def adopt(self, other: RunDirectory, unit: str) -> None:
-        """Take a finished unit's records, and then its marker, from another directory."""
+        """Take a finished unit's records, and then its marker, from another directory.
+
+        Its policy was looked at as often as this run's looks say by now.
+        """
         if other.has_records(unit):
             replace_file(self._records(unit), other._records(unit).read_bytes())
-        held = {k: x for k, x in _read_marker(other._marker(unit)).items() if k != AFTER}
-        write_json(self._marker(unit), {**held, ADOPTED: True})
+        after = hash_of_looks(self.noted_looks())
+        write_json(
+            self._marker(unit),
+            {**_read_marker(other._marker(unit)), AFTER: after, ADOPTED: True},
+        )
 
     def seconds(self, units: Iterable[str]) -> float:
         """Time that this run spent on finished units, added up, s."""
@@ -560,7 +613,7 @@ def read_manifest(path: Path) -> dict[str, Any]:
         if all(type(count) is int for count in held[_LOOKS]):
             raise RunDirectoryError(
                 f"{path} keeps looks at verdicts as an earlier version did; go on with the version "
-                "that wrote it, or give another directory with --out and --policies"
+                "that wrote it, or give another directory with --out"
             ) from None
         raise RunDirectoryError(f"{path} is damaged at {_LOOKS!r}: {error}; {remedy}") from None
     return held

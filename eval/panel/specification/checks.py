@@ -8,6 +8,7 @@ from typing import Any
 from integ_gym.envs.settings import DISCRETIZATION, Discretization
 from integ_gym.train.algorithms import ALGORITHMS
 
+from ...verdict.rules import MIN_SEEDS
 from .cells.cell import environments_of, file_name
 from .panel_spec import ALGORITHM, STARTS_APART, TRAINERS, PanelSpec
 from .values import SpecError, check_known, check_unique
@@ -30,6 +31,7 @@ def check_parts(spec: PanelSpec) -> None:
         value = getattr(spec, name)
         if value is not None and value < 1:
             raise SpecError(f"`{name}` must be 1 or above, got {value}")
+    _check_looks(spec)
     named: dict[str, Sequence[Any]] = {
         "seeds": spec.seeds,
         "train": [home.name for home in spec.train],
@@ -73,6 +75,18 @@ def check_parts(spec: PanelSpec) -> None:
         for name in pair:
             check_known("training discretization in `compare`", name, homes)
         _check_comparison(spec, pair)
+
+
+def _check_looks(spec: PanelSpec) -> None:
+    """Planned looks must be at ever more seeds, with each of which something is tested."""
+    if (
+        list(spec.looks) != sorted(set(spec.looks))
+        or min(spec.looks, default=MIN_SEEDS) < MIN_SEEDS
+    ):
+        raise SpecError(
+            f"`looks` must hold numbers of seeds from {MIN_SEEDS} on, each above the one before, "
+            f"got {list(spec.looks)}; with `looks = [{len(spec.seeds)}]` all is spent on one look"
+        )
 
 
 def _check_algorithm(spec: PanelSpec) -> None:

@@ -15,7 +15,7 @@ STAGES: Final = (4, 12)
 
 FREE: Final = (
     *("question", "seeds", "exploratory_seeds", "train", "grid", "perturbations", "sweeps"),
-    *("baselines", "family", "compare", "ladder", "sources"),
+    *("baselines", "family", "compare", "looks", "ladder", "sources"),
 )
 """Parts of a specification that no record of a policy in a cell depends on."""
 

@@ -45,7 +45,7 @@ ALGORITHM = "algorithm"
 _NO_RESULT = ("memory_gib", "left_out")
 """Attributes that change no result."""
 
-_LATER = ("sweeps", "episode_parts")
+_LATER = ("sweeps", "episode_parts", "looks")
 """Attributes that are told where there is something to tell; specifications of before lack them."""
 
 
@@ -75,6 +75,8 @@ class PanelSpec:
     """Declared comparisons: (training discretization or mixture, cell)."""
     compare: tuple[tuple[str, str], ...] = ()
     """Pairs of the same whose policies are compared under refinement."""
+    looks: tuple[int, ...] = ()
+    """Seeds at the planned looks at verdicts, which share the level; empty: none is planned."""
     ladder: bool = True
     """Also refine each policy's own discretization with the control period following dt."""
     episodes: int = 20

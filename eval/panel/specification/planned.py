@@ -42,6 +42,7 @@ class _Plan(msgspec.Struct, kw_only=True):
     sweeps: list[Sweep] = []
     family: list[tuple[str, str]]
     compare: list[tuple[str, str]]
+    looks: list[int] = []
     ladder: bool
     episodes: int
     episode_parts: list[int] = []

@@ -52,6 +52,7 @@ _VALUES: dict[str, Callable[[str, Any], Any]] = {
 
 _LISTS: dict[str, Callable[[str, Any], Any]] = {
     "seeds": integer,
+    "looks": integer,
     "baselines": text,
     "family": pair_of,
     "compare": pair_of,

@@ -11,16 +11,18 @@ import pytest
 from engine_cases import needs
 
 import integ_gym
-from integ_gym.envs.foreign import SURVIVAL
+from integ_gym.envs.foreign import SURVIVAL, Repeated
 from integ_gym.envs.settings import Discretization
 from integ_gym.envs.testbeds.gym_testbed import CLASSIC
 from integ_gym.envs.testbeds.interface import Applied
+from integ_gym.envs.testbeds.jax_tasks import BraxTask, Playground
 from integ_gym.envs.testbeds.making import (
     IntegTestbed,
     make_checked,
     make_training_environments,
     testbed_of,
 )
+from integ_gym.envs.testbeds.remote import RemoteTestbed
 
 TASK = "InvertedPendulum-v5"
 EVERY = (*integ_gym.ENVIRONMENTS, *CLASSIC, TASK)
@@ -363,3 +365,42 @@ def test_acrobot_that_swings_up_succeeds_and_one_that_hangs_does_not():
         assert bool(info["success"][0]) is expected
         assert bool(terminated[0]) is swings
         environments.close()
+
+
+@pytest.mark.parametrize("kind", [BraxTask, Playground, RemoteTestbed])
+def test_a_control_period_of_zero_is_refused_and_not_taken_for_none(kind):
+    """Needs no library: it is refused before any task is made."""
+    testbed = object.__new__(kind)
+    with pytest.raises(ValueError, match="`control_period`=0 s is not a whole multiple of `dt`"):
+        testbed.build(Discretization("euler", 0.01, 0.0))
+
+
+def test_the_last_reward_of_an_episode_adds_less_than_one_step_to_a_rate():
+    """As docs/how-to/testbeds.md has it."""
+    returns = []
+    for count in (1, 4):
+        env = Repeated(_Paying(200 * count), count, "rate")
+        env.reset()
+        ended, total = False, 0.0
+        while not ended:
+            _, reward, _, ended, _ = env.step(0)
+            total += reward
+        returns.append(total)
+    assert returns == [-200.0, -200.75]
+
+
+class _Paying(gym.Env):
+    """Pays -1 for each of so many steps."""
+
+    observation_space = gym.spaces.Discrete(1)
+    action_space = gym.spaces.Discrete(1)
+
+    def __init__(self, steps):
+        self.left = steps
+
+    def step(self, action):
+        self.left -= 1
+        return 0, -1.0, False, self.left == 0, {}
+
+    def reset(self, *, seed=None, options=None):
+        return 0, {}

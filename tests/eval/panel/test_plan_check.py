@@ -13,8 +13,11 @@ import pytest
 from forgery import make_fit
 
 from integ_gym.cli import main
-from integ_gym.eval.panel.running.run_directory import RunDirectory
+from integ_gym.eval.panel.running.run_directory import RunDirectory, Seen, hash_of_looks, spent_by
+from integ_gym.eval.verdict.looks import Shares
+from integ_gym.evidence.schema.arrow import VERSION_KEY
 from integ_gym.evidence.schema.content_hash import with_hashes
+from integ_gym.evidence.schema.fields import SUMMARY_FIELDS
 from integ_gym.evidence.verification.sealing import seal
 from integ_gym.train.policy_files.own_hash import card_hash, hashed
 
@@ -224,13 +227,90 @@ def test_a_unit_that_is_gone_with_its_marker_and_file_is_named(run, capsys):
     assert main(["report", str(run)]) == 2
 
 
+@pytest.mark.parametrize("version", [1, 2, 3])
+def test_records_of_an_earlier_schema_are_no_way_round_what_is_asked_now(run, version, capsys):
+    """Earlier versions kept less, so that less is asked of them: the run is not one of theirs."""
+    for file in run.glob("evidence/*.parquet"):
+        table = pq.read_table(file)
+        table = table.drop_columns([x.name for x in SUMMARY_FIELDS if x.since > version])
+        for name, value in (
+            ("schema_version", version),
+            ("package_versions", json.dumps({"integ-gym": "0.9.0"})),
+        ):
+            place = table.schema.get_field_index(name)
+            values = pa.array([value] * table.num_rows, table.schema.field(place).type)
+            table = table.set_column(place, table.schema.field(place), values)
+        told = table.schema.metadata | {VERSION_KEY: str(version).encode()}
+        pq.write_table(with_hashes(table.replace_schema_metadata(told)), file)
+    make_fit(run, panel=False)
+    seal(run)
+    words = f"records of schema version {version} in a run of the version that writes 4"
+    assert main(["evidence", "verify", str(run), "--depth", "sealed"]) == 1
+    assert words in capsys.readouterr().out
+    manifest = run / "run.json"
+    held = json.loads(manifest.read_text())
+    held["versions"]["integ-gym"] = "0.9.0"  # the page tells
+    manifest.write_text(json.dumps(held))
+    seal(run)
+    assert main(["evidence", "verify", str(run), "--depth", "sealed"]) == 1
+    assert words in capsys.readouterr().out
+
+
+def test_no_look_is_dropped_by_units_that_do_not_say_after_which_they_were_finished(run, capsys):
+    """Nor does it help that all of them are silent."""
+    assert main(["evidence", "verify", str(run), "--depth", "sealed"]) == 0
+    for marker in run.glob("units/*.json"):
+        held = json.loads(marker.read_text())
+        del held["after"]
+        marker.write_text(json.dumps(held))
+    seal(run)
+    assert main(["evidence", "verify", str(run), "--depth", "sealed"]) == 1
+    assert capsys.readouterr().out.count("`looks` are not those after which unit") > 3
+    assert main(["report", str(run)]) == 2
+
+
+def test_a_panel_with_policies_of_another_inherits_its_looks(run, panel_directory, tmp_path):
+    """Whoever looks at policies again pays for the looks of before."""
+    other = tmp_path / "other"
+    assert _panel(other, panel_directory, "--policies", str(run)) == 0
+    seen = json.loads((run / "run.json").read_text())["looks"]
+    (before, now) = json.loads((other / "run.json").read_text())["looks"]
+    assert [{k: x for k, x in before.items() if k != "spent"}] == seen == [now]
+    looks = json.loads((other / "panel.json").read_text())["looks"]
+    assert [look["adopted"] for look in looks] == [True, False]
+    assert main(["evidence", "verify", str(other), "--depth", "sealed"]) == 0
+    assert _panel(other, panel_directory, "--policies", str(run)) == 0
+    assert json.loads((other / "run.json").read_text())["looks"] == [before, now]
+    RunDirectory(other, {}).note(looks=[now])
+    seal(other)
+    assert main(["evidence", "verify", str(other), "--depth", "sealed"]) == 1
+
+
+def test_what_looks_spent_goes_with_their_policies(tmp_path):
+    """Whatever rule they were spent by: here the one planned look."""
+    runs = [RunDirectory(tmp_path / name, {"looks": [33]}) for name in ("one", "two", "three")]
+    for directory in runs:
+        directory.make_folders()
+        plan = {"specification": {"looks": [33]}, "versions": {}}
+        (directory.path / "run.json").write_text(json.dumps(plan))
+    one, two, three = runs
+    one.record_look(Seen(33, 20, 0))
+    two.inherit_looks(one)
+    two.inherit_looks(one)
+    assert two.looks() == [Seen(33, 20, 0, (1.0, 1.0))]
+    two.record_look(Seen(33, 20, 0))
+    assert spent_by(two.looks(), [33]) == [Shares(1.0, 1.0), Shares(0.0, 0.0)]
+    three.inherit_looks(two)
+    assert three.looks() == [Seen(33, 20, 0, (1.0, 1.0)), Seen(33, 20, 0, (0.0, 0.0))]
+
+
 def test_a_look_that_is_dropped_is_named(run, capsys):
     """Units that are finished after a look say so."""
     (marker,) = run.glob("units/evaluate-random*.json")
     held = json.loads(marker.read_text())
-    assert "after" not in held, "this was before the first look"
+    assert held["after"] == hash_of_looks([]), "this was before the first look"
     directory = RunDirectory(run, {})
-    looks = [{"seeds": seeds, "episodes": 2, "natives": 0} for seeds in (1, 2)]
+    looks = [{"seeds": seeds, "episodes": 3, "natives": 0} for seeds in (1, 2)]
     directory.note(looks=looks)
     directory.finish("train-late", "key", 0.0, policy="p")
     late = json.loads((run / "units" / "train-late.json").read_text())
@@ -242,7 +322,7 @@ def test_a_look_that_is_dropped_is_named(run, capsys):
     seal(run)
     assert main(["evidence", "verify", str(run), "--depth", "sealed"]) == 1
     told = capsys.readouterr().out
-    assert f"run.json: `looks` lacks looks at verdicts after which unit {marker.stem} was" in told
+    assert f"run.json: `looks` are not those after which unit {marker.stem} says" in told
 
 
 def _column(phase, name, value):

@@ -10,29 +10,38 @@ from scipy.stats import binom
 
 from integ_gym.eval.verdict.achievability import Achieved
 from integ_gym.eval.verdict.family import Comparison, Judgement, judge_family
-from integ_gym.eval.verdict.looks import adjust_for_look, share_of_look, shares_of
-from integ_gym.eval.verdict.loss import Rates
+from integ_gym.eval.verdict.looks import (
+    FIRST_SHARE,
+    Looks,
+    Shares,
+    adjust_for_look,
+    fewest_for_equivalence,
+    share_of_look,
+)
+from integ_gym.eval.verdict.loss import Rates, p_overfitting_within
 from integ_gym.eval.verdict.power import fewest_seeds, seeds_wanted, verdict_chances
 
 SOLVED = Achieved("achievable", "It is solved.")
 
 
-def _judged(seeds: int, lost: int, before: tuple[int, ...]) -> Judgement:
+def _judged(
+    seeds: int, lost: int, before: tuple[int, ...], planned: tuple[int, ...] = ()
+) -> Judgement:
     """So many seeds of which some always fail elsewhere, and all others always succeed."""
     there = np.r_[np.zeros(lost), np.ones(seeds - lost)]
     rates = Rates(np.ones(seeds), there, there, np.ones(seeds), np.ones(100))
-    (judged,) = judge_family([Comparison("x", rates, SOLVED)], before, draws=20_000)
+    (judged,) = judge_family([Comparison("x", rates, SOLVED)], Looks(before, planned), draws=20_000)
     return judged
 
 
-def _wrong(looks: tuple[int, ...]) -> float:
+def _wrong(looks: tuple[int, ...], planned: tuple[int, ...] = ()) -> float:
     """Chance of `transfers` at any look where one seed in ten is lost, exactly."""
     chances, before, total = np.array([1.0]), 0, 0.0
     for place, seeds in enumerate(looks):
         added = binom.pmf(np.arange(seeds - before + 1), seeds - before, 0.1)
         chances, before = np.convolve(chances, added), seeds
         for lost in range(seeds + 1):
-            if _judged(seeds, lost, looks[:place]).verdict != "transfers":
+            if _judged(seeds, lost, looks[:place], planned).verdict != "transfers":
                 break
             total += float(chances[lost])
             chances[lost] = 0.0
@@ -53,6 +62,21 @@ def test_a_wrong_verdict_at_any_look_is_as_rare_as_at_one(looks, chance):
     assert _wrong(looks) == pytest.approx(chance, abs=0.006)
 
 
+@pytest.mark.parametrize(
+    ("looks", "planned", "chance"),
+    [
+        ((42,), (42,), 0.012),
+        ((31,), (31,), 0.038),
+        ((42, 52, 64), (42,), 0.012),
+        ((42, 52), (42, 52), 0.012),
+        ((30, 42, 52, 64), (30, 42, 52, 64), 0.011),
+    ],
+)
+def test_a_wrong_verdict_at_any_planned_look_is_rare(looks, planned, chance):
+    assert _wrong(looks, planned) == pytest.approx(chance, abs=0.008)
+    assert _wrong(looks, planned) < 0.05
+
+
 def test_all_looks_together_have_the_level():
     shares = [share_of_look(number) for number in range(1, 40)]
     assert shares[:3] == [0.75, 0.125, 0.0625]
@@ -61,13 +85,54 @@ def test_all_looks_together_have_the_level():
 
 
 def test_a_look_spends_nothing_on_a_test_that_is_not_made():
-    first = shares_of(42)
-    assert (first.exceeds, first.equivalent) == (0.75, 0.75)
-    assert shares_of(42, (4, 3)) == first
-    assert shares_of(42, (10, 32)).equivalent == first.equivalent
-    assert shares_of(42, (10, 32)).exceeds == share_of_look(3)
-    assert (shares_of(32).exceeds, shares_of(32).equivalent) == (0.75, 0.0)
-    assert shares_of(4).levels == (0.0, 0.0)
+    first = Looks().shares(42)
+    assert first == Shares(0.75, 0.75)
+    assert Looks((4, 3)).shares(42) == first
+    assert Looks((10, 32)).shares(42).equivalent == first.equivalent
+    assert Looks((10, 32)).shares(42).exceeds == share_of_look(3)
+    assert Looks().shares(32) == Shares(0.75, 0.0)
+    assert Looks().shares(4).levels == (0.0, 0.0)
+
+
+def test_planned_looks_share_the_whole_level_and_others_have_none():
+    alone = Looks(planned=(42,))
+    assert alone.shares(42) == Shares(1.0, 1.0)
+    assert alone.shares(41) == Shares(0.0, 0.0)
+    assert alone.then(41).shares(42) == Shares(1.0, 1.0)
+    assert alone.then(42).shares(42) == Shares(0.0, 0.0)
+    assert alone.then(42).shares(64) == Shares(0.0, 0.0)
+    three = Looks(planned=(10, 33, 64))
+    assert three.shares(10) == Shares(pytest.approx(1 / 3), 0.0)
+    assert three.then(10).shares(33) == Shares(pytest.approx(1 / 3), 0.5)
+    assert three.then(10).then(50).then(33).shares(64) == Shares(pytest.approx(1 / 3), 0.5)
+
+
+def test_looks_at_the_same_policies_elsewhere_are_paid_for():
+    assert Looks((Shares(0.75, 0.0),)).shares(42) == Shares(0.125, 0.75)
+    assert Looks((Shares(1.0, 1.0),)).shares(42) == Shares(0.0, 0.0)
+    assert Looks((Shares(0.75, 0.75), 42)).shares(52) == Shares(0.0625, 0.0625)
+    assert Looks((Shares(0.75, 0.5),), (42,)).shares(42) == Shares(0.25, 0.5)
+
+
+@pytest.mark.parametrize("share", [FIRST_SHARE, 1.0])
+def test_equivalence_is_tested_from_the_first_number_of_seeds_on_that_can_show_it(share):
+    fewest = fewest_for_equivalence(share)
+    assert fewest == {FIRST_SHARE: 33, 1.0: 30}[share]
+    for seeds, shown in ((fewest - 1, False), (fewest, True)):
+        p = p_overfitting_within(Rates(*(np.ones(seeds),) * 3), 0.1)
+        assert (p < 0.05 * share) == shown
+    assert fewest_seeds(1) == 33
+    assert fewest_seeds(1, Looks(planned=(42,))) == 30
+
+
+def test_one_planned_look_decides_more_than_a_first_of_many():
+    solved = Rates(*(np.ones(31),) * 3)
+    (first,) = judge_family([Comparison("x", solved, SOLVED)], draws=20_000)
+    (planned,) = judge_family([Comparison("x", solved, SOLVED)], Looks((), (31,)), draws=20_000)
+    assert (first.verdict, planned.verdict) == ("inconclusive", "transfers")
+    assert planned.p_equivalent_adjusted == planned.p_equivalent
+    (unplanned,) = judge_family([Comparison("x", solved, SOLVED)], Looks((), (64,)), draws=20_000)
+    assert unplanned.verdict == "inconclusive"
 
 
 def test_adjusted_p_values_are_held_against_the_whole_level():
@@ -84,13 +149,17 @@ def test_adjusted_p_values_are_held_against_the_whole_level():
 
 
 def test_what_more_seeds_can_show_counts_the_looks_before():
-    assert fewest_seeds(2, (42,)) > fewest_seeds(2) + 10
+    assert fewest_seeds(2, Looks((42,))) > fewest_seeds(2) + 10
     between = np.r_[np.zeros(1), np.ones(41)]
     rates = Rates(np.ones(42), between, between)
-    first, third = seeds_wanted(rates, 1), seeds_wanted(rates, 1, (36, 42))
+    first, third = seeds_wanted(rates, 1), seeds_wanted(rates, 1, Looks((36, 42)))
     assert first is not None
     assert third is not None
     assert third > first
-    alone, later = (verdict_chances(44, 44, 20, 1, before, repeats=8) for before in ((), (42,)))
+    assert seeds_wanted(rates, 1, Looks((42,), (42, third))) == third
+    assert seeds_wanted(rates, 1, Looks((42,), (42,))) is None
+    alone, later = (
+        verdict_chances(44, 44, 20, 1, Looks(before), repeats=8) for before in ((), (42,))
+    )
     assert alone[0].transfers[1] > 0.7
     assert later[0].transfers[1] == 0.0

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from integ_gym.eval.verdict.looks import shares_of
+from integ_gym.eval.verdict.looks import Looks
 from integ_gym.eval.verdict.loss import Rates, p_overfitting_exceeds, p_overfitting_within
 
 SCRIPT = Path(__file__).parents[3] / "benchmarks" / "recomputed.py"
@@ -41,9 +41,12 @@ def test_p_values_follow_from_the_documentation(loss, handmade):
 def test_shares_follow_from_the_documentation():
     looks = (4, 10, 33, 42, 52, 64)
     for now, seeds in enumerate(looks):
-        ours = shares_of(seeds, looks[:now])
+        ours = Looks(looks[:now]).shares(seeds)
         assert recomputed.share_at(looks, now, 5) == ours.exceeds
         assert recomputed.share_at(looks, now, 33) == ours.equivalent
+        ours = Looks(looks[:now], looks[1:]).shares(seeds)
+        planned = [recomputed.share_planned(looks, now, least) for least in (5, 30)]
+        assert planned == pytest.approx([ours.exceeds, ours.equivalent])
 
 
 def test_the_script_imports_nothing_of_the_package():

@@ -20,7 +20,7 @@ from integ_gym.eval.verdict.comparison import (
     compare_policies,
 )
 from integ_gym.eval.verdict.family import Comparison, Judgement, judge_family
-from integ_gym.eval.verdict.looks import FIRST_SHARE
+from integ_gym.eval.verdict.looks import FIRST_SHARE, share_of_look
 from integ_gym.eval.verdict.loss import (
     Rates,
     p_overfitting_exceeds,
@@ -404,9 +404,9 @@ def test_a_win_that_is_seen_again_must_be_clearer() -> None:
     a, b = [0.8, 0.9, 0.7, 0.9, 0.8, 0.85, 0.75, 0.9], [0.5, 0.45, 0.6, 0.5, 0.4, 0.55, 0.5, 0.6]
     first, later = (
         compare_policies(
-            [cell("fine", a, b, "quarter_step"), cell("truth", a, b, "reference")], seen
+            [cell("fine", a, b, "quarter_step"), cell("truth", a, b, "reference")], share
         )
-        for seen in ((), (5, 6, 7))
+        for share in (share_of_look(1), share_of_look(4))
     )
     assert (first.outcome, later.outcome) == ("accepted", "rejected")
     assert later.cells[0].p_win == first.cells[0].p_win

@@ -33,6 +33,9 @@ def _of_version(table, version):
     index = table.schema.get_field_index("schema_version")
     field = table.schema.field(index)
     table = table.set_column(index, field, pa.array([version] * len(table), field.type))
+    index = table.schema.get_field_index("package_versions")
+    maker = pa.array(['{"integ-gym": "0.9.0"}'] * len(table))
+    table = table.set_column(index, table.schema.field(index), maker)
     return with_hashes(table.replace_schema_metadata(_metadata(table, version)))
 
 
@@ -63,6 +66,19 @@ def both(old, play, context):
     return old
 
 
+def test_an_earlier_version_is_not_taken_from_what_this_one_made(old, table, capsys):
+    """Fields of later versions, and what is asked of them, are not escaped by another number."""
+    directory = str(old.directory.parent)
+    assert run(["evidence", "verify", directory, "--depth", "whole"]) == 0
+    (file,) = old.files()
+    kept = pq.read_table(file)
+    index = kept.schema.get_field_index("package_versions")
+    forged = kept.set_column(index, kept.schema.field(index), table.column("package_versions"))
+    pq.write_table(with_hashes(forged), file)
+    assert run(["evidence", "verify", directory, "--depth", "whole"]) == 1
+    assert "it has schema version 1, and its records say that integ-gym" in capsys.readouterr().out
+
+
 def test_what_each_version_brought():
     """A field without its version would have files of earlier ones refused."""
     assert SCHEMA_VERSION == 4
@@ -90,7 +106,7 @@ def test_an_older_file_is_read_with_null_for_what_it_lacks(old, table):
         assert {record[name] for name in LATER} == {None}
         assert set(record.fields) == {field.name for field in SUMMARY_FIELDS}
         for field in SUMMARY_FIELDS:
-            if field.name not in ("schema_version", "content_hash", *LATER):
+            if field.name not in ("schema_version", "package_versions", "content_hash", *LATER):
                 assert record[field.name] == before[field.name], field.name
         np.testing.assert_array_equal(record["theta"], before["theta"])
         assert old.find(record["record_id"]).fields == record.fields

@@ -207,6 +207,13 @@ def test_records_without_a_trace_are_checked_as_far_as_they_go(tmp_path, play):
     _forge(store, "truncated", lambda values: [not x for x in values])
     _forge(store, "failure_label", lambda values: ["discretization_error" for _ in values])
     assert len(_found(store)) == 4
+    for column in ("dissipated_total", "energy_end", "work_total"):
+        whole = store.files()[0].read_bytes()
+        _forge(store, column, lambda values: [None for _ in values])
+        assert sum(f"`{column}` is recorded as None" in line for line in _found(store)) >= 4
+        store.files()[0].write_bytes(whole)
+    _forge(store, "success", lambda values: [None for _ in values])
+    assert sum("`success` is recorded as None" in line for line in _found(store)) == 4
 
 
 def test_a_trace_that_is_gone_is_named(tmp_path, play):

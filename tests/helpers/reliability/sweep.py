@@ -72,14 +72,16 @@ KINDS = (
 )
 """All kinds of files and records that a run has."""
 
-OTHER_RUNS = ("grown", "evaluated")
-"""Runs whose leaves are changed where they are others than those of the first."""
+_FLEET = f"{RECORDS}fleet training, "
 
-_WHOLE = {
-    "grown": ("run.json",),
-    "evaluated": ("run.json", "records of evaluation, traced", "records of evaluation, untraced"),
+WHOLE = {
+    "grown": (MANIFEST, f"{_FLEET}traced", f"{_FLEET}untraced"),
+    "evaluated": (MANIFEST, f"{RECORDS}evaluation, traced"),
 }
-"""Kinds of other runs of which all leaves are changed, for their plan is of another form."""
+"""The other runs, and their kinds whose leaves are all changed, for their plan is of another form.
+
+Of other kinds those leaves are changed that the first run does not have.
+"""
 
 
 def make_runs(folder: Path) -> None:
@@ -99,7 +101,8 @@ baselines = ["zero", "handmade"]
 family = [["rk4 dt=0.05", "reference dt=0.05"]]
 ladder = false
 """,
-        environment="duration = 0.5\nobservation_noise = 0.01\naction_latency = 0.05",
+        environment="duration = 0.5\nobservation_noise = 0.01\naction_latency = 0.05\n"
+        'fallback = "zero"',
         evaluate="""
 integrator = "rk4"
 dt = [0.05, 0.0125]
@@ -134,7 +137,7 @@ members = [
         out = folder / ("evaluated" if words[0] == "evaluate" else Path(words[1]).stem)
         code, told = Task(words, out).run(out)
         assert code == 0, told
-    for run in ("first", *OTHER_RUNS):
+    for run in ("first", *WHOLE):
         for name in PICTURES:
             path = folder / run / name
             shutil.rmtree(path) if path.is_dir() else path.unlink()
@@ -163,7 +166,7 @@ def others_of(run: Path, known: Sequence[Leaf], every: bool = False) -> list[Lea
         every: see :func:`leaves_of`.
     """
     kinds = {leaf.kind for leaf in known}
-    whole = _WHOLE[run.name]
+    whole = WHOLE[run.name]
     return [x for x in leaves_of(run, every) if x.file in whole or x.kind not in kinds]
 
 
@@ -228,7 +231,7 @@ class Sweep:
             every: all changes of a leaf of records, or one of those that the record alone does not
                 tell.
         """
-        records = self._unrefuted([leaf for leaf in leaves if _is_record(leaf)])
+        records = self.unrefuted([leaf for leaf in leaves if _is_record(leaf)])
         if not every:
             records = first_of_kind(records)
         records = [leaf for leaf in records if not self._is_denied_by_replay(leaf)]
@@ -238,7 +241,7 @@ class Sweep:
             left += self._unnamed(group)
         return [leaf for leaf in left if self.first_finding([leaf]) is None]
 
-    def _unrefuted(self, leaves: Sequence[Leaf]) -> list[Leaf]:
+    def unrefuted(self, leaves: Sequence[Leaf]) -> list[Leaf]:
         """Those of leaves of records whose record, recomputed alone, tells nothing."""
         left = []
         for path in self._tables:
@@ -443,31 +446,23 @@ def main() -> int:
         if not runs.exists():
             runs.mkdir(parents=True)
             make_runs(runs)
-        known: list[Leaf] = []
-        for name in ("first", *OTHER_RUNS):
-            began = time.process_time()
-            sweep = Sweep(runs / name, Path(folder) / name)
-            found = (
-                others_of(runs / name, known, given.every)
-                if known
-                else leaves_of(runs / name, given.every)
-            )
-            known = known or found
+        first = leaves_of(runs / "first", given.every)
+        for name, kinds in {"first": KINDS, **WHOLE}.items():
+            began, run = time.process_time(), runs / name
+            found = first if name == "first" else others_of(run, first, given.every)
             leaves = [leaf for leaf in found if fnmatchcase(leaf.file, given.only)]
-            silent = Counter(sweep.silent(leaves, given.every))
+            silent = Sweep(run, Path(folder) / name).silent(leaves, given.every)
             for leaf in silent:
                 wrong += not is_listed(leaf, patterns)
-                print(name, leaf, "" if is_listed(leaf, patterns) else "NOT LISTED", flush=True)
-            for kind, count in Counter(leaf.file for leaf in leaves).items():
+                print(name, leaf, "" if is_listed(leaf, patterns) else "NOT LISTED")
+            counts = Counter(leaf.file for leaf in leaves)
+            for kind in (one for one in kinds if not counts[one] and fnmatchcase(one, given.only)):
+                wrong += 1
+                print(f"{name}: {kind}: NO LEAVES")
+            for kind, count in counts.items():
                 own = sum(leaf.file == kind for leaf in silent)
-                print(f"{name}: {kind}: {count} leaves were changed, {own} are silent")
+                print(f"{name}: {kind}: {count} changed, {own} silent")
             print(f"{name}: {time.process_time() - began:.0f} s of one core", flush=True)
-            if name == "first":
-                kinds = [kind for kind in KINDS if fnmatchcase(kind, given.only)]
-                for kind in kinds:
-                    if not any(leaf.file == kind for leaf in leaves):
-                        wrong += 1
-                        print(f"{kind}: has no leaves")
     print(f"{wrong} are silent and not listed, or kinds without leaves")
     return 1 if wrong else 0
 

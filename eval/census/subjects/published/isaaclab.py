@@ -46,7 +46,7 @@ class Isaaclab(Library):
         """The task on two integrators."""
         home = testbed_of(f"isaaclab:{TASK}", {}).home
         for name, integrator in ((TASK, home.integrator), (f"{TASK}, {EXPLICIT}", EXPLICIT)):
-            period = home.control_period or home.dt
+            period = home.dt if home.control_period is None else home.control_period
             stated = Statement(period, round(period / home.dt), words=integrator)
             yield self.subject(
                 name, plant_of(DAMPING), stated, FORCE,

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
+import msgspec
 import numpy as np
 import pytest
 
 from integ_gym.envs.settings import Discretization
 from integ_gym.eval.panel.answer import Finding, answer_lines, finding_of, next_step
 from integ_gym.eval.panel.model.matrix import Policy
-from integ_gym.eval.panel.model.panel import Cost, Panel
+from integ_gym.eval.panel.model.panel import Cost, Look, Panel
 from integ_gym.eval.panel.results.artefact import build_artefact
 from integ_gym.eval.panel.results.layout import PanelLayout
 from integ_gym.eval.panel.results.matrix import Matrix, Row
@@ -153,8 +154,12 @@ def test_few_starts_show_nothing_either_way() -> None:
     step = next_step(panel)
     assert step is not None
     assert step.command == (
-        "integ-gym evaluate mine.zip --env IntegPendulum-v0 --out runs/mine-12-starts --episodes 12"
-    )
+        "integ-gym evaluate mine.zip --env IntegPendulum-v0 --out runs/mine --episodes 12"
+    ), "in the same directory, which counts its looks"
+    told = f"{panel.command} --episodes 3 --no-progress"
+    step = next_step(judged({HOME.name: 1.0, TRUTH.name: 0.67}, starts=3, command=told))
+    assert step is not None
+    assert step.command == f"{panel.command} --no-progress --episodes 12"
 
 
 def test_what_is_gained_on_the_truth_is_no_loss() -> None:
@@ -172,6 +177,11 @@ def test_an_unknown_home_is_said_first_and_asked_for() -> None:
     step = next_step(panel)
     assert step is not None
     assert step.command.endswith("runs/mine-home --home integrator=…,dt=…,control_period=…")
+    assert step.purpose == "Say what it was trained on"
+    look = Look(seeds=1, episodes=50, natives=0, level_exceeds=0.0, level_equivalent=0.0)
+    step = next_step(msgspec.structs.replace(panel, looks=(look, look)))
+    assert step is not None
+    assert step.purpose.endswith("; this was look 2, and all of them count there too")
 
 
 def test_a_home_that_is_the_truth_needs_no_comparison() -> None:
@@ -197,7 +207,7 @@ def test_a_home_at_the_finest_step_asks_for_a_finer_one() -> None:
     assert "home is the finest step here" in panel.headline
     step = next_step(panel)
     assert step is not None
-    assert step.command.endswith("--out runs/mine-finer --dt 0.0125")
+    assert step.command.endswith("--out runs/mine --dt 0.05 --dt 0.025 --dt 0.0125")
 
 
 def test_a_policy_that_never_succeeds_is_compared_by_its_return() -> None:

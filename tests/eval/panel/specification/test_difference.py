@@ -50,6 +50,12 @@ def test_what_is_missing_is_said_and_is_nothing_new(changes, words):
     assert list(additions(_plain(**changes), _plain())) == []
 
 
+@pytest.mark.parametrize(("one", "other"), [([], [42]), ([42], []), ([42], [42, 64])])
+def test_planned_looks_stay_as_they_were_declared(one, other):
+    plans = [_plain(**({"looks": looks} if looks else {})) for looks in (one, other)]
+    assert list(contradictions(*plans)) == ["another `looks`"]
+
+
 def test_of_a_sweep_the_values_are_told():
     one, more = (_plain(sweep=[{**SWEEP, "values": v}]) for v in ([0.0, 0.1], [0.0, 0.05, 0.1]))
     assert list(additions(one, more)) == ["sweep of `action_latency` at 0.05"]

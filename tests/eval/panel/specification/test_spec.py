@@ -13,6 +13,8 @@ import integ_gym.eval
 from integ_gym.envs.engines.native import NativeEngine
 from integ_gym.eval.panel.running.panel import check_spec
 from integ_gym.eval.panel.running.units import units_of
+from integ_gym.eval.panel.specification.growth import inputs
+from integ_gym.eval.panel.specification.planned import planned_spec
 from integ_gym.eval.panel.specification.reading import built_in_spec, parse_spec, read_spec
 from integ_gym.eval.panel.specification.values import SpecError
 from integ_gym.support.executors import Cluster
@@ -303,3 +305,18 @@ def test_a_file_without_end_is_refused():
 def test_what_nobody_could_wait_for_is_refused_at_once(changes, message):
     with pytest.raises(SpecError, match=message):
         check_spec(parse_spec(small_data(**changes), "test"))
+
+
+def test_planned_looks_are_kept_and_records_do_not_depend_on_them():
+    planned = parse_spec(small_data(looks=[5, 42]), "test")
+    assert planned.looks == (5, 42)
+    assert planned_spec(planned.to_json()) == replace(planned, memory_gib=None, left_out=())
+    without = replace(planned, looks=())
+    assert "looks" not in without.to_json()
+    assert inputs(planned, planned.columns()) == inputs(without, planned.columns())
+
+
+@pytest.mark.parametrize("looks", [[42, 10], [42, 42], [4, 42]])
+def test_looks_that_cannot_be_are_refused(looks):
+    with pytest.raises(SpecError, match="`looks` must hold numbers of seeds from 5 on"):
+        parse_spec(small_data(looks=looks), "test")
