@@ -208,7 +208,7 @@ class TaskPool:
 
 
 class RemoteExecutor(Executor):
-    """Gives tasks to an executor of others as if its processes were of this machine.
+    """Gives tasks to another executor, and passes on the work that they report and what they print.
 
     Args:
         executor: runs tasks in other processes.
@@ -289,7 +289,7 @@ _prepared: set[str] = set()
 def _run_task(
     prepare: Prepare, task: Callable[..., Any], given: Sequence[Any], named: Mapping[str, Any]
 ) -> _Outcome:
-    """Run a task in a process of others: one at a time, with one thread for its numbers."""
+    """Run a task in a worker elsewhere: one at a time, with one thread for its numbers."""
     with _turn:
         limit_threads()
         if prepare is not None and repr(prepare) not in _prepared:
