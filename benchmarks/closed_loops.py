@@ -33,8 +33,8 @@ from integ_gym.eval.panel.model.matrix import Cell, Row
 from integ_gym.eval.panel.model.panel import Panel
 from integ_gym.eval.panel.specification.cells.cell import Cell as Place
 from integ_gym.eval.panel.specification.cells.cell import environments_of
-from integ_gym.evidence.store.store import EvidenceStore
-from integ_gym.train.policy.stack import PolicyStack
+from integ_gym.evidence.store import EvidenceStore
+from integ_gym.train.called_policy import PolicyStack
 from integ_gym.train.policy_files.sidecar import read_trained, readable_file
 
 Array = npt.NDArray[np.float64]

@@ -24,8 +24,8 @@ from measuring.bounds import print_judged
 from measuring.rates import envpool, rates, single, vector
 
 import integ_gym  # noqa: F401
-from integ_gym.evidence.episodes.context import EpisodeContext
-from integ_gym.evidence.recorders.recorder import RecordEvidence
+from integ_gym.evidence.context import EpisodeContext
+from integ_gym.evidence.recorder import RecordEvidence
 from integ_gym.support.processes import cores
 
 TASKS = {"Pendulum-v1": "IntegPendulum-v0", "CartPole-v1": "IntegCartPole-v0"}

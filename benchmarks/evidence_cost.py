@@ -37,10 +37,10 @@ from measuring.commit_parts import commit_parts
 from measuring.rates import TURN, single, vector
 
 import integ_gym  # noqa: F401
-from integ_gym.evidence.episodes.context import EpisodeContext
-from integ_gym.evidence.recorders.recorder import RecordEvidence
-from integ_gym.evidence.recorders.vector_recorder import RecordVectorEvidence
-from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.evidence.context import EpisodeContext
+from integ_gym.evidence.recorder import RecordEvidence
+from integ_gym.evidence.store import EvidenceStore
+from integ_gym.evidence.vector_recorder import RecordVectorEvidence
 from integ_gym.support.processes import peak_memory
 
 ENVIRONMENTS = ("IntegPendulum-v0", "IntegCartPole-v0")

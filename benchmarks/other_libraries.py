@@ -33,7 +33,7 @@ def stable_baselines3() -> None:
     import gymnasium as gym
     from stable_baselines3 import PPO, SAC
 
-    from integ_gym.train.sb3.vec_env import Sb3VecEnv
+    from integ_gym.train.vec_env import Sb3VecEnv
 
     envs = Sb3VecEnv(gym.make_vec(CART_POLE, 4, autoreset_mode="SameStep"))
     PPO("MlpPolicy", envs, n_steps=64, batch_size=64, n_epochs=1).learn(512)

@@ -116,7 +116,7 @@ def _by_values(seed: int, period: float) -> int:
     from gymnasium.vector import AutoresetMode
     from stable_baselines3 import DQN as Learner
 
-    from integ_gym.train.sb3.vec_env import Sb3VecEnv
+    from integ_gym.train.vec_env import Sb3VecEnv
 
     torch.set_num_threads(1)
     given = arguments(period)

@@ -37,12 +37,12 @@ from integ_gym.eval.panel.specification.reading import built_in_spec
 from integ_gym.eval.statistics.bounds import p_equivalent
 from integ_gym.eval.statistics.rates import rate_interval
 from integ_gym.eval.statistics.returns import iqm_interval
-from integ_gym.evidence.episodes.context import EpisodeContext
-from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.evidence.context import EpisodeContext
+from integ_gym.evidence.store import EvidenceStore
+from integ_gym.train.config import TrainingEvidence
 from integ_gym.train.fleet.training import train_fleet
 from integ_gym.train.policy_files.sidecar import read_trained
 from integ_gym.train.ppo import PPOConfig, train_ppo
-from integ_gym.train.running.evidence import TrainingEvidence
 
 _QUICK = built_in_spec("quick")
 CASES: dict[str, tuple[str, dict[str, Any]]] = {

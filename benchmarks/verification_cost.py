@@ -22,10 +22,10 @@ import gymnasium as gym
 from measuring import results
 
 from integ_gym.cli import main as run_command
-from integ_gym.evidence.episodes.context import EpisodeContext
-from integ_gym.evidence.recorders.vector_recorder import RecordVectorEvidence
-from integ_gym.evidence.store.store import EvidenceStore
-from integ_gym.evidence.verification.sealing import seal
+from integ_gym.evidence.context import EpisodeContext
+from integ_gym.evidence.sealing import seal
+from integ_gym.evidence.store import EvidenceStore
+from integ_gym.evidence.vector_recorder import RecordVectorEvidence
 from integ_gym.train.baselines.making import make_baseline
 
 ENVIRONMENT = "IntegPendulum-v0"

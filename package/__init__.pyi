@@ -21,23 +21,23 @@ from integ_gym.eval.loss_check import check as check
 from integ_gym.eval.panel.calls import evaluate as evaluate
 from integ_gym.eval.panel.calls import run_panel as run_panel
 from integ_gym.eval.panel.model.files import read_panel as read_panel
-from integ_gym.evidence.episodes.context import EpisodeContext as EpisodeContext
-from integ_gym.evidence.recorders.recorder import RecordEvidence as RecordEvidence
-from integ_gym.evidence.recorders.vector_recorder import (
+from integ_gym.evidence.context import EpisodeContext as EpisodeContext
+from integ_gym.evidence.recorder import RecordEvidence as RecordEvidence
+from integ_gym.evidence.store import EvidenceStore as EvidenceStore
+from integ_gym.evidence.vector_recorder import (
     RecordVectorEvidence as RecordVectorEvidence,
 )
-from integ_gym.evidence.store.store import EvidenceStore as EvidenceStore
 from integ_gym.support.parameters import nonnegative as nonnegative
 from integ_gym.support.parameters import parameter as parameter
 from integ_gym.support.parameters import positive as positive
+from integ_gym.train.config import TrainingEvidence as TrainingEvidence
 from integ_gym.train.fleet.training import train_fleet as train_fleet
-from integ_gym.train.monitoring.gap import discretization_gap as discretization_gap
-from integ_gym.train.monitoring.sb3_callback import DiscretizationCallback as DiscretizationCallback
-from integ_gym.train.policy.interface import Policy as Policy
+from integ_gym.train.monitoring import DiscretizationCallback as DiscretizationCallback
+from integ_gym.train.monitoring import discretization_gap as discretization_gap
+from integ_gym.train.policy import Policy as Policy
 from integ_gym.train.policy_files.writing import save_policy as save_policy
 from integ_gym.train.policy_files.writing import write_sidecar as write_sidecar
 from integ_gym.train.ppo import PPOConfig as PPOConfig
 from integ_gym.train.ppo import train_ppo as train_ppo
-from integ_gym.train.running.evidence import TrainingEvidence as TrainingEvidence
 from integ_gym.train.sac import SACConfig as SACConfig
 from integ_gym.train.sac import train_sac as train_sac

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
+from .config import TrainingConfig
 from .ppo import PPOConfig, train_ppo
-from .running.config import TrainingConfig
 from .sac import SACConfig, train_sac
 
 

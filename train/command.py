@@ -17,9 +17,9 @@ from integ_gym.support.options import CommandParser, add_named_values, by_name, 
 from integ_gym.support.terminal import report_errors
 
 from .algorithms import ALGORITHMS
+from .config import TrainingConfig
 from .policy_files.card import told
 from .ppo import PPOConfig, make_training_envs
-from .running.config import TrainingConfig
 
 _EXAMPLES = """\
 examples:

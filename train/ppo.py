@@ -35,26 +35,23 @@ from integ_gym.support.parameters import (
     positive,
 )
 
-from .policy.network import ACTIVATIONS
+from .config import TrainingConfig, TrainingEvidence, check_rollout, explained, fraction, whole
+from .policy import ACTIVATIONS
 from .policy_files.card import make_card, mixture_of
 from .policy_files.sidecar import TrainedPolicy, write_policy
-from .running.checks import check_rollout, fraction, whole
-from .running.config import TrainingConfig
-from .running.error import explained
-from .running.evidence import TrainingEvidence
-from .running.side_by_side import (
-    OnTrained,
-    checked_runs,
-    train_each,
-    unheard,
-)
-from .sb3.model import (
+from .sb3_model import (
     Tell,
     last_episodes,
     logger,
     reproducible,
     saved,
     telling,
+)
+from .side_by_side import (
+    OnTrained,
+    checked_runs,
+    train_each,
+    unheard,
 )
 
 # ---------------------------------------------------------------------------------- hyperparameters
@@ -172,7 +169,7 @@ def train_run(
     """
     from stable_baselines3.common.vec_env import VecMonitor
 
-    from .sb3.vec_env import Sb3VecEnv, ScaledRewards
+    from .vec_env import Sb3VecEnv, ScaledRewards
 
     vector_env: Any = make_training_envs(config)
     mixture = mixture_of(vector_env)

@@ -23,17 +23,17 @@ from integ_gym.support.optional import require
 from integ_gym.support.parameters import one_of, parameter, positive
 from integ_gym.train.ppo import train_run
 
-from .policy.network import ACTIVATIONS
-from .policy_files.sidecar import TrainedPolicy
-from .running.checks import (
+from .config import (
     LONGEST,
     MOST_LANES,
+    TrainingConfig,
+    TrainingEvidence,
     fraction,
     whole,
 )
-from .running.config import TrainingConfig
-from .running.evidence import TrainingEvidence
-from .running.side_by_side import (
+from .policy import ACTIVATIONS
+from .policy_files.sidecar import TrainedPolicy
+from .side_by_side import (
     OnTrained,
     checked_runs,
     train_each,

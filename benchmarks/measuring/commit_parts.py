@@ -12,9 +12,9 @@ import numpy as np
 import pyarrow.feather
 import pyarrow.parquet
 
-from integ_gym.evidence.schema.arrow import is_trace
-from integ_gym.evidence.schema.content_hash import content_hashes
-from integ_gym.evidence.store.parquet_file import write
+from integ_gym.evidence.hashing import content_hashes
+from integ_gym.evidence.parquet_file import write
+from integ_gym.evidence.schema import is_trace
 
 FEWEST = 5
 

@@ -14,13 +14,13 @@ from typing import Any
 
 import numpy as np
 
-from integ_gym.evidence.episodes.context import EpisodeContext
+from integ_gym.evidence.context import EpisodeContext
 from integ_gym.support.processes import Progress, peak_memory
+from integ_gym.train.config import TrainingEvidence
+from integ_gym.train.fleet import planning as fleet_worker
 from integ_gym.train.fleet import training as fleet
-from integ_gym.train.fleet import worker as fleet_worker
-from integ_gym.train.fleet.update import permutations
+from integ_gym.train.fleet.learning import permutations
 from integ_gym.train.ppo import PPOConfig, train_run
-from integ_gym.train.running.evidence import TrainingEvidence
 
 MATRICES, SIDE, PRODUCTS = 32, 64, 500
 """For the measured peak: so many square matrices, and products of each."""

@@ -9,7 +9,7 @@ from typing import Any
 from integ_gym.envs import numerics
 from integ_gym.envs.ops.ops import SCALAR
 from integ_gym.envs.plants.interface import join_state
-from integ_gym.evidence.episodes.record import plain
+from integ_gym.evidence.record import plain
 
 from .drift import Drift, energy_drift
 from .identify import Found, identify

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from integ_gym.envs.registries import INTEGRATORS
-from integ_gym.evidence.episodes.record import plain
-from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.evidence.record import plain
+from integ_gym.evidence.store import EvidenceStore
 from integ_gym.support.files import cannot_write, make_folder, replace_file
 from integ_gym.support.processes import Progress, work_bar
 

@@ -15,8 +15,8 @@ from integ_gym.envs.plants.interface import state_names
 from integ_gym.envs.rendering.cockpit import Moment
 from integ_gym.envs.settings import Discretization, Setup
 from integ_gym.envs.transition import LOSSES
-from integ_gym.evidence.episodes.record import EvidenceRecord
-from integ_gym.train.policy.interface import Policy
+from integ_gym.evidence.record import EvidenceRecord
+from integ_gym.train.policy import Policy
 
 Array = npt.NDArray[np.float64]
 

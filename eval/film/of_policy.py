@@ -13,7 +13,7 @@ from integ_gym.envs.catalogue.lookup import environment_setup
 from integ_gym.envs.registries import TRUTH
 from integ_gym.envs.settings import Discretization
 from integ_gym.support.optional import require
-from integ_gym.train.policy.interface import Policy
+from integ_gym.train.policy import Policy
 from integ_gym.train.policy_files.sidecar import read_trained, readable_file
 
 from ..panel.existing.policy import read_existing

@@ -10,10 +10,10 @@ from typing import Any
 
 from integ_gym.envs.registries import TRUTH
 from integ_gym.envs.settings import DISCRETIZATION, Discretization
-from integ_gym.evidence.episodes.record import EvidenceRecord, told_perturbation, told_training
-from integ_gym.evidence.store.store import EvidenceStore, open_run
+from integ_gym.evidence.record import EvidenceRecord, told_perturbation, told_training
+from integ_gym.evidence.store import EvidenceStore, open_run
 from integ_gym.support.optional import require
-from integ_gym.train.policy.interface import Policy
+from integ_gym.train.policy import Policy
 
 from ..panel.existing.run_policies import policy_of
 from .choosing import Asked, arguments_on, check_filmed, check_possible, chosen

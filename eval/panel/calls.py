@@ -16,7 +16,7 @@ from integ_gym.support.optional import require
 from integ_gym.support.processes import check_spawning
 from integ_gym.support.storage import Place, open_storage
 from integ_gym.support.terminal import say
-from integ_gym.train.policy_files.stated_home import Stated
+from integ_gym.train.policy_files.sidecar import Stated
 
 from .existing.evaluate import evaluate_existing
 from .existing.given import given_policy, is_reference

@@ -1,4 +1,4 @@
-"""Some records of a store written in another format, whole or not at all."""
+"""Export of records in the formats of other tools."""
 
 from __future__ import annotations
 
@@ -11,14 +11,13 @@ from integ_gym.support.files import cannot_write, new_path
 from integ_gym.support.optional import load
 from integ_gym.support.processes import work_bar
 
-from ..episodes.record import EvidenceRecord
-from ..schema.errors import EvidenceError
-from ..store.store import EvidenceStore
+from ..record import EvidenceRecord
+from ..schema import EvidenceError
+from ..store import EvidenceStore
 from .mcap_files import write_mcap
 from .minari_dataset import write_minari
 from .parquet_dataset import write_parquet
-from .selection import Selection, select
-from .text import write_csv, write_jsonl
+from .selection import Selection, select, write_csv, write_jsonl
 
 Episodes = Iterator[EvidenceRecord]
 

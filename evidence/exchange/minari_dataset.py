@@ -16,10 +16,17 @@ from integ_gym.envs.registries import ENVIRONMENTS, TRUTH
 from integ_gym.envs.settings import NATIVE
 from integ_gym.support.optional import load
 
-from ..episodes.record import EvidenceRecord, argument_values, told_engine
-from ..schema.errors import EvidenceError
-from .selection import Selection
-from .steps import NO_CHOICE, Columns, actions_of, column, columns_of, stacked_instants
+from ..record import EvidenceRecord, argument_values, told_engine
+from ..schema import EvidenceError
+from .selection import (
+    NO_CHOICE,
+    Columns,
+    Selection,
+    actions_of,
+    column,
+    columns_of,
+    stacked_instants,
+)
 
 _minari = partial(load, "minari", "exchange")
 
@@ -36,7 +43,7 @@ def write_minari(chosen: Selection, folder: Path) -> int:
     minari, env_id = _minari(), chosen.env_id
     name = dataset_id(chosen)
     columns = columns_of(chosen.columns)
-    data = folder / name / "data"
+    data = (folder / name / "data").absolute()  # Minari adds a relative path to itself
     data.mkdir(parents=True)
     observations, actions, spec = _spaces(chosen, columns)
     storage = load("minari.dataset.minari_storage", "exchange").MinariStorage.new(

@@ -9,8 +9,8 @@ from typing import Any
 
 from integ_gym.support.files import Kinds, file_hash, read_object, write_json
 
-from ..schema.errors import EvidenceError, Finding
-from ..store.store import EvidenceStore
+from ..schema import EvidenceError, Finding
+from ..store import EvidenceStore
 from .selection import Selection
 
 EXPORT_FILE = "export.json"

@@ -1,22 +1,56 @@
-"""The records that are exported, and what they have in common."""
+"""Which records are exported, and their steps."""
 
 from __future__ import annotations
 
+import csv
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
+import numpy as np
+import numpy.typing as npt
+
+from integ_gym.envs.registries import ENVIRONMENTS
 from integ_gym.support.terminal import plural
 
-from ..episodes.record import EvidenceRecord, records_of
-from ..schema.arrow import described, is_trace
-from ..schema.errors import EvidenceError
-from ..schema.extra import pyarrow
-from ..store.parquet_file import check_schema, parts, read
-from ..store.store import EvidenceStore
+from ..episode_log import choices, told_setup
+from ..fields import SUMMARY_FIELDS
+from ..parquet_file import check_schema, parts, read
+from ..record import EvidenceRecord, records_of
+from ..schema import EvidenceError, described, is_trace, pyarrow
+from ..store import EvidenceStore
+
+Array = npt.NDArray[Any]
+
+
+def write_csv(records: Iterable[EvidenceRecord], file: TextIO) -> int:
+    """Write records as CSV with a header, lists as JSON; how many.
+
+    Args:
+        records: their traces are not needed.
+        file: where to, opened with ``newline=""``.
+    """
+    writer = csv.DictWriter(file, [field.name for field in SUMMARY_FIELDS], lineterminator="\n")
+    writer.writeheader()
+    count = 0
+    for record in records:
+        summary = record.summary()
+        writer.writerow(summary | {"initial_state": json.dumps(summary["initial_state"])})
+        count += 1
+    return count
+
+
+def write_jsonl(records: Iterable[EvidenceRecord], file: TextIO) -> int:
+    """Write records as lines of JSON, after the published JSON Schema; how many."""
+    count = 0
+    for record in records:
+        file.write(json.dumps(record.summary(), ensure_ascii=False, allow_nan=False) + "\n")
+        count += 1
+    return count
+
 
 _CHOSEN = "SELECT record_id, env_id, {traced} AS traced FROM records WHERE ({where})"
 
@@ -145,3 +179,83 @@ def select(store: EvidenceStore, where: str, *, traced: bool) -> Selection:
 def _env_ids(file: Path) -> list[str]:
     found: list[str] = read(file, columns=["env_id"]).column(0).unique().to_pylist()
     return found
+
+
+NO_CHOICE = "in which the fallback acted, which is no action of the discrete set"
+
+
+_CLOCKS = ("time", "sensor_time")
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Trace columns by what they are.
+
+    Attributes:
+        sensed: observations.
+        states: true state.
+        controls: commanded.
+        instants: further values at control instants.
+        steps: further values of control steps.
+    """
+
+    sensed: tuple[str, ...]
+    states: tuple[str, ...]
+    controls: tuple[str, ...]
+    instants: tuple[str, ...]
+    steps: tuple[str, ...]
+
+
+def columns_of(told: Mapping[str, Mapping[str, str]]) -> Columns:
+    """Trace columns by what they are, from what is said of each."""
+    at = {name: about["at"] for name, about in told.items()}
+    sensed = tuple(name for name in at if name.startswith("sensed_"))
+    controls = tuple(name for name in at if name.endswith("_commanded"))
+    instants = [n for n in at if at[n] == "instant" and n not in sensed]
+    known = (*_CLOCKS, "energy")
+    return Columns(
+        sensed,
+        tuple(name for name in instants if name not in known),
+        controls,
+        tuple(name for name in instants if name in known),
+        tuple(n for n in at if at[n] == "step" and n not in controls),
+    )
+
+
+def column(record: EvidenceRecord, name: str, rows: int) -> Array:
+    """A column as numbers of 64 bits; NaN where the record has none."""
+    found = record.trace.get(name)
+    return np.full(rows, np.nan) if found is None else found.astype(np.float64)
+
+
+def is_discrete(env_id: str, arguments: str) -> bool:
+    """Whether actions are choices; False for environments that are not ours."""
+    return env_id in ENVIRONMENTS and told_setup(env_id, arguments).task.discrete is not None
+
+
+def actions_of(record: EvidenceRecord, controls: tuple[str, ...]) -> Array | None:
+    """What was decided: float64 of shape (length, controls), or int64 of shape (length,).
+
+    None where the fallback acted in place of a choice.
+    """
+    asked = stacked_steps(record, controls)
+    fields = record.fields
+    if not is_discrete(fields["env_id"], fields["arguments"]):
+        return asked
+    chosen = choices(told_setup(fields["env_id"], fields["arguments"]).task, asked[:, 0])
+    return None if np.isnan(chosen).any() else chosen.astype(np.int64)
+
+
+def stacked_steps(record: EvidenceRecord, names: tuple[str, ...]) -> Array:
+    """Columns of control steps side by side, float64 of shape (length, names)."""
+    return _stacked(record, names, len(record.trace["reward"]))
+
+
+def stacked_instants(record: EvidenceRecord, names: tuple[str, ...]) -> Array:
+    """Columns of control instants side by side, float64 of shape (length + 1, names)."""
+    return _stacked(record, names, len(record.trace["reward"]) + 1)
+
+
+def _stacked(record: EvidenceRecord, names: tuple[str, ...], rows: int) -> Array:
+    own = [column(record, name, rows) for name in names]
+    return np.stack(own, axis=1) if own else np.empty((rows, 0))

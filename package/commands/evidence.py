@@ -12,34 +12,28 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
-from integ_gym.evidence.episodes.record import EvidenceRecord
 from integ_gym.evidence.exchange.exporting import EXPORT_FORMATS, TEXT_FORMATS, export
 from integ_gym.evidence.exchange.parquet_dataset import changed_since_export, read_export
-from integ_gym.evidence.schema.errors import EvidenceError, Finding
-from integ_gym.evidence.schema.fields import SCHEMA_VERSION
-from integ_gym.evidence.store.elsewhere import query_in_place
-from integ_gym.evidence.store.merging import merge
-from integ_gym.evidence.store.printing import TABLE_FORMATS, print_table
-from integ_gym.evidence.store.showing import ASCII_BARS, BARS, show
-from integ_gym.evidence.store.store import EvidenceStore, open_run
-from integ_gym.evidence.verification.gaps import missing_episodes, other_columns
-from integ_gym.evidence.verification.recomputing import recompute
-from integ_gym.evidence.verification.replaying import ELSEWHERE, Acting
-from integ_gym.evidence.verification.sampling import replay_some
-from integ_gym.evidence.verification.sealing import (
+from integ_gym.evidence.fields import SCHEMA_VERSION
+from integ_gym.evidence.printing import ASCII_BARS, BARS, TABLE_FORMATS, print_table, show
+from integ_gym.evidence.recomputing import recompute
+from integ_gym.evidence.record import EvidenceRecord
+from integ_gym.evidence.replaying import ELSEWHERE, Acting
+from integ_gym.evidence.schema import EvidenceError, Finding
+from integ_gym.evidence.sealing import (
     SEAL_FILE,
     SIGNATURE_FILE,
     broken_seals,
-    read_seal,
-    seal,
-)
-from integ_gym.evidence.verification.signing import (
     broken_signature,
     can_check_signatures,
     check_key,
+    read_seal,
+    seal,
     sign,
     signer_of,
 )
+from integ_gym.evidence.store import EvidenceStore, merge, open_run, query_in_place
+from integ_gym.evidence.verification import missing_episodes, other_columns, replay_some
 from integ_gym.support.files import make_folder
 from integ_gym.support.optional import absent
 from integ_gym.support.options import CommandParser, whole_number

@@ -14,8 +14,7 @@ from integ_gym.eval.panel.specification.growth import grown
 from integ_gym.eval.panel.specification.panel_spec import TRAINERS, PanelSpec
 from integ_gym.eval.panel.specification.reading import BUILT_IN
 from integ_gym.eval.report.data.gaps import ordered_verdicts
-from integ_gym.evidence.verification.sealing import read_seal
-from integ_gym.evidence.verification.signing import check_key, sign
+from integ_gym.evidence.sealing import check_key, read_seal, sign
 from integ_gym.support.options import (
     CommandParser,
     refuse_unused,

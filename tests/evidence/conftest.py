@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 import integ_gym  # noqa: F401
-from integ_gym.evidence.episodes.context import EpisodeContext
-from integ_gym.evidence.recorders.recorder import RecordEvidence
-from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.evidence.context import EpisodeContext
+from integ_gym.evidence.recorder import RecordEvidence
+from integ_gym.evidence.store import EvidenceStore
 
 
 def _play(env, seeds, actions=None):

@@ -13,12 +13,14 @@ import numpy as np
 import pytest
 
 import integ_gym  # noqa: F401
-from integ_gym.evidence.episodes import summary, table
-from integ_gym.evidence.episodes.context import EpisodeContext
-from integ_gym.evidence.recorders.recorder import RecordEvidence
-from integ_gym.evidence.schema import arrow as arrow_schema
-from integ_gym.evidence.schema import fields, trace_fields
-from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.evidence import episode_log as table
+from integ_gym.evidence import fields
+from integ_gym.evidence import fields as trace_fields
+from integ_gym.evidence import record as summary
+from integ_gym.evidence import schema as arrow_schema
+from integ_gym.evidence.context import EpisodeContext
+from integ_gym.evidence.recorder import RecordEvidence
+from integ_gym.evidence.store import EvidenceStore
 
 ROOT = Path(__file__).parent.parent.parent
 PAGE = (ROOT / "docs" / "how-to" / "adding.md").read_text(encoding="utf-8")

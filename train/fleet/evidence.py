@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 
 from integ_gym.envs.settings import Setup
 from integ_gym.envs.transition import quiet_status
-from integ_gym.evidence.episodes.episode_log import EpisodeHead, EpisodeHeads, EpisodeLog
-from integ_gym.evidence.episodes.layout import Layout
-from integ_gym.evidence.episodes.table import unhashed_table
-from integ_gym.evidence.recorders.recording import now
-from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.evidence.episode_log import EpisodeHead, EpisodeHeads, EpisodeLog
+from integ_gym.evidence.episode_table import unhashed_table
+from integ_gym.evidence.record import Layout
+from integ_gym.evidence.recorder import now
+from integ_gym.evidence.store import EvidenceStore
 from integ_gym.support.optional import installed_versions
 
-from ..running.evidence import TrainingEvidence
+from ..config import TrainingEvidence
 
 Array = NDArray[Any]
 

@@ -18,13 +18,26 @@ from integ_gym.envs.ops.jax_ops import jax, jnp
 from integ_gym.envs.ops.ops import Components
 from integ_gym.envs.plants.interface import join_state
 from integ_gym.envs.transition import EnvState, Outcome, reset_info, step_info
-from integ_gym.evidence.episodes.layout import Layout
+from integ_gym.evidence.record import Layout
 
-from ..sb3.initial_weights import Stack
-from .network import log_prob_and_entropy, one_side, outputs
-from .random import draw, split
-from .types import Adam, Algorithm, Batch, Knobs, Learner, Trail
-from .update import advantages_of, learning_rate, permutations, update
+from ..sb3_model import Stack
+from .learning import (
+    Adam,
+    Algorithm,
+    Batch,
+    Knobs,
+    Learner,
+    Trail,
+    advantages_of,
+    draw,
+    learning_rate,
+    log_prob_and_entropy,
+    one_side,
+    outputs,
+    permutations,
+    split,
+    update,
+)
 
 Array = Any
 

@@ -24,16 +24,17 @@ from integ_gym.envs import functional
 from integ_gym.envs.functional import FunctionalEnv
 from integ_gym.envs.ops.jax_ops import jax, jnp
 from integ_gym.envs.settings import Mixture
-from integ_gym.evidence.episodes.layout import Layout
+from integ_gym.evidence.record import Layout
 from integ_gym.support.executors import Cluster
 from integ_gym.support.optional import require
 from integ_gym.support.processes import report_work
 
+from ..config import TrainingEvidence
 from ..policy_files.card import LAST_EPISODES, episode_summary, make_card
 from ..policy_files.sidecar import TrainedPolicy, actor_of, write_actor
 from ..ppo import PPOConfig, model_arguments
-from ..running.evidence import TrainingEvidence
-from ..running.side_by_side import (
+from ..sb3_model import can_save, import_ahead, initial_stack, state_dict, zip_of_weights
+from ..side_by_side import (
     OnTrained,
     Run,
     checked_runs,
@@ -42,13 +43,24 @@ from ..running.side_by_side import (
     training_bar,
     unheard,
 )
-from ..sb3.initial_weights import initial_stack, state_dict
-from ..sb3.model import can_save, import_ahead, zip_of_weights
 from .evidence import EpisodeAssembler
-from .planning import Chunk, Kind, kind_of, plan
+from .learning import (
+    Algorithm,
+    Knobs,
+    Learner,
+    Trail,
+)
+from .planning import (
+    Chunk,
+    Device,
+    Kind,
+    fleet_workers,
+    kind_of,
+    plan,
+    prepare_worker,
+    workers_of,
+)
 from .program import FleetProgram
-from .types import Algorithm, Knobs, Learner, Trail
-from .worker import Device, fleet_workers, prepare_worker, workers_of
 
 Array = NDArray[Any]
 

@@ -1,4 +1,4 @@
-"""A policy's file read by what kind of file it is; never a pickle, never a program."""
+"""What is wrong with a policy's files, and what to do about one that is refused."""
 
 from __future__ import annotations
 
@@ -8,14 +8,12 @@ from pathlib import Path
 from typing import Any
 from zipfile import is_zipfile
 
-from ..policy.mlp_policy import MlpPolicy
-from ..policy.observation_statistics import ObservationStatistics
-from .error import PolicyFileError
-from .formats.onnx_policy import OnnxPolicy, read_onnx
-from .formats.safetensors_file import read_safetensors
-from .formats.sb3_zip.observation_statistics import GivenStatistics, observation_statistics_of
-from .formats.sb3_zip.reading import is_scaled, read_sb3_zip
-from .formats.state_dict import STATE_DICT_ENDINGS, normalizes, read_state_dict
+from ..policy import MlpPolicy, ObservationStatistics
+from .limits import PolicyFileError
+from .onnx import OnnxPolicy, read_onnx
+from .safetensors_file import read_safetensors
+from .sb3_zip import GivenStatistics, is_scaled, observation_statistics_of, read_sb3_zip
+from .state_dict import STATE_DICT_ENDINGS, normalizes, read_state_dict
 
 ONNX_ENDING, SAFETENSORS_ENDING = ".onnx", ".safetensors"
 POLICY_ENDINGS = (".zip", ONNX_ENDING, *STATE_DICT_ENDINGS, SAFETENSORS_ENDING)

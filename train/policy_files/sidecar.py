@@ -1,9 +1,4 @@
-"""The files of a trained policy: its actor as `safetensors`, SB3's zip, and a JSON side-car.
-
-The side-car says how the policy came about. It is written last, so a policy without one is not
-finished; and it holds the policy's content hash and one of its own, so that files that do not
-belong together and edits are found out.
-"""
+"""The home of a policy as people state it."""
 
 from __future__ import annotations
 
@@ -15,22 +10,97 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from integ_gym.envs.catalogue.lookup import is_integ_environment
+from integ_gym.envs.settings import DISCRETIZATION, Discretization
+from integ_gym.envs.testbeds.making import testbed_of
 from integ_gym.support.files import read_json, read_object, replace_file
+from integ_gym.support.options import named_value
+from integ_gym.support.parameters import unknown_name
 
-from ..policy.actions import BoxActions, DiscreteActions
-from ..policy.mlp_policy import MlpPolicy
-from .error import PolicyFileError
-from .formats.onnx_policy import OnnxPolicy
-from .formats.safetensors_file import safetensors_bytes
-from .formats.sb3_zip.reading import read_archive
-from .own_hash import FORMAT, UNHASHED_FORMAT, check_own_hash, hashed
+from ..policy import BoxActions, DiscreteActions, MlpPolicy
+from .card import (
+    FORMAT,
+    UNHASHED_FORMAT,
+    check_own_hash,
+    hashed,
+)
+from .limits import PolicyFileError
+from .onnx import OnnxPolicy
 from .reading import read_weights
+from .safetensors_file import safetensors_bytes
+from .sb3_zip import read_archive
+
+STOCK = "stock"
+"""What is stated of a policy that was trained on Gymnasium's own environment."""
+
+UNKNOWN = "unknown"
+"""What is stated of a policy of which nobody says more; the same as nothing."""
+
+STOCK_ARGUMENTS: Mapping[str, Mapping[str, Any]] = {
+    "IntegPendulum-v0": {"max_speed": 8.0},
+    "IntegCartPole-v0": {},
+}
+"""What makes an environment Gymnasium's own at its default discretization."""
+
+Stated: TypeAlias = str | Mapping[str, Any] | Discretization | None
+"""A home as people state it: ``"integrator=…,dt=…,control_period=…"``, the same as a mapping or a
+`Discretization`, ``"stock"`` or ``"unknown"``; a control period alone leaves the rest unknown."""
+
+HOW_TO_STATE = "state it with --home integrator=…,dt=…,control_period=… or --home stock"
+
+
+def stated_arguments(stated: Stated, env_id: str) -> dict[str, Any]:
+    """A stated home as constructor arguments of the training environment.
+
+    Raises:
+        ValueError: for what is no home, in one sentence.
+    """
+    if stated is None or stated == UNKNOWN:
+        return {}
+    if stated == STOCK:
+        if ":" in env_id or (is_integ_environment(env_id) and env_id not in STOCK_ARGUMENTS):
+            raise ValueError(
+                f"{env_id} is no environment of Gymnasium's, so --home stock says nothing; give "
+                "--home integrator=…,dt=…,control_period=…"
+            )
+        return {**testbed_of(env_id, {}).home.arguments(), **STOCK_ARGUMENTS.get(env_id, {})}
+    parts = _parts(stated)
+    for name in parts:
+        if name not in DISCRETIZATION:
+            raise ValueError(unknown_name("part of a home", name, DISCRETIZATION))
+    if set(parts) == {"control_period"}:
+        return parts
+    lacking = [name for name in ("integrator", "dt") if name not in parts]
+    if lacking:
+        raise ValueError(
+            f"the home lacks `{lacking[0]}`; give --home integrator=…,dt=…,control_period=…, or "
+            "control_period=… alone where no more is known"
+        )
+    testbed = testbed_of(env_id, {})
+    fixed = testbed.control_period
+    period = parts["dt"] if fixed is None else fixed
+    return {"engine": testbed.home.engine, "control_period": period, **parts}
+
+
+def _parts(stated: str | Mapping[str, Any] | Discretization) -> dict[str, Any]:
+    if isinstance(stated, Discretization):
+        return stated.arguments()
+    if isinstance(stated, Mapping):
+        return dict(stated)
+    words = [word.strip() for word in stated.split(",")]
+    if not all("=" in word for word in words):
+        raise ValueError(
+            f"the home {stated!r} cannot be read; give integrator=…,dt=…,control_period=…, or "
+            f"{STOCK!r} for what was trained on Gymnasium's own environment"
+        )
+    return dict(named_value(word) for word in words)
+
 
 POLICY_FILE = "policy.zip"
 WEIGHTS_FILE = "policy.safetensors"

@@ -18,19 +18,15 @@ from integ_gym.envs.catalogue.lookup import environment_setup, is_integ_environm
 from integ_gym.envs.settings import DISCRETIZATION
 from integ_gym.support.files import replace_file
 
-from ..policy.actions import BoxActions
-from ..policy.mlp_policy import MlpPolicy
-from .error import PolicyFileError
-from .formats.onnx_export import onnx_bytes
-from .formats.onnx_policy import OnnxPolicy
-from .formats.safetensors_file import safetensors_bytes
-from .formats.sb3_zip.observation_statistics import GivenStatistics, observation_statistics_of
-from .formats.sb3_zip.reading import lacks_statistics, read_sb3_model
-from .formats.state_dict import STATE_DICT_ENDINGS
-from .own_hash import FORMAT, hashed
+from ..policy import BoxActions, MlpPolicy
+from .card import FORMAT, hashed
+from .limits import PolicyFileError
+from .onnx import OnnxPolicy, onnx_bytes
 from .reading import ONNX_ENDING, SAFETENSORS_ENDING, read_weights, unscaled
-from .sidecar import has_sidecar, read_trained
-from .stated_home import Stated, stated_arguments
+from .safetensors_file import safetensors_bytes
+from .sb3_zip import GivenStatistics, lacks_statistics, observation_statistics_of, read_sb3_model
+from .sidecar import Stated, has_sidecar, read_trained, stated_arguments
+from .state_dict import STATE_DICT_ENDINGS
 
 _UNSCALED = (
     "was trained inside VecNormalize, whose statistics are missing; pass "

@@ -8,8 +8,8 @@ from typing import Any
 
 import msgspec
 
-from integ_gym.evidence.store.store import open_run
-from integ_gym.evidence.verification.sealing import read_seal
+from integ_gym.evidence.sealing import read_seal
+from integ_gym.evidence.store import open_run
 from integ_gym.support.files import read_bounded, replace_file
 from integ_gym.support.optional import package_version
 

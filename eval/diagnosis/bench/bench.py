@@ -12,11 +12,11 @@ import gymnasium as gym
 import numpy as np
 
 from integ_gym.envs import numerics
-from integ_gym.evidence.episodes.context import EpisodeContext
-from integ_gym.evidence.recorders.recorder import RecordEvidence
-from integ_gym.evidence.recorders.vector_recorder import RecordVectorEvidence
-from integ_gym.evidence.store.store import EvidenceStore
-from integ_gym.train.policy.interface import Policy
+from integ_gym.evidence.context import EpisodeContext
+from integ_gym.evidence.recorder import RecordEvidence
+from integ_gym.evidence.store import EvidenceStore
+from integ_gym.evidence.vector_recorder import RecordVectorEvidence
+from integ_gym.train.policy import Policy
 
 from .counting import counted
 from .open_loop import open_loop_environment

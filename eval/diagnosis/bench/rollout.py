@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.evidence.recorders.recorder import RecordEvidence
-from integ_gym.evidence.recorders.vector_recorder import RecordVectorEvidence
-from integ_gym.train.policy.interface import Policy
+from integ_gym.evidence.recorder import RecordEvidence
+from integ_gym.evidence.vector_recorder import RecordVectorEvidence
+from integ_gym.train.policy import Policy
 
 Array = npt.NDArray[Any]
 

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from integ_gym.evidence.schema.errors import Finding
-from integ_gym.evidence.store.store import EvidenceStore
-from integ_gym.evidence.verification.sealing import broken_seals
+from integ_gym.evidence.schema import Finding
+from integ_gym.evidence.sealing import broken_seals
+from integ_gym.evidence.store import EvidenceStore
 
 from ..model.files import FILE_NAME, read_panel
 from ..model.panel import Panel

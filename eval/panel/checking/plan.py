@@ -7,10 +7,10 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from integ_gym.evidence.schema.errors import Finding
-from integ_gym.evidence.schema.fields import SCHEMA_VERSION
-from integ_gym.evidence.store.store import EvidenceStore
-from integ_gym.evidence.verification.sealing import SEAL_FILE
+from integ_gym.evidence.fields import SCHEMA_VERSION
+from integ_gym.evidence.schema import Finding
+from integ_gym.evidence.sealing import SEAL_FILE
+from integ_gym.evidence.store import EvidenceStore
 from integ_gym.support.terminal import plural
 from integ_gym.train.policy_files.reading import read_weights
 from integ_gym.train.policy_files.sidecar import (

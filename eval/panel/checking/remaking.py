@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
-from integ_gym.evidence.schema.errors import Finding
+from integ_gym.evidence.schema import Finding
 from integ_gym.support.terminal import plural
 
 from ..existing.facts import given_panel, other_facts

@@ -7,10 +7,10 @@ from collections.abc import Iterator
 from itertools import chain
 from pathlib import Path
 
-from integ_gym.evidence.schema.errors import Finding
-from integ_gym.evidence.store.store import EvidenceStore
-from integ_gym.evidence.verification.recomputing import recompute
-from integ_gym.evidence.verification.sampling import replay_some
+from integ_gym.evidence.recomputing import recompute
+from integ_gym.evidence.schema import Finding
+from integ_gym.evidence.store import EvidenceStore
+from integ_gym.evidence.verification import replay_some
 
 from ..existing.run_policies import acting_in
 from ..running.run_directory import RunDirectory, RunDirectoryError

@@ -11,14 +11,14 @@ import gymnasium as gym
 
 from integ_gym.envs.catalogue.lookup import is_integ_environment
 from integ_gym.envs.settings import DISCRETIZATION, NATIVE
-from integ_gym.evidence.episodes.record import (
+from integ_gym.evidence.record import (
     argument_values,
     told_json,
     told_perturbation,
     told_training,
 )
-from integ_gym.evidence.schema.errors import EvidenceError, Finding
-from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.evidence.schema import EvidenceError, Finding
+from integ_gym.evidence.store import EvidenceStore
 from integ_gym.train.policy_files.card import mixture_of
 
 from ..running.run_directory import PACKAGES

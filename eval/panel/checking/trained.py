@@ -18,15 +18,15 @@ from gymnasium import spaces
 
 from integ_gym.envs.catalogue.lookup import is_integ_environment
 from integ_gym.envs.settings import DISCRETIZATION, NATIVE, Mixture
-from integ_gym.evidence.schema.errors import Finding
-from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.evidence.schema import Finding
+from integ_gym.evidence.store import EvidenceStore
 from integ_gym.train.policy_files.card import (
     LAST_EPISODES,
     episode_summary,
     make_card,
     mixture_of,
 )
-from integ_gym.train.policy_files.formats.sb3_zip.published import zip_faults
+from integ_gym.train.policy_files.sb3_published import zip_faults
 from integ_gym.train.policy_files.sidecar import POLICY_FILE, WEIGHTS_FILE
 
 from ..running.run_directory import PACKAGES, key_of

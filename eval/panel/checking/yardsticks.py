@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.evidence.episodes.record import argument_values
-from integ_gym.evidence.schema.errors import Finding
-from integ_gym.evidence.schema.fields import ATTEMPT, LATER_ATTEMPT, SECOND_HORIZON
-from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.evidence.fields import ATTEMPT, LATER_ATTEMPT, SECOND_HORIZON
+from integ_gym.evidence.record import argument_values
+from integ_gym.evidence.schema import Finding
+from integ_gym.evidence.store import EvidenceStore
 
 from ..running.evaluation.achievability import (
     HANDMADE,

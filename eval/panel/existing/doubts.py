@@ -11,10 +11,10 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from integ_gym.envs.foreign import SURVIVAL
-from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.evidence.store import EvidenceStore
 from integ_gym.support.terminal import percent
-from integ_gym.train.policy_files.formats.state_dict import STATE_DICT_ENDINGS
-from integ_gym.train.policy_files.stated_home import HOW_TO_STATE
+from integ_gym.train.policy_files.sidecar import HOW_TO_STATE
+from integ_gym.train.policy_files.state_dict import STATE_DICT_ENDINGS
 
 from ...verdict.rules import ALPHA, FAIL_MARGIN, p_text
 from ..model.conclusions import PairedEpisodes

@@ -14,7 +14,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.evidence.store import EvidenceStore
 from integ_gym.train.policy_files.reading import unscaled
 
 from ..model.matrix import Policy as PanelPolicy

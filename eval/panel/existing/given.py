@@ -13,14 +13,13 @@ from numpy.typing import NDArray
 
 from integ_gym.envs.sequential_vector import DiscretizedVectorEnv
 from integ_gym.envs.testbeds.making import make_training_environments
-from integ_gym.train.monitoring.raw_model import RawModel
-from integ_gym.train.policy.called_policy import CalledPolicy, behaviour_hash
-from integ_gym.train.policy.interface import Policy
-from integ_gym.train.policy.mlp_policy import MlpPolicy
-from integ_gym.train.policy_files.error import PolicyFileError
-from integ_gym.train.policy_files.formats.onnx_policy import OnnxPolicy
-from integ_gym.train.policy_files.formats.sb3_zip.reading import lacks_statistics, read_sb3_model
-from integ_gym.train.policy_files.stated_home import Stated
+from integ_gym.train.called_policy import CalledPolicy, behaviour_hash
+from integ_gym.train.monitoring import RawModel
+from integ_gym.train.policy import MlpPolicy, Policy
+from integ_gym.train.policy_files.limits import PolicyFileError
+from integ_gym.train.policy_files.onnx import OnnxPolicy
+from integ_gym.train.policy_files.sb3_zip import lacks_statistics, read_sb3_model
+from integ_gym.train.policy_files.sidecar import Stated
 
 from .home import provenance
 from .policy import Existing, fitted, row_name

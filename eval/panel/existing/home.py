@@ -10,8 +10,8 @@ from typing import Any
 from integ_gym.envs.sequential_vector import DiscretizedVectorEnv
 from integ_gym.envs.settings import DISCRETIZATION, Discretization, Mixture
 from integ_gym.envs.testbeds.making import make_training_environments, testbed_of
-from integ_gym.train.policy_files.own_hash import HASH_KEY
-from integ_gym.train.policy_files.stated_home import (
+from integ_gym.train.policy_files.card import HASH_KEY
+from integ_gym.train.policy_files.sidecar import (
     HOW_TO_STATE,
     STOCK,
     UNKNOWN,

@@ -11,17 +11,11 @@ from typing import Any
 from gymnasium import spaces
 
 from integ_gym.train.baselines.making import BASELINES
-from integ_gym.train.policy.interface import Policy
-from integ_gym.train.policy_files.error import PolicyFileError
-from integ_gym.train.policy_files.formats.onnx_policy import OnnxPolicy, onnx_card, onnx_data
-from integ_gym.train.policy_files.reading import (
-    ONNX_ENDING,
-    POLICY_ENDINGS,
-    read_weights,
-    unscaled,
-)
-from integ_gym.train.policy_files.sidecar import has_sidecar, read_trained, readable_file
-from integ_gym.train.policy_files.stated_home import Stated
+from integ_gym.train.policy import Policy
+from integ_gym.train.policy_files.limits import PolicyFileError
+from integ_gym.train.policy_files.onnx import OnnxPolicy, onnx_card, onnx_data
+from integ_gym.train.policy_files.reading import ONNX_ENDING, POLICY_ENDINGS, read_weights, unscaled
+from integ_gym.train.policy_files.sidecar import Stated, has_sidecar, read_trained, readable_file
 
 from ..specification.cells.cell import Home
 from .home import Provenance, provenance

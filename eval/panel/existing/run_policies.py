@@ -10,12 +10,12 @@ from typing import Any
 
 from integ_gym.envs.catalogue.lookup import environment_setup
 from integ_gym.envs.testbeds.making import testbed_of
-from integ_gym.evidence.episodes.record import EvidenceRecord, argument_values
-from integ_gym.evidence.store.store import EvidenceStore
-from integ_gym.evidence.verification.replaying import Acting
+from integ_gym.evidence.record import EvidenceRecord, argument_values
+from integ_gym.evidence.replaying import Acting
+from integ_gym.evidence.store import EvidenceStore
 from integ_gym.support.files import read_object
 from integ_gym.train.baselines.making import BASELINES, make_baseline
-from integ_gym.train.policy.interface import Policy
+from integ_gym.train.policy import Policy
 
 from .policy import kept_policy, read_existing
 

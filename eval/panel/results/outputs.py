@@ -7,8 +7,8 @@ from typing import Any
 
 import msgspec
 
-from integ_gym.evidence.store.store import EvidenceStore
-from integ_gym.evidence.verification.sealing import seal
+from integ_gym.evidence.sealing import seal
+from integ_gym.evidence.store import EvidenceStore
 from integ_gym.support.files import told_path
 from integ_gym.support.processes import limit_threads
 from integ_gym.support.terminal import plural

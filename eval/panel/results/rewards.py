@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from integ_gym.envs.foreign import ASSUMED_RATE
-from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.evidence.store import EvidenceStore
 
 _SAY_IT = (
     "does not say what its rewards are, so that a decision pays their mean, and of an episode's "

@@ -16,7 +16,7 @@ from typing import Any
 
 import msgspec
 
-from integ_gym.evidence.verification.sealing import (
+from integ_gym.evidence.sealing import (
     SEAL_FILE,
     broken_seals,
     lift_seal,

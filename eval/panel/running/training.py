@@ -7,14 +7,13 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from integ_gym.evidence.episodes.context import EpisodeContext
+from integ_gym.evidence.context import EpisodeContext
 from integ_gym.support.executors import Cluster
 from integ_gym.support.optional import require
-from integ_gym.train.fleet.worker import GIB_PER_WORKER, Workers, workers_of
-from integ_gym.train.policy_files.own_hash import card_hash
+from integ_gym.train.config import TrainingConfig, TrainingEvidence
+from integ_gym.train.fleet.planning import GIB_PER_WORKER, Workers, workers_of
+from integ_gym.train.policy_files.card import card_hash
 from integ_gym.train.policy_files.sidecar import TrainedPolicy
-from integ_gym.train.running.config import TrainingConfig
-from integ_gym.train.running.evidence import TrainingEvidence
 
 from ..specification.panel_spec import PanelSpec
 from .division import waiting_chunks
@@ -104,7 +103,7 @@ def memory_of(spec: PanelSpec, cluster: Cluster) -> float | None:
 
 
 def preparation_of(spec: PanelSpec, cluster: Cluster) -> Callable[[int], None] | None:
-    """What a process of others does first, which may train a policy and evaluate another."""
+    """What a worker elsewhere does first; it may train and evaluate in turn."""
     if not (spec.fleet and cluster.remote):
         return None
     from integ_gym.train.fleet.training import preparation

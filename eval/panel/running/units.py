@@ -7,10 +7,10 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from integ_gym.train.baselines.making import make_baseline
-from integ_gym.train.policy.interface import Policy
-from integ_gym.train.policy_files.own_hash import card_hash
+from integ_gym.train.config import TrainingConfig
+from integ_gym.train.policy import Policy
+from integ_gym.train.policy_files.card import card_hash
 from integ_gym.train.policy_files.sidecar import policy_file
-from integ_gym.train.running.config import TrainingConfig
 
 from ..specification.cells.cell import Home, file_name, training_arguments
 from ..specification.cells.engines import engine_versions

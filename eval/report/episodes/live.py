@@ -14,8 +14,8 @@ from integ_gym.envs.ops.ops import SCALAR
 from integ_gym.envs.registries import ENVIRONMENTS, INTEGRATORS
 from integ_gym.envs.settings import NATIVE, Setup
 from integ_gym.envs.steps import Script, script_of
-from integ_gym.train.policy.mlp_policy import MlpPolicy
-from integ_gym.train.policy_files.error import PolicyFileError
+from integ_gym.train.policy import MlpPolicy
+from integ_gym.train.policy_files.limits import PolicyFileError
 from integ_gym.train.policy_files.reading import read_weights
 from integ_gym.train.policy_files.sidecar import WEIGHTS_FILE
 

@@ -16,7 +16,7 @@ from typing import Any, Final
 import numpy as np
 from gymnasium import spaces
 
-from integ_gym.train.policy.mlp_policy import MlpPolicy
+from integ_gym.train.policy import MlpPolicy
 
 from ...panel.model.panel import Panel
 from .live import Live

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 
-from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.evidence.store import EvidenceStore
 
 from ...panel.model.panel import Panel
 from .choice import Lead, chosen

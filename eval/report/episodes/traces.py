@@ -9,7 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.evidence.store import EvidenceStore
 
 from ...panel.model.panel import Panel
 from .choice import Lead

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, Final
 from urllib.parse import quote
 
-from integ_gym.evidence.verification.sealing import unbroken_seal
+from integ_gym.evidence.sealing import unbroken_seal
 from integ_gym.support.figures import VIRIDIS
 from integ_gym.support.files import replace_file
 from integ_gym.support.pages import page_environment, page_parts

@@ -15,10 +15,10 @@ from sb3_contrib.common.wrappers import TimeFeatureWrapper
 
 import integ_gym
 from integ_gym.envs.catalogue.lookup import environment_setup
-from integ_gym.evidence.episodes.context import EpisodeContext
-from integ_gym.evidence.recorders.recorder import RecordEvidence
-from integ_gym.evidence.store.store import EvidenceStore
-from integ_gym.train.sb3.vec_env import Sb3VecEnv
+from integ_gym.evidence.context import EpisodeContext
+from integ_gym.evidence.recorder import RecordEvidence
+from integ_gym.evidence.store import EvidenceStore
+from integ_gym.train.vec_env import Sb3VecEnv
 
 IDS = tuple(integ_gym.ENVIRONMENTS)
 OWN_ID = "OwnLimit-v0"

@@ -19,9 +19,9 @@ from integ_gym.envs.foreign import Repeated, StatedEnv, time_limit, wrappers_of
 from integ_gym.envs.settings import Discretization
 from integ_gym.envs.testbeds.gym_testbed import CLASSIC, GymTestbed
 from integ_gym.envs.testbeds.making import make_checked, testbed_of
-from integ_gym.evidence.episodes.context import EpisodeContext
-from integ_gym.evidence.recorders.vector_recorder import RecordVectorEvidence
-from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.evidence.context import EpisodeContext
+from integ_gym.evidence.store import EvidenceStore
+from integ_gym.evidence.vector_recorder import RecordVectorEvidence
 
 PAGE = (ROOT / "docs" / "how-to" / "testbeds.md").read_text(encoding="utf-8")
 

@@ -33,7 +33,7 @@ from integ_gym.eval.diagnosis.bench.subject import subjects
 from integ_gym.eval.diagnosis.run import SECTIONS
 from integ_gym.eval.diagnosis.sections import plant as plant_section
 from integ_gym.eval.diagnosis.terminal import print_diagnosis
-from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.evidence.store import EvidenceStore
 from integ_gym.support.figures import FORMATS
 
 BUILT_IN = "symplectic_euler"

@@ -20,7 +20,7 @@ from integ_gym.eval.diagnosis.lines.expectation import above, below, near, said,
 from integ_gym.eval.diagnosis.lines.order import order_expected
 from integ_gym.eval.diagnosis.sections.contact import passive
 from integ_gym.eval.diagnosis.sections.free_motion import trend
-from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.evidence.store import EvidenceStore
 
 NAMES = INTEGRATORS.names()
 WITH_ORDERS = ("free motion", "damping", "friction", "contact", "actuation", "timestep refinement")

@@ -16,7 +16,7 @@ from integ_gym.envs.settings import DISCRETIZATION, Discretization
 from integ_gym.eval.film import of_record
 from integ_gym.eval.film.of_record import watch
 from integ_gym.eval.panel.existing.run_policies import policy_of
-from integ_gym.evidence.store.store import open_run
+from integ_gym.evidence.store import open_run
 
 
 def record_where(run, condition: str):

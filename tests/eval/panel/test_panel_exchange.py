@@ -11,7 +11,7 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
 from integ_gym.cli import main
-from integ_gym.evidence.store.store import open_run
+from integ_gym.evidence.store import open_run
 
 _EVALUATION = "phase = 'evaluation' AND episode_index = 0"
 

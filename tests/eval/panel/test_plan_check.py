@@ -15,11 +15,11 @@ from forgery import make_fit
 from integ_gym.cli import main
 from integ_gym.eval.panel.running.run_directory import RunDirectory, Seen, hash_of_looks, spent_by
 from integ_gym.eval.verdict.looks import Shares
-from integ_gym.evidence.schema.arrow import VERSION_KEY
-from integ_gym.evidence.schema.content_hash import with_hashes
-from integ_gym.evidence.schema.fields import SUMMARY_FIELDS
-from integ_gym.evidence.verification.sealing import seal
-from integ_gym.train.policy_files.own_hash import card_hash, hashed
+from integ_gym.evidence.fields import SUMMARY_FIELDS
+from integ_gym.evidence.hashing import with_hashes
+from integ_gym.evidence.schema import VERSION_KEY
+from integ_gym.evidence.sealing import seal
+from integ_gym.train.policy_files.card import card_hash, hashed
 
 
 @pytest.fixture

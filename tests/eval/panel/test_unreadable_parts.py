@@ -11,8 +11,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from integ_gym.cli import main
-from integ_gym.evidence.schema.content_hash import with_hashes
-from integ_gym.evidence.verification.sealing import seal
+from integ_gym.evidence.hashing import with_hashes
+from integ_gym.evidence.sealing import seal
 
 COLUMNS = (
     *("perturbation", "training_discretization", "arguments", "engine_description"),

@@ -11,9 +11,9 @@ from engine_cases import EVERY, FIRST, STOPPED, TOLERANCE, lighter, needs
 
 import integ_gym
 from integ_gym.envs.registries import ENGINES
-from integ_gym.evidence.episodes.context import EpisodeContext
-from integ_gym.evidence.recorders.recorder import RecordEvidence
-from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.evidence.context import EpisodeContext
+from integ_gym.evidence.recorder import RecordEvidence
+from integ_gym.evidence.store import EvidenceStore
 
 INTO_THE_STOP = (2.2, 2.0, 3.0, 0.0)
 FREELY = (0.0, 0.1, 2.0, 0.0)

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from integ_gym.evidence.episodes.labels import EpisodeFacts, Replays, failure_label
-from integ_gym.evidence.schema.fields import CELL_STATUSES, LABELS, SUMMARY_FIELDS
+from integ_gym.evidence.fields import CELL_STATUSES, LABELS, SUMMARY_FIELDS
+from integ_gym.evidence.labels import EpisodeFacts, Replays, failure_label
 
 FAILED = EpisodeFacts(
     success=False,

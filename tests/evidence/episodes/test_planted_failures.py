@@ -12,8 +12,8 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from integ_gym.evidence.episodes.labels import EpisodeFacts, Replays, failure_label
-from integ_gym.evidence.schema.fields import CELL_STATUSES, LABELS
+from integ_gym.evidence.fields import CELL_STATUSES, LABELS
+from integ_gym.evidence.labels import EpisodeFacts, Replays, failure_label
 
 COUNT = 400
 UNKNOWN_OR_FALSE = (None, False)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from pathlib import Path
 
 import duckdb
 import gymnasium as gym
@@ -17,12 +18,12 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
 from integ_gym.cli import main
-from integ_gym.evidence.episodes.context import EpisodeContext
+from integ_gym.evidence.context import EpisodeContext
 from integ_gym.evidence.exchange.exporting import EXPORT_FORMATS, TEXT_FORMATS, export
-from integ_gym.evidence.recorders.recorder import RecordEvidence
-from integ_gym.evidence.schema.errors import EvidenceError
-from integ_gym.evidence.store.parquet_file import parts
-from integ_gym.evidence.store.store import EvidenceStore, open_run
+from integ_gym.evidence.parquet_file import parts
+from integ_gym.evidence.recorder import RecordEvidence
+from integ_gym.evidence.schema import EvidenceError
+from integ_gym.evidence.store import EvidenceStore, open_run
 from integ_gym.support.files import read_bounded
 
 FOLDERS = tuple(form for form in EXPORT_FORMATS if form not in TEXT_FORMATS)
@@ -54,7 +55,8 @@ def _exported(store, form, out, **options):
 
 
 def test_minari_reads_a_data_set(run, tmp_path, monkeypatch):
-    records = _exported(run, "minari", tmp_path / "datasets")
+    monkeypatch.chdir(tmp_path)
+    records = _exported(run, "minari", Path("datasets"))
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "datasets"))
     (name,) = minari.list_local_datasets()
     data = minari.load_dataset(name)
@@ -175,8 +177,8 @@ def test_nothing_is_replaced_and_nothing_half_written(run, form, tmp_path, monke
         yield from list(parts(*read))[:1]
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("integ_gym.evidence.exchange.selection.parts", broken)
-    monkeypatch.setattr("integ_gym.evidence.exchange.selection.read", lambda *x, **y: 1 // 0)
+    monkeypatch.setattr("integ_gym.evidence.exchange.exporting.parts", broken)
+    monkeypatch.setattr("integ_gym.evidence.exchange.exporting.read", lambda *x, **y: 1 // 0)
     with pytest.raises((KeyboardInterrupt, ZeroDivisionError)):
         export(run, form, out)
     assert list(tmp_path.iterdir()) == []

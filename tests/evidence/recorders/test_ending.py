@@ -12,11 +12,11 @@ from dataclasses import replace
 import gymnasium as gym
 import pytest
 
-from integ_gym.evidence.episodes.context import EpisodeContext
-from integ_gym.evidence.recorders.recorder import RecordEvidence
-from integ_gym.evidence.recorders.vector_recorder import RecordVectorEvidence
-from integ_gym.evidence.schema.errors import EvidenceError
-from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.evidence.context import EpisodeContext
+from integ_gym.evidence.recorder import RecordEvidence
+from integ_gym.evidence.schema import EvidenceError
+from integ_gym.evidence.store import EvidenceStore
+from integ_gym.evidence.vector_recorder import RecordVectorEvidence
 
 
 @pytest.mark.parametrize("way", [copy.copy, copy.deepcopy, pickle.dumps])

@@ -12,15 +12,14 @@ from gymnasium.utils.env_checker import check_env
 
 from integ_gym.envs.catalogue.pendulum import IntegPendulumEnv
 from integ_gym.envs.registries import ENVIRONMENTS
-from integ_gym.evidence.episodes.context import EpisodeContext
-from integ_gym.evidence.episodes.labels import Replays
-from integ_gym.evidence.recorders import recorder as recorder_module
-from integ_gym.evidence.recorders.recorder import RecordEvidence
-from integ_gym.evidence.recorders.vector_recorder import RecordVectorEvidence
-from integ_gym.evidence.schema.errors import BatchExistsError, EvidenceError
-from integ_gym.evidence.schema.fields import PHASES
-from integ_gym.evidence.schema.trace_fields import record_fields
-from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.evidence import recorder as recorder_module
+from integ_gym.evidence.context import EpisodeContext
+from integ_gym.evidence.fields import PHASES, record_fields
+from integ_gym.evidence.labels import Replays
+from integ_gym.evidence.recorder import RecordEvidence
+from integ_gym.evidence.schema import BatchExistsError, EvidenceError
+from integ_gym.evidence.store import EvidenceStore
+from integ_gym.evidence.vector_recorder import RecordVectorEvidence
 
 SETTINGS = {
     "plain": {},

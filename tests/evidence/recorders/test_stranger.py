@@ -11,13 +11,12 @@ import pytest
 from engine_cases import needs
 from gymnasium import spaces
 
-from integ_gym.evidence.episodes.context import EpisodeContext
-from integ_gym.evidence.recorders.recorder import RecordEvidence
-from integ_gym.evidence.recorders.stranger import Stranger
-from integ_gym.evidence.schema.json import json_schema
-from integ_gym.evidence.store.store import EvidenceStore
-from integ_gym.evidence.verification.recomputing import recompute
-from integ_gym.evidence.verification.replaying import replay
+from integ_gym.evidence.context import EpisodeContext
+from integ_gym.evidence.recomputing import recompute
+from integ_gym.evidence.recorder import RecordEvidence, Stranger
+from integ_gym.evidence.replaying import replay
+from integ_gym.evidence.schema import json_schema
+from integ_gym.evidence.store import EvidenceStore
 
 UNKNOWN = (
     *("engine", "engine_version", "integrator", "dt", "control_period", "substeps", "duration"),

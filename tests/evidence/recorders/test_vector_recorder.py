@@ -9,13 +9,12 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
 
-from integ_gym.evidence.episodes.context import EpisodeContext
-from integ_gym.evidence.episodes.labels import Replays
-from integ_gym.evidence.recorders.lane_buffer import LaneBuffer
-from integ_gym.evidence.recorders.recorder import RecordEvidence
-from integ_gym.evidence.recorders.vector_recorder import RecordVectorEvidence
-from integ_gym.evidence.schema.fields import VOLATILE_NAMES
-from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.evidence.context import EpisodeContext
+from integ_gym.evidence.fields import VOLATILE_NAMES
+from integ_gym.evidence.labels import Replays
+from integ_gym.evidence.recorder import RecordEvidence
+from integ_gym.evidence.store import EvidenceStore
+from integ_gym.evidence.vector_recorder import LaneBuffer, RecordVectorEvidence
 
 LANES = 5
 STEPS = 120
@@ -365,8 +364,8 @@ def test_records_are_the_same_whatever_they_are_written_with(
     """Episode by episode, all at once, and in many groups, each hashed beside the one before."""
     written = {}
     for name, every, rows in (("singly", 1, 512), ("together", None, 512), ("in groups", None, 3)):
-        monkeypatch.setattr("integ_gym.evidence.store.parquet_file._GROUP_BYTES", 1)
-        monkeypatch.setattr("integ_gym.evidence.store.parquet_file._FEWEST_ROWS", rows)
+        monkeypatch.setattr("integ_gym.evidence.parquet_file._GROUP_BYTES", 1)
+        monkeypatch.setattr("integ_gym.evidence.parquet_file._FEWEST_ROWS", rows)
         env = gym.make_vec("IntegCartPole-v0", num_envs=LANES, control_period=0.02, **arguments)
         told = replace(context, trace_every=2)
         env = RecordVectorEvidence(env, tmp_path / name, told, commit_every=every)

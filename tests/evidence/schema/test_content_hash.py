@@ -10,10 +10,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from integ_gym.evidence.schema.arrow import described, is_trace
-from integ_gym.evidence.schema.content_hash import content_hashes
-from integ_gym.evidence.schema.fields import SUMMARY_FIELDS, VOLATILE_NAMES
-from integ_gym.evidence.schema.trace_fields import COMMON_TRACE
+from integ_gym.evidence.fields import COMMON_TRACE, SUMMARY_FIELDS, VOLATILE_NAMES
+from integ_gym.evidence.hashing import content_hashes
+from integ_gym.evidence.schema import described, is_trace
 
 
 @pytest.fixture

@@ -12,17 +12,24 @@ import pytest
 from integ_gym.envs.plants.interface import state_names
 from integ_gym.envs.registries import ENVIRONMENTS, PLANTS, TASKS
 from integ_gym.envs.settings import Settings
-from integ_gym.evidence.recorders.recorder import RecordEvidence
-from integ_gym.evidence.schema.arrow import ENV_KEY, VERSION_KEY, arrow_schema, described
-from integ_gym.evidence.schema.fields import (
+from integ_gym.evidence.fields import (
     CELL_STATUSES,
     SCHEMA_VERSION,
     SUMMARY_FIELDS,
     VOLATILE_NAMES,
+    record_fields,
 )
-from integ_gym.evidence.schema.json import SCHEMA_PATH, json_schema, schema_text
-from integ_gym.evidence.schema.trace_fields import record_fields
-from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.evidence.recorder import RecordEvidence
+from integ_gym.evidence.schema import (
+    ENV_KEY,
+    SCHEMA_PATH,
+    VERSION_KEY,
+    arrow_schema,
+    described,
+    json_schema,
+    schema_text,
+)
+from integ_gym.evidence.store import EvidenceStore
 
 PROMISED = """
     record_id schema_version run_id phase env_id arguments engine engine_version integrator dt

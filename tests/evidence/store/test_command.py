@@ -20,11 +20,10 @@ import pyarrow.parquet as pq
 import pytest
 
 from integ_gym.cli import main as run
-from integ_gym.evidence.schema.arrow import VERSION_KEY
-from integ_gym.evidence.schema.fields import SUMMARY_FIELDS
-from integ_gym.evidence.store.printing import print_table
-from integ_gym.evidence.store.showing import show, sparkline
-from integ_gym.evidence.store.store import open_run
+from integ_gym.evidence.fields import SUMMARY_FIELDS
+from integ_gym.evidence.printing import print_table, show, sparkline
+from integ_gym.evidence.schema import VERSION_KEY
+from integ_gym.evidence.store import open_run
 
 
 @pytest.fixture

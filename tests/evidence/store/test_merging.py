@@ -11,11 +11,10 @@ import pyarrow.parquet as pq
 import pytest
 
 from integ_gym.cli import main
-from integ_gym.evidence.recorders.recorder import RecordEvidence
-from integ_gym.evidence.schema.content_hash import with_hashes
-from integ_gym.evidence.schema.errors import EvidenceError
-from integ_gym.evidence.store.merging import merge
-from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.evidence.hashing import with_hashes
+from integ_gym.evidence.recorder import RecordEvidence
+from integ_gym.evidence.schema import EvidenceError
+from integ_gym.evidence.store import EvidenceStore, merge
 
 
 def _hashes(store):

@@ -15,9 +15,9 @@ from pathlib import Path
 import pyarrow as pa
 import pytest
 
-from integ_gym.evidence.schema.errors import EvidenceError
-from integ_gym.evidence.store.printing import print_table
-from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.evidence.printing import print_table
+from integ_gym.evidence.schema import EvidenceError
+from integ_gym.evidence.store import EvidenceStore
 
 WRITING = (
     "COPY (PIVOT records ON env_id USING count(*)) TO '{file}'",

@@ -15,11 +15,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from integ_gym.evidence.recorders.recorder import RecordEvidence as Recorder
-from integ_gym.evidence.schema.arrow import VERSION_KEY
-from integ_gym.evidence.schema.errors import BatchExistsError, EvidenceError
-from integ_gym.evidence.schema.fields import SCHEMA_VERSION
-from integ_gym.evidence.store.store import EvidenceStore, open_run
+from integ_gym.evidence.fields import SCHEMA_VERSION
+from integ_gym.evidence.recorder import RecordEvidence as Recorder
+from integ_gym.evidence.schema import VERSION_KEY, BatchExistsError, EvidenceError
+from integ_gym.evidence.store import EvidenceStore, open_run
 from integ_gym.support.files import LEFTOVER_AGE, write_once
 
 WRITER = """
@@ -134,7 +133,7 @@ def test_several_tables_make_one_batch(store, table, monkeypatch):
     file = store.directory / "many.parquet"
     assert pq.read_table(file).equals(many)
     assert pq.read_metadata(file).num_row_groups == 1
-    monkeypatch.setattr("integ_gym.evidence.store.parquet_file._GROUP_BYTES", 1)
+    monkeypatch.setattr("integ_gym.evidence.parquet_file._GROUP_BYTES", 1)
     store.commit_all("long", (table for _ in range(500)))
     file = store.directory / "long.parquet"
     assert pq.read_table(file).equals(many)

@@ -13,15 +13,14 @@ import pyarrow.parquet as pq
 import pytest
 
 from integ_gym.cli import main as run
-from integ_gym.evidence.episodes.labels import Replays
 from integ_gym.evidence.exchange.exporting import TEXT_FORMATS, export
-from integ_gym.evidence.recorders.recorder import RecordEvidence
-from integ_gym.evidence.schema.arrow import VERSION_KEY
-from integ_gym.evidence.schema.content_hash import with_hashes
-from integ_gym.evidence.schema.errors import EvidenceError
-from integ_gym.evidence.schema.fields import SCHEMA_VERSION, SUMMARY_FIELDS
-from integ_gym.evidence.store.showing import show
-from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.evidence.fields import SCHEMA_VERSION, SUMMARY_FIELDS
+from integ_gym.evidence.hashing import with_hashes
+from integ_gym.evidence.labels import Replays
+from integ_gym.evidence.printing import show
+from integ_gym.evidence.recorder import RecordEvidence
+from integ_gym.evidence.schema import VERSION_KEY, EvidenceError
+from integ_gym.evidence.store import EvidenceStore
 
 LATER = tuple(field.name for field in SUMMARY_FIELDS if field.since > 1)
 

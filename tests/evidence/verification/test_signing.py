@@ -13,15 +13,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from integ_gym.cli import main
-from integ_gym.evidence.schema.errors import EvidenceError
-from integ_gym.evidence.verification.sealing import (
+from integ_gym.evidence.schema import EvidenceError
+from integ_gym.evidence.sealing import (
     SEAL_FILE,
     SIGNATURE_FILE,
     SIGSTORE_FILE,
     broken_seals,
+    broken_signature,
+    check_key,
     seal,
+    sign,
+    signer_of,
 )
-from integ_gym.evidence.verification.signing import broken_signature, check_key, sign, signer_of
 
 EARLIER_SIGNATURE = """\
 -----BEGIN SSH SIGNATURE-----
@@ -126,7 +129,7 @@ def test_files_that_hold_nothing_of_the_kind_are_refused(tmp_path, run, key, con
 def test_a_key_that_cannot_sign_is_refused_at_once(tmp_path):
     with pytest.raises(EvidenceError, match="No such file"):
         check_key(tmp_path / "none")
-    check = "from pathlib import Path; from integ_gym.evidence.verification.signing import *; "
+    check = "from pathlib import Path; from integ_gym.evidence.sealing import *; "
     locked = _make_key(tmp_path / "locked", passphrase="secret")
     words = [sys.executable, "-c", f"{check}check_key(Path({str(locked)!r}))"]
     alone = subprocess.run(words, capture_output=True, text=True, start_new_session=True)

@@ -12,19 +12,22 @@ import pyarrow.parquet as pq
 import pytest
 
 from integ_gym.envs.registries import ENVIRONMENTS
-from integ_gym.evidence.episodes.context import EpisodeContext
-from integ_gym.evidence.episodes.labels import Replays
-from integ_gym.evidence.recorders.recorder import RecordEvidence
-from integ_gym.evidence.schema.arrow import is_trace
-from integ_gym.evidence.schema.content_hash import with_hashes
-from integ_gym.evidence.schema.errors import EvidenceError
-from integ_gym.evidence.store.store import EvidenceStore
-from integ_gym.evidence.verification import replaying
-from integ_gym.evidence.verification.gaps import missing_episodes
-from integ_gym.evidence.verification.recomputing import recompute
-from integ_gym.evidence.verification.replaying import replay
-from integ_gym.evidence.verification.sampling import replay_some
-from integ_gym.evidence.verification.sealing import SEAL_FILE, broken_seals, read_seal, seal
+from integ_gym.evidence import replaying
+from integ_gym.evidence.context import EpisodeContext
+from integ_gym.evidence.hashing import with_hashes
+from integ_gym.evidence.labels import Replays
+from integ_gym.evidence.recomputing import recompute
+from integ_gym.evidence.recorder import RecordEvidence
+from integ_gym.evidence.replaying import replay
+from integ_gym.evidence.schema import EvidenceError, is_trace
+from integ_gym.evidence.sealing import (
+    SEAL_FILE,
+    broken_seals,
+    read_seal,
+    seal,
+)
+from integ_gym.evidence.store import EvidenceStore
+from integ_gym.evidence.verification import missing_episodes, replay_some
 
 SETTINGS = {
     "plain": {},

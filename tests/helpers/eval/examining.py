@@ -9,7 +9,7 @@ from integ_gym.eval.diagnosis.bench.subject import subjects
 from integ_gym.eval.diagnosis.lines.finding import Finding
 from integ_gym.eval.diagnosis.run import SECTIONS
 from integ_gym.eval.diagnosis.section import Diagnosis
-from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.evidence.store import EvidenceStore
 
 
 def examine(section: str, plant: str, *integrators: str, steps=(), store: Path) -> list[Finding]:

@@ -14,10 +14,10 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from integ_gym.evidence.schema.arrow import is_trace
-from integ_gym.evidence.schema.content_hash import with_hashes
-from integ_gym.evidence.verification.sealing import seal
-from integ_gym.train.policy_files.own_hash import card_hash, hashed
+from integ_gym.evidence.hashing import with_hashes
+from integ_gym.evidence.schema import is_trace
+from integ_gym.evidence.sealing import seal
+from integ_gym.train.policy_files.card import card_hash, hashed
 
 Names = tuple[str, ...]
 """Of what was changed, one of which must be told: record, file, policy or what is too few."""

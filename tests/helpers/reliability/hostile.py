@@ -23,8 +23,8 @@ import integ_gym  # noqa: F401
 from integ_gym.eval.panel.running.run_directory import RunDirectory, read_manifest
 from integ_gym.eval.panel.specification.reading import read_spec
 from integ_gym.evidence.exchange.exporting import EXPORT_FORMATS
-from integ_gym.evidence.schema.arrow import is_trace
-from integ_gym.evidence.schema.content_hash import with_hashes
+from integ_gym.evidence.hashing import with_hashes
+from integ_gym.evidence.schema import is_trace
 from integ_gym.support.parameters import finite_number
 from integ_gym.train.policy_files.sidecar import read_sidecar, read_trained
 

@@ -24,8 +24,8 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from integ_gym.evidence.schema.arrow import is_trace
-from integ_gym.evidence.schema.content_hash import with_hashes
+from integ_gym.evidence.hashing import with_hashes
+from integ_gym.evidence.schema import is_trace
 
 JSON_COLUMNS = (
     *("engine_description", "arguments", "training_discretization", "perturbation"),

@@ -47,15 +47,14 @@ from integ_gym.eval.panel.results.comparing import differences
 from integ_gym.eval.panel.results.outputs import noted_call, panel_of
 from integ_gym.eval.panel.running.run_directory import MANIFEST, RunDirectory
 from integ_gym.eval.panel.specification.planned import planned_spec
-from integ_gym.evidence.episodes.record import EvidenceRecord, records_of
-from integ_gym.evidence.schema.errors import Finding
-from integ_gym.evidence.schema.fields import PHASES
-from integ_gym.evidence.store.store import EvidenceStore
-from integ_gym.evidence.verification.gaps import missing_episodes, other_columns
-from integ_gym.evidence.verification.recomputing import recompute
-from integ_gym.evidence.verification.replaying import replay
-from integ_gym.evidence.verification.sampling import replay_some
-from integ_gym.evidence.verification.sealing import broken_seals, seal
+from integ_gym.evidence.fields import PHASES
+from integ_gym.evidence.recomputing import recompute
+from integ_gym.evidence.record import EvidenceRecord, records_of
+from integ_gym.evidence.replaying import replay
+from integ_gym.evidence.schema import Finding
+from integ_gym.evidence.sealing import broken_seals, seal
+from integ_gym.evidence.store import EvidenceStore
+from integ_gym.evidence.verification import missing_episodes, other_columns, replay_some
 
 T = TypeVar("T")
 

@@ -18,7 +18,7 @@ from hostile import HOSTILE
 from interruption import INTERRUPTIONS, ended, release, started
 from victim import Task, Victim, command, records_of
 
-from integ_gym.evidence.verification.sealing import SEAL_FILE
+from integ_gym.evidence.sealing import SEAL_FILE
 
 REBUILT = 0.05
 """Share of the tries in which the panel's command is run on what was damaged."""

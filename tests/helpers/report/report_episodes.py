@@ -12,8 +12,7 @@ from integ_gym.eval.report.episodes.live import MOST_POLICIES, with_policies
 from integ_gym.eval.report.episodes.outcomes import Outcomes
 from integ_gym.eval.report.episodes.told import Told
 from integ_gym.eval.report.episodes.traces import Trace
-from integ_gym.train.policy.actions import BoxActions
-from integ_gym.train.policy.mlp_policy import MlpPolicy
+from integ_gym.train.policy import BoxActions, MlpPolicy
 
 SAMPLES = 241
 

@@ -10,11 +10,11 @@ from typing import Any
 import pytest
 
 from integ_gym.envs.registries import ENVIRONMENTS
-from integ_gym.evidence.episodes.context import EpisodeContext
+from integ_gym.evidence.context import EpisodeContext
 from integ_gym.support.processes import peak_memory
+from integ_gym.train.config import TrainingEvidence
 from integ_gym.train.fleet.training import train_chunk
 from integ_gym.train.ppo import PPOConfig
-from integ_gym.train.running.evidence import TrainingEvidence
 
 OF_EACH_ACTION = [
     env_id

@@ -14,9 +14,9 @@ import gymnasium as gym
 import pytest
 from gymnasium import spaces
 
-from integ_gym.train.policy.mlp_policy import MlpPolicy
-from integ_gym.train.policy_files.error import PolicyFileError
-from integ_gym.train.policy_files.formats.sb3_zip.reading import read_sb3_zip
+from integ_gym.train.policy import MlpPolicy
+from integ_gym.train.policy_files.limits import PolicyFileError
+from integ_gym.train.policy_files.sb3_zip import read_sb3_zip
 
 torch = pytest.importorskip("torch")
 

@@ -16,8 +16,13 @@ from playing import CART_POLE, ELASTIC, PENDULUM, SWING_UP, TIGHT, play, setup_o
 
 import integ_gym
 from integ_gym.envs.registries import TASKS
-from integ_gym.train.baselines.making import BASELINES, HANDMADE, has_handmade, make_baseline
-from integ_gym.train.policy.interface import Policy
+from integ_gym.train.baselines.making import (
+    BASELINES,
+    HANDMADE,
+    has_handmade,
+    make_baseline,
+)
+from integ_gym.train.policy import Policy
 
 pytest.importorskip("scipy")
 

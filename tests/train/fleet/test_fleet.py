@@ -22,11 +22,22 @@ from stable_baselines3.common.logger import Logger
 
 from integ_gym.envs.catalogue.lookup import environment_setup
 from integ_gym.envs.registries import ENVIRONMENTS
-from integ_gym.evidence.episodes.context import EpisodeContext
-from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.evidence.context import EpisodeContext
+from integ_gym.evidence.store import EvidenceStore
 from integ_gym.train.command import training_command as main
+from integ_gym.train.config import TrainingEvidence
 from integ_gym.train.fleet import training as fleet
-from integ_gym.train.fleet.network import ACTIVATIONS, log_prob_and_entropy, outputs
+from integ_gym.train.fleet.learning import (
+    ACTIVATIONS,
+    Adam,
+    Algorithm,
+    Batch,
+    Knobs,
+    log_prob_and_entropy,
+    outputs,
+    permutations,
+    update,
+)
 from integ_gym.train.fleet.planning import kind_of
 from integ_gym.train.fleet.program import FleetProgram
 from integ_gym.train.fleet.training import (
@@ -35,19 +46,18 @@ from integ_gym.train.fleet.training import (
     train_in_stages,
     write_outcome,
 )
-from integ_gym.train.fleet.types import Adam, Algorithm, Batch, Knobs
-from integ_gym.train.fleet.update import permutations, update
-from integ_gym.train.policy.network import ACTIVATIONS as POLICY_ACTIVATIONS
-from integ_gym.train.policy_files.error import PolicyFileError
-from integ_gym.train.policy_files.formats.safetensors_file import (
-    FORMAT,
-    read_safetensors,
-)
+from integ_gym.train.policy import ACTIVATIONS as POLICY_ACTIVATIONS
+from integ_gym.train.policy_files.limits import PolicyFileError
+from integ_gym.train.policy_files.safetensors_file import FORMAT, read_safetensors
 from integ_gym.train.policy_files.sidecar import read_trained
 from integ_gym.train.ppo import make_training_envs, model_arguments
-from integ_gym.train.running.evidence import TrainingEvidence
-from integ_gym.train.sb3.initial_weights import Stack, initial_stack, orthogonal, state_dict
-from integ_gym.train.sb3.vec_env import Sb3VecEnv, ScaledRewards
+from integ_gym.train.sb3_model import (
+    Stack,
+    initial_stack,
+    orthogonal,
+    state_dict,
+)
+from integ_gym.train.vec_env import Sb3VecEnv, ScaledRewards
 
 
 def _columns(config, learning_rate):

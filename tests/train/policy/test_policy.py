@@ -17,10 +17,13 @@ from gymnasium import spaces
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from integ_gym.train.policy.actions import BoxActions, DiscreteActions
-from integ_gym.train.policy.interface import Policy
-from integ_gym.train.policy.mlp_policy import MlpPolicy
-from integ_gym.train.policy.observation_statistics import ObservationStatistics
+from integ_gym.train.policy import (
+    BoxActions,
+    DiscreteActions,
+    MlpPolicy,
+    ObservationStatistics,
+    Policy,
+)
 
 Layers = tuple[tuple[np.ndarray, np.ndarray], ...]
 

@@ -8,12 +8,15 @@ import pytest
 from integ_gym.envs.catalogue.lookup import environment_setup
 from integ_gym.envs.registries import ENVIRONMENTS
 from integ_gym.train.baselines.making import BASELINES, make_baseline
-from integ_gym.train.policy.actions import BoxActions, DiscreteActions
-from integ_gym.train.policy.mlp_policy import MlpPolicy
-from integ_gym.train.policy.network import ACTIVATIONS
-from integ_gym.train.policy.observation_statistics import ObservationStatistics
-from integ_gym.train.policy.stack import PolicyStack
-from integ_gym.train.sb3.initial_weights import initial_stack
+from integ_gym.train.called_policy import PolicyStack
+from integ_gym.train.policy import (
+    ACTIVATIONS,
+    BoxActions,
+    DiscreteActions,
+    MlpPolicy,
+    ObservationStatistics,
+)
+from integ_gym.train.sb3_model import initial_stack
 
 BOX = BoxActions([-2.0], [2.0])
 

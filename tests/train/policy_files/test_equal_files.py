@@ -8,13 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from integ_gym.train.policy.actions import BoxActions
-from integ_gym.train.policy.mlp_policy import MlpPolicy
-from integ_gym.train.policy_files.error import PolicyFileError
-from integ_gym.train.policy_files.formats.safetensors_file import (
-    read_safetensors,
-    safetensors_bytes,
-)
+from integ_gym.train.policy import BoxActions, MlpPolicy
+from integ_gym.train.policy_files.limits import PolicyFileError
+from integ_gym.train.policy_files.safetensors_file import read_safetensors, safetensors_bytes
 
 
 def _policy() -> MlpPolicy:

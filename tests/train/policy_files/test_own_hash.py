@@ -8,11 +8,10 @@ import numpy as np
 import onnx
 import pytest
 
-from integ_gym.train.policy.actions import BoxActions
-from integ_gym.train.policy.mlp_policy import MlpPolicy
-from integ_gym.train.policy_files.error import PolicyFileError
-from integ_gym.train.policy_files.formats.onnx_policy import onnx_card
-from integ_gym.train.policy_files.own_hash import hashed
+from integ_gym.train.policy import BoxActions, MlpPolicy
+from integ_gym.train.policy_files.card import hashed
+from integ_gym.train.policy_files.limits import PolicyFileError
+from integ_gym.train.policy_files.onnx import onnx_card
 from integ_gym.train.policy_files.sidecar import read_trained
 from integ_gym.train.policy_files.writing import save_policy, write_sidecar
 

@@ -10,8 +10,8 @@ import pytest
 from gymnasium import spaces
 from policy_files import UNIT_3, BoxEnv, refusal, rewritten, setting
 
-from integ_gym.train.policy_files.formats.sb3_zip import architecture
-from integ_gym.train.policy_files.formats.sb3_zip.reading import read_sb3_zip
+from integ_gym.train.policy_files import sb3_weights as architecture
+from integ_gym.train.policy_files.sb3_zip import read_sb3_zip
 
 sb3 = pytest.importorskip("stable_baselines3")
 

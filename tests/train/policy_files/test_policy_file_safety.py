@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 from policy_files import refusal, rewritten, saved, setting, state_dict
 
-from integ_gym.train.policy_files.formats.sb3_zip.published import zip_faults
-from integ_gym.train.policy_files.formats.sb3_zip.reading import read_sb3_zip
+from integ_gym.train.policy_files.sb3_published import zip_faults
+from integ_gym.train.policy_files.sb3_zip import read_sb3_zip
 from integ_gym.train.policy_files.writing import save_policy
 
 

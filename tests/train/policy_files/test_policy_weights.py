@@ -15,10 +15,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from policy_files import read_or_none, refusal, rewritten, saved, setting, state_dict
 
-from integ_gym.train.policy_files.error import PolicyFileError
-from integ_gym.train.policy_files.formats.sb3_zip import limits
-from integ_gym.train.policy_files.formats.sb3_zip.reading import read_sb3_zip
+from integ_gym.train.policy_files import limits
+from integ_gym.train.policy_files.limits import PolicyFileError
 from integ_gym.train.policy_files.reading import read_weights
+from integ_gym.train.policy_files.sb3_zip import read_sb3_zip
 
 torch = pytest.importorskip("torch")
 

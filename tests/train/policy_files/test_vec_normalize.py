@@ -14,12 +14,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
-from integ_gym.train.policy_files.error import PolicyFileError
-from integ_gym.train.policy_files.formats.pickles import Held
-from integ_gym.train.policy_files.formats.sb3_zip.observation_statistics import (
-    read_observation_statistics,
-)
-from integ_gym.train.policy_files.formats.vec_normalize import read_vec_normalize
+from integ_gym.train.policy_files.limits import PolicyFileError
+from integ_gym.train.policy_files.pickles import Held, read_vec_normalize
+from integ_gym.train.policy_files.sb3_zip import read_observation_statistics
 
 
 def _normalized(**arguments) -> VecNormalize:

@@ -18,18 +18,17 @@ from stable_baselines3 import DQN, PPO, SAC
 from torch import nn
 
 from integ_gym.eval.panel.existing.policy import hashes_of, read_policy_file
-from integ_gym.train.policy.actions import BoxActions, DiscreteActions
-from integ_gym.train.policy.mlp_policy import MlpPolicy
-from integ_gym.train.policy.network import ACTIVATIONS
-from integ_gym.train.policy.observation_statistics import ObservationStatistics
-from integ_gym.train.policy_files.error import PolicyFileError
-from integ_gym.train.policy_files.formats.onnx_export import onnx_bytes
-from integ_gym.train.policy_files.formats.onnx_policy import OnnxPolicy, onnx_card, read_onnx
-from integ_gym.train.policy_files.formats.safetensors_file import (
-    read_safetensors,
-    safetensors_bytes,
+from integ_gym.train.policy import (
+    ACTIVATIONS,
+    BoxActions,
+    DiscreteActions,
+    MlpPolicy,
+    ObservationStatistics,
 )
+from integ_gym.train.policy_files.limits import PolicyFileError
+from integ_gym.train.policy_files.onnx import OnnxPolicy, onnx_bytes, onnx_card, read_onnx
 from integ_gym.train.policy_files.reading import read_weights, unscaled
+from integ_gym.train.policy_files.safetensors_file import read_safetensors, safetensors_bytes
 from integ_gym.train.policy_files.sidecar import read_trained
 from integ_gym.train.policy_files.writing import save_policy, write_sidecar
 

@@ -18,13 +18,12 @@ from small_ppo import FLAGS, SMALL, files_of, looked_on, trained
 
 import integ_gym
 from integ_gym.envs.rediscretized import rediscretize
-from integ_gym.evidence.episodes.context import EpisodeContext
-from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.evidence.context import EpisodeContext
+from integ_gym.evidence.store import EvidenceStore
+from integ_gym.train.config import TrainingError, TrainingEvidence
 from integ_gym.train.fleet.training import train_fleet
 from integ_gym.train.policy_files.sidecar import TrainedPolicy, read_sidecar, read_trained
 from integ_gym.train.ppo import train_ppo
-from integ_gym.train.running.error import TrainingError
-from integ_gym.train.running.evidence import TrainingEvidence
 
 pytest.importorskip("torch")
 pytest.importorskip("stable_baselines3")

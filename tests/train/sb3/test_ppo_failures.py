@@ -12,7 +12,7 @@ from small_ppo import FLAGS, SMALL, Recorder, files_of, looked_on, trained
 from integ_gym.envs.integrators.rk4 import RK4
 from integ_gym.train import ppo
 from integ_gym.train.command import training_command as main
-from integ_gym.train.sb3.model import saved
+from integ_gym.train.sb3_model import saved
 
 torch = pytest.importorskip("torch")
 pytest.importorskip("stable_baselines3")

@@ -15,9 +15,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from policy_files import UNIT_3, BoxEnv, read_or_none, refusal, rewritten
 
-from integ_gym.train.policy.actions import BoxActions, DiscreteActions
-from integ_gym.train.policy.network import ACTIVATIONS
-from integ_gym.train.policy_files.formats.sb3_zip.reading import read_sb3_zip
+from integ_gym.train.policy import ACTIVATIONS, BoxActions, DiscreteActions
+from integ_gym.train.policy_files.sb3_zip import read_sb3_zip
 
 torch = pytest.importorskip("torch")
 sb3 = pytest.importorskip("stable_baselines3")

@@ -18,7 +18,7 @@ pytest.importorskip("stable_baselines3")
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor
 
-from integ_gym.train.sb3.vec_env import Sb3VecEnv, ScaledRewards
+from integ_gym.train.vec_env import Sb3VecEnv, ScaledRewards
 
 LANES = 4
 STEPS = 500

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.evidence.store import EvidenceStore
 
 from ...model.matrix import AppliedDiscretization
 from ...model.part import build

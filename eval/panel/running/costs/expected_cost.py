@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
-from integ_gym.evidence.episodes.layout import Layout
+from integ_gym.evidence.record import Layout
 
 from ...specification.cells.cell import Home
 from ...specification.panel_spec import PanelSpec

@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from integ_gym.envs.settings import Discretization, Settings
-from integ_gym.evidence.episodes.labels import Home as HomeReplay
-from integ_gym.evidence.episodes.labels import Replays
+from integ_gym.evidence.labels import Home as HomeReplay
+from integ_gym.evidence.labels import Replays
 
 from ...specification.cells.cell import Cell, Home
 
@@ -34,7 +34,7 @@ class Successes:
         environment: constructor arguments common to all cells.
         first: index of the first episode of every cell.
         statuses: whether a cell can be solved, by its name; see
-            :data:`integ_gym.evidence.schema.fields.CELL_STATUSES`.
+            :data:`integ_gym.evidence.fields.CELL_STATUSES`.
         whole: whether every policy's episodes at home are all here, so that its success there is
             known.
         homeless: policies that were trained nobody says where.

@@ -12,13 +12,13 @@ import numpy.typing as npt
 from gymnasium.vector import VectorEnv
 
 from integ_gym.envs.sequential_vector import DiscretizedVectorEnv
-from integ_gym.evidence.episodes.context import EpisodeContext
-from integ_gym.evidence.recorders.vector_recorder import RecordVectorEvidence
-from integ_gym.evidence.schema.fields import ATTEMPT, LATER_ATTEMPT, SECOND_HORIZON
-from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.evidence.context import EpisodeContext
+from integ_gym.evidence.fields import ATTEMPT, LATER_ATTEMPT, SECOND_HORIZON
+from integ_gym.evidence.store import EvidenceStore
+from integ_gym.evidence.vector_recorder import RecordVectorEvidence
 from integ_gym.support.processes import report_work
-from integ_gym.train.policy.interface import Policy
-from integ_gym.train.policy.stack import PolicyStack
+from integ_gym.train.called_policy import PolicyStack
+from integ_gym.train.policy import Policy
 
 from ...specification.cells.cell import Cell, Home, environments_of
 from ...specification.panel_spec import PanelSpec

@@ -15,8 +15,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from integ_gym.evidence.episodes.layout import Layout
-from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.evidence.record import Layout
+from integ_gym.evidence.store import EvidenceStore
 from integ_gym.support.executors import Cluster
 
 from ...specification.cells.cell import Cell

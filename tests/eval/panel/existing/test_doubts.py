@@ -18,10 +18,9 @@ from integ_gym.eval.panel.existing.policy import read_existing
 from integ_gym.eval.panel.results.given import given_rows
 from integ_gym.eval.panel.results.layout import PanelLayout
 from integ_gym.eval.panel.results.matrix import Matrix
-from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.evidence.store import EvidenceStore
 from integ_gym.train.baselines.making import BASELINES
-from integ_gym.train.policy.actions import BoxActions, DiscreteActions
-from integ_gym.train.policy.mlp_policy import MlpPolicy
+from integ_gym.train.policy import BoxActions, DiscreteActions, MlpPolicy
 from integ_gym.train.policy_files.writing import save_policy, write_sidecar
 
 PENDULUM = "IntegPendulum-v0"

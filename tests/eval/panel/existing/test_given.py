@@ -19,8 +19,8 @@ import integ_gym
 from integ_gym.cli import main
 from integ_gym.eval.panel.existing.given import given_policy, is_reference
 from integ_gym.eval.panel.existing.policy import read_existing
-from integ_gym.evidence.store.store import EvidenceStore
-from integ_gym.train.policy.mlp_policy import MlpPolicy
+from integ_gym.evidence.store import EvidenceStore
+from integ_gym.train.policy import MlpPolicy
 from integ_gym.train.policy_files.writing import save_policy
 
 PENDULUM = "IntegPendulum-v0"

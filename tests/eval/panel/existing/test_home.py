@@ -14,8 +14,8 @@ from integ_gym.cli import main
 from integ_gym.envs.settings import Discretization
 from integ_gym.eval.panel.existing.home import provenance
 from integ_gym.eval.panel.existing.policy import read_existing
-from integ_gym.evidence.store.store import EvidenceStore
-from integ_gym.train.policy_files.stated_home import stated_arguments
+from integ_gym.evidence.store import EvidenceStore
+from integ_gym.train.policy_files.sidecar import stated_arguments
 from integ_gym.train.policy_files.writing import write_sidecar
 
 PENDULUM = "IntegPendulum-v0"

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from integ_gym.eval.panel.existing.policy import hashes_of, kept_policy, read_existing
-from integ_gym.train.policy.actions import BoxActions, DiscreteActions
-from integ_gym.train.policy.mlp_policy import MlpPolicy
+from integ_gym.train.policy import BoxActions, DiscreteActions, MlpPolicy
 from integ_gym.train.policy_files.writing import save_policy
 
 STATISTICS = {"mean": [0.1] * 3, "var": [2.0] * 3, "epsilon": 1e-8, "clip_obs": 10.0}

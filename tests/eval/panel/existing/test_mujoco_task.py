@@ -16,7 +16,7 @@ from stable_baselines3 import PPO
 from integ_gym.cli import main
 from integ_gym.eval.panel.model.files import read_panel
 from integ_gym.eval.report.data.matrices import return_matrix
-from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.evidence.store import EvidenceStore
 
 EPISODES = 4
 HOME = "mujoco RK4 dt=0.02"

@@ -15,8 +15,8 @@ from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.vec_env import VecNormalize
 
 from integ_gym.cli import main
-from integ_gym.evidence.schema.fields import VOLATILE_NAMES
-from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.evidence.fields import VOLATILE_NAMES
+from integ_gym.evidence.store import EvidenceStore
 
 PENDULUM = "IntegPendulum-v0"
 SMALL = ["--episodes", "3", "--env-arg", "duration=2.0", "--workers", "1", "--no-progress"]

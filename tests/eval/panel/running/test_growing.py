@@ -16,7 +16,7 @@ from integ_gym.eval.panel import calls
 from integ_gym.eval.panel.results import outputs
 from integ_gym.eval.panel.specification import growth
 from integ_gym.eval.panel.specification.reading import parse_spec
-from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.evidence.store import EvidenceStore
 
 SAME = ("row", "cell", "success_by_seed", "return", "energy_residual", "overfitting", "labels")
 

@@ -27,9 +27,9 @@ from integ_gym.eval.panel.specification.cells.cell import (
 from integ_gym.eval.panel.specification.panel_spec import PanelSpec
 from integ_gym.eval.panel.specification.reading import parse_spec
 from integ_gym.eval.panel.specification.values import SpecError
-from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.evidence.store import EvidenceStore
 from integ_gym.train.baselines.making import make_baseline
-from integ_gym.train.policy_files.own_hash import hashed
+from integ_gym.train.policy_files.card import hashed
 from integ_gym.train.policy_files.sidecar import read_sidecar
 
 MEMBERS = ["explicit_euler dt=0.05", "rk4 dt=0.05", "rk4 dt=0.025"]

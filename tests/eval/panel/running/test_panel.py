@@ -20,8 +20,8 @@ from small_panel import TOML
 
 from integ_gym.cli import main
 from integ_gym.eval.panel.specification.reading import read_spec
-from integ_gym.evidence.store.store import EvidenceStore
-from integ_gym.train.policy_files.formats.sb3_zip.reading import read_sb3_zip
+from integ_gym.evidence.store import EvidenceStore
+from integ_gym.train.policy_files.sb3_zip import read_sb3_zip
 
 
 def _panel(directory: Path) -> dict:

@@ -20,7 +20,7 @@ from integ_gym.eval.panel.running.run_directory import (
 )
 from integ_gym.eval.panel.specification.panel_spec import TRAINERS
 from integ_gym.eval.panel.specification.reading import built_in_spec
-from integ_gym.evidence.verification.sealing import seal
+from integ_gym.evidence.sealing import seal
 from integ_gym.support.files import read_files
 
 

@@ -22,7 +22,7 @@ from integ_gym.eval.report.figures.write import write_figures
 from integ_gym.eval.report.page import page as report_page
 from integ_gym.eval.report.page.failures import LABEL_WORDS
 from integ_gym.eval.report.page.page import render, write_report
-from integ_gym.evidence.schema.fields import LABELS
+from integ_gym.evidence.fields import LABELS
 from integ_gym.support.terminal import fixed, together, true_minus
 
 SECTIONS = [

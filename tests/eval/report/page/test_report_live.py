@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from driving import Browser, driven
 
-from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.evidence.store import EvidenceStore
 
 pytestmark = pytest.mark.slow
 

@@ -16,7 +16,7 @@ from integ_gym.eval.panel.running.panel import check_spec
 from integ_gym.eval.panel.running.units import training_config, training_key
 from integ_gym.eval.panel.specification.reading import parse_spec
 from integ_gym.eval.panel.specification.values import SpecError
-from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.evidence.store import EvidenceStore
 from integ_gym.support.optional import package_version
 
 ON_MUJOCO = {"engine": "mujoco", "integrator": "Euler", "dt": 0.05}

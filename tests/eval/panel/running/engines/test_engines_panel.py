@@ -13,7 +13,7 @@ from engine_cases import needs
 
 from integ_gym.cli import main
 from integ_gym.envs.registries import ENGINES
-from integ_gym.evidence.store.store import EvidenceStore
+from integ_gym.evidence.store import EvidenceStore
 from integ_gym.support.optional import package_version
 
 PRECISE = ("mujoco", "drake", "pinocchio", "dart", "pybullet")

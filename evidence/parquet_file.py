@@ -1,0 +1,285 @@
+"""One Parquet file of records: written, checked, read."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Collection, Iterable, Iterator
+from itertools import chain
+from pathlib import Path
+from typing import Any
+
+from integ_gym.support.terminal import SHORT_OF_MEMORY, is_short_of_memory
+
+from .fields import SCHEMA_VERSION, SUMMARY_FIELDS
+from .schema import VERSION_KEY, EvidenceError, arrow_type, is_trace, parquet, pyarrow
+
+_GROUP_BYTES = 12 << 20
+"""Memory of the rows of a group, about, where their number allows."""
+
+_FEWEST_ROWS, _MOST_ROWS = 512, 1 << 16
+"""Of a group, but for the last: a query reads the header of every group."""
+
+_LEVEL = 1
+
+_BATCH = 1 << 20
+"""Numbers that the writer encodes at once: more than a column of a group mostly has."""
+
+_REPEATING = ("time", "sensor_time", "solver_iterations", "solver_status_code")
+
+
+def write(tables: Iterable[Any], file: Path) -> None:
+    """Write tables of records of one schema, as they come; None stands for no records.
+
+    Traces of real numbers are stored by byte stream; what repeats is stored by dictionary.
+
+    Raises:
+        ValueError: if there are no records at all.
+    """
+    groups = _row_groups(tables)
+    first = next(groups, None)
+    if first is None:
+        raise ValueError("a batch needs at least one record, got none")
+    with _writer(first.schema, file) as writer:
+        for table in chain([first], groups):
+            writer.write_table(table, _rows_each(table))
+
+
+def groups(table: Any) -> Iterator[Any]:
+    """Slices of a table, each of which makes a row group."""
+    rows = _rows_each(table)
+    return (table.slice(first, rows) for first in range(0, table.num_rows, rows))
+
+
+def _row_groups(tables: Iterable[Any]) -> Iterator[Any]:
+    """Tables put together until they make a row group."""
+    waiting: list[Any] = []
+    rows = size = 0
+    for table in tables:
+        if table is not None:
+            waiting.append(table)
+            rows, size = rows + table.num_rows, size + table.nbytes
+        if rows >= _rows_per_group(rows, size):
+            yield _together(waiting)
+            waiting, rows, size = [], 0, 0
+    if waiting:
+        yield _together(waiting)
+
+
+def _together(tables: list[Any]) -> Any:
+    """Tables below each other.
+
+    Raises:
+        EvidenceError: if they have not the same columns.
+    """
+    first = tables[0].schema
+    for table in tables:
+        if not table.schema.equals(first):
+            raise EvidenceError(
+                "records of one environment come from files with other columns or types, which do "
+                "not fit into one file; choose those of one run"
+            )
+    return pyarrow().concat_tables(tables)
+
+
+def _writer(schema: Any, file: Path) -> Any:
+    numbers = [f for f in schema if is_trace(f.name) and "float" in str(f.type)]
+    streams = [f"{f.name}.list.element" for f in numbers if f.name not in _REPEATING]
+    dictionaries = [f.name for f in schema if f.name not in {x.name for x in numbers}]
+    return parquet().ParquetWriter(
+        file,
+        schema,
+        compression="zstd",
+        compression_level=_LEVEL,
+        write_batch_size=_BATCH,
+        use_dictionary=dictionaries + [f"{name}.list.element" for name in _REPEATING],
+        use_byte_stream_split=streams,
+        write_statistics=[f.name for f in schema if not is_trace(f.name)],
+    )
+
+
+def _rows_each(table: Any) -> int:
+    """Rows of the groups, of about equal size, that a table makes."""
+    rows: int = table.num_rows
+    parts = max(1, rows // _rows_per_group(rows, table.nbytes))
+    return -(-rows // parts)
+
+
+def _rows_per_group(rows: int, size: int) -> int:
+    """How many of ``rows``, of ``size`` bytes in all, make a group."""
+    wanted = _GROUP_BYTES * rows // size if size else 0
+    return min(_MOST_ROWS, max(_FEWEST_ROWS, wanted))
+
+
+def read(file: Path, *, trace: bool = True, **selection: Any) -> Any:
+    """Columns or rows of one file as an Arrow table.
+
+    Args:
+        file: a committed file.
+        trace: whether to read the traces.
+        selection: ``columns`` and ``filters`` of ``pyarrow.parquet.read_table``.
+
+    Raises:
+        EvidenceError: for a file that cannot be read or has another schema version.
+    """
+    schema = check_schema(file)
+    if not trace:
+        selection["columns"] = [name for name in schema.names if not is_trace(name)]
+    try:
+        return parquet().read_table(file, partitioning=None, **selection)
+    except _errors() as error:
+        raise _unreadable(file, error) from None
+
+
+def parts(file: Path, ids: Collection[str] = ()) -> Iterator[Any]:
+    """The row groups of one file as Arrow tables, so that no more than one is in memory.
+
+    Args:
+        file: a committed file.
+        ids: of the rows that are wanted; by default all.
+
+    Raises:
+        EvidenceError: for a file that cannot be read or has another schema version.
+    """
+    check_schema(file)
+    try:
+        with parquet().ParquetFile(file) as opened:
+            for group in range(opened.num_row_groups):
+                if not ids:
+                    yield opened.read_row_group(group)
+                    continue
+                held = opened.read_row_group(group, columns=["record_id"]).column(0).to_pylist()
+                if places := [place for place, name in enumerate(held) if name in ids]:
+                    yield opened.read_row_group(group).take(places)
+    except _errors() as error:
+        raise _unreadable(file, error) from None
+
+
+def sample(file: Path, count: int) -> Any:
+    """At most so many rows of one row group, drawn at random, as an Arrow table.
+
+    Raises:
+        EvidenceError: for a file that cannot be read or has another schema version.
+    """
+    check_schema(file)
+    try:
+        with parquet().ParquetFile(file) as opened:
+            group = opened.read_row_group(random.randrange(opened.num_row_groups))
+    except _errors() as error:
+        raise _unreadable(file, error) from None
+    return group.take(random.sample(range(group.num_rows), min(count, group.num_rows)))
+
+
+def record_ids(file: Path) -> list[str]:
+    """Ids of the records of one file, in order.
+
+    Raises:
+        EvidenceError: see :func:`read`.
+    """
+    check_schema(file)
+    try:
+        ids: list[str] = _opened(file).read(columns=["record_id"]).column(0).to_pylist()
+    except _errors() as error:
+        raise _unreadable(file, error) from None
+    return ids
+
+
+def read_row(file: Path, row: int) -> Any:
+    """One record of a file with its trace, as an Arrow table; no other row group is read.
+
+    Raises:
+        EvidenceError: see :func:`read`.
+    """
+    check_schema(file)
+    try:
+        opened = _opened(file)
+        for group in range(opened.num_row_groups):
+            rows = opened.metadata.row_group(group).num_rows
+            if row < rows:
+                return opened.read_row_group(group).slice(row, 1)
+            row -= rows
+    except _errors() as error:
+        raise _unreadable(file, error) from None
+    raise IndexError(f"{file} has no such row")
+
+
+def check_schema(file: Path | str, on: Any = None) -> Any:
+    """The Arrow schema of a file that has all fields of its schema version.
+
+    Args:
+        file: the file.
+        on: the Arrow file system that it is on; by default this machine's.
+
+    Raises:
+        EvidenceError: for another file, with the remedy.
+    """
+    schema = _metadata(file, on).schema.to_arrow_schema()
+    version = (schema.metadata or {}).get(VERSION_KEY, b"none").decode()
+    if version not in map(str, range(1, SCHEMA_VERSION + 1)):
+        raise EvidenceError(
+            f"{file} has schema version {version}, and this integ-gym reads 1 to {SCHEMA_VERSION}; "
+            "read it with the version that wrote it, or move it away"
+        )
+    missing = [
+        field.name
+        for field in SUMMARY_FIELDS
+        if field.since <= int(version) and field.name not in schema.names
+    ]
+    if missing:
+        raise EvidenceError(
+            f"{file} lacks the columns {', '.join(missing)}; restore it from a copy or move it away"
+        )
+    for field in SUMMARY_FIELDS:
+        if field.name in schema.names and schema.field(field.name).type != arrow_type(field.kind):
+            raise EvidenceError(
+                f"{file}: column {field.name} is {schema.field(field.name).type} where "
+                f"{arrow_type(field.kind)} was expected; restore it from a copy or move it away"
+            )
+    for name in filter(is_trace, schema.names):
+        if not _is_trace_type(schema.field(name).type):
+            raise EvidenceError(
+                f"{file}: column {name} is {schema.field(name).type} where a list of numbers was "
+                "expected; restore it from a copy or move it away"
+            )
+    return schema
+
+
+def _is_trace_type(kind: Any) -> bool:
+    types = pyarrow().types
+    if not types.is_list(kind):
+        return False
+    return bool(types.is_floating(kind.value_type) or types.is_integer(kind.value_type))
+
+
+def row_count(file: Path) -> int:
+    """Number of records in a file.
+
+    Raises:
+        EvidenceError: for a file that cannot be read.
+    """
+    return int(_metadata(file).num_rows)
+
+
+def _opened(file: Path) -> Any:
+    return parquet().ParquetFile(file)
+
+
+def _metadata(file: Path | str, on: Any = None) -> Any:
+    try:
+        return parquet().read_metadata(file, filesystem=on)
+    except _errors() as error:
+        raise _unreadable(file, error) from None
+
+
+def _errors() -> tuple[type[Exception], ...]:
+    """What reading a file ends in; Arrow's kinds are not all Python's too."""
+    return (OSError, ValueError, MemoryError, pyarrow().lib.ArrowException)
+
+
+def _unreadable(file: Path | str, error: Exception) -> EvidenceError:
+    if is_short_of_memory(error):
+        return EvidenceError(
+            f"cannot read {file}: {SHORT_OF_MEMORY} ({' '.join(str(error).split())}); close other "
+            "programs, or raise the limit that this one runs under"
+        )
+    reason = " ".join(str(error).split())
+    return EvidenceError(f"cannot read {file}: {reason}; restore it from a copy or move it away")

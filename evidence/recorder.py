@@ -1,0 +1,564 @@
+"""Recording of single environments: `RecordEvidence`."""
+
+from __future__ import annotations
+
+import json
+import os
+import struct
+import time
+import weakref
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from math import nan, prod
+from multiprocessing.util import Finalize
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import gymnasium as gym
+import gymnasium.wrappers.vector
+import numpy as np
+import numpy.typing as npt
+from gymnasium.envs.registration import EnvSpec
+
+from integ_gym.envs.environment import IntegEnv
+from integ_gym.envs.foreign import time_limit
+from integ_gym.envs.rediscretized import RediscretizedEnv
+from integ_gym.envs.settings import Setup
+from integ_gym.envs.transition import quiet_status
+
+from .attribution import ReplayLookups, SetupOfLane
+from .context import EpisodeContext
+from .episode_log import EpisodeHead, EpisodeHeads, EpisodeLog
+from .episode_table import record_table, unhashed_table
+from .record import Layout
+from .reservation import Episodes, Reservation, batch_name, from_on
+from .store import EvidenceStore
+
+_CHANGING = (
+    gym.ActionWrapper,
+    gym.ObservationWrapper,
+    gym.RewardWrapper,
+    gym.wrappers.NormalizeReward,
+    gym.vector.VectorActionWrapper,
+    gym.vector.VectorObservationWrapper,
+    gym.vector.VectorRewardWrapper,
+    gym.wrappers.vector.NormalizeReward,
+)
+"""Wrappers that change actions, observations or rewards."""
+
+
+class Recorder:
+    """Wrapper that keeps finished episodes and commits them to a store in batches.
+
+    It stands before Gymnasium's wrapper among the bases of a recorder.
+    """
+
+    def _prepare(
+        self,
+        env: Any,
+        setups: list[SetupOfLane],
+        store: EvidenceStore | str | Path,
+        contexts: Sequence[EpisodeContext],
+        episodes: Sequence[Episodes],
+        commit_on_close: bool,
+        commit_every: int | None,
+    ) -> None:
+        """Begin with nothing recorded.
+
+        Args:
+            env: the environment, single or vector.
+            setups: its setups with the lane whose plant parameters hold.
+            store: the store, or its directory.
+            contexts: what the episodes are for; each belongs to one of them.
+            episodes: that are going to be recorded of each.
+            commit_on_close: whether :meth:`close` commits what has not been committed.
+            commit_every: finished episodes that are committed together; None: all at the end.
+
+        Raises:
+            EvidenceError: if the episodes are recorded elsewhere, or have been.
+            ValueError: for a ``commit_every`` below 1, or a directory that cannot be written to.
+        """
+        if commit_every is not None and commit_every < 1:
+            raise ValueError(f"`commit_every` must be 1 or above, or None, got {commit_every}")
+        self._store = store if isinstance(store, EvidenceStore) else EvidenceStore(store)
+        self._contexts = tuple(contexts)
+        self._setups = setups
+        self._env_id: str = env.spec.id if env.spec else type(env.unwrapped).__name__
+        self._commit_on_close = commit_on_close
+        self._commit_every = commit_every if commit_on_close else None
+        self._horizon = max(setup.timing.horizon for setup, _ in setups)
+        self._quiet = np.array([quiet_status(setup) for setup, _ in setups])
+        self._noted = False
+        self._lay_out(None)
+        self._reservation: Reservation | None = None
+        if commit_on_close:
+            self._reservation = Reservation(self._store, self._contexts, episodes)
+            self._process = os.getpid()
+            self._at_exit = Finalize(None, _end_of, (weakref.ref(self),), exitpriority=0)
+
+    def __getstate__(self) -> Any:
+        """Refused: what a copy and its original recorded would be mixed.
+
+        Raises:
+            TypeError: always.
+        """
+        raise TypeError(
+            "a recorder cannot be copied or pickled; copy the environment that it records, and "
+            "record the copy in a context of its own"
+        )
+
+    def __del__(self) -> None:
+        """What nobody has any more is written, and others may record the same episodes."""
+        if getattr(self, "_reservation", None) is not None and self._process == os.getpid():
+            self._end()
+
+    def summaries(self) -> dict[str, npt.NDArray[Any]]:
+        """Summaries of the finished episodes that are not committed yet.
+
+        Returns:
+            One value per episode; see :func:`integ_gym.evidence.record.summarise`.
+        """
+        self._hand_over()
+        episodes = self._log.episodes()
+        indices = np.array(episodes.heads.index, dtype=np.int64)
+        return {"episode_index": indices, **episodes.summary}
+
+    def take(self, replays: ReplayLookups | None = None) -> Any:
+        """The finished episodes as a table, to be committed with others; None if there are none.
+
+        Args:
+            replays: see :data:`integ_gym.evidence.labels.ReplayLookups`.
+        """
+        table = self._table(record_table, replays)
+        self._log.clear()
+        return table
+
+    def commit(self, name: str | None = None, replays: ReplayLookups | None = None) -> Path | None:
+        """Write the finished episodes as one batch; None if there are none.
+
+        Args:
+            name: name of the batch; by default made of environment, cell, policy and episodes, so
+                that the same work done twice is refused.
+            replays: see :data:`integ_gym.evidence.labels.ReplayLookups`.
+
+        Raises:
+            BatchExistsError: if the batch has been committed before.
+        """
+        table = self._table(unhashed_table, replays)
+        if table is None:
+            return None
+        path = self._store.commit_unhashed(name or self._batch_name(), table)
+        self._log.clear()
+        return path
+
+    def close(self, **kwargs: Any) -> None:
+        """Commit, if wanted, and close the environment; finished episodes can still be taken."""
+        try:
+            if self._commit_on_close:
+                self._end()
+        finally:
+            super().close(**kwargs)  # type: ignore[misc]
+
+    def _end(self) -> None:
+        """Commit what is left, and let others record the same episodes."""
+        try:
+            self.commit()
+        finally:
+            if self._reservation is not None:
+                self._at_exit.cancel()
+                self._reservation.release()
+                self._reservation = None
+
+    def _commit_if_many(self) -> None:
+        """Commit, if so many episodes have finished that they are wanted on disk."""
+        if self._commit_every is not None and self._waiting_to_be_written() >= self._commit_every:
+            self.commit()
+
+    def _waiting_to_be_written(self) -> int:
+        """Finished episodes that have not been committed."""
+        return len(self._log)
+
+    def _hand_over(self) -> None:
+        """Give the log the finished episodes that it does not have yet."""
+
+    def _note_contact(self, info: Mapping[str, Any]) -> bool:
+        """Learn from the first reset whether there is contact; True if it is the first."""
+        first = not self._noted
+        if first:
+            self._noted = True
+            self._lay_out(info)
+        return first
+
+    def _lay_out(self, info: Mapping[str, Any] | None) -> None:
+        setup = self._setups[0][0]
+        self._layout = Layout(setup.plant, setup.task, info)
+        self._log = EpisodeLog(self._layout, self._contexts)
+
+    def _table(self, made: Callable[..., Any], replays: ReplayLookups | None) -> Any:
+        self._hand_over()
+        if not len(self._log):
+            return None
+        return made(self._log, self._env_id, self._setups, replays)
+
+    def _batch_name(self) -> str:
+        heads = self._log.episodes().heads
+        episodes = list(zip(heads.context, heads.index, strict=True))
+        return batch_name(self._env_id, self._contexts, episodes)
+
+
+def _end_of(recorder: weakref.ref[Recorder]) -> None:
+    """At the end of the process."""
+    alive = recorder()
+    if alive is not None:
+        alive._end()
+
+
+def is_known(env: Any, kinds: tuple[type, ...]) -> bool:
+    """Whether the environment or one inside its wrappers is of these kinds."""
+    while not isinstance(env, kinds):
+        if env is env.unwrapped:
+            return False
+        env = env.env
+    return True
+
+
+def recorded(env: Any, kinds: tuple[type, ...], spaces: tuple[str, ...]) -> Any:
+    """The environment that is recorded: the outermost of these kinds.
+
+    Raises:
+        TypeError: if there is none, or a wrapper around it changes what a policy sees.
+    """
+    wrapper: Any = env
+    limits: list[int] = []
+    while not isinstance(wrapper, kinds):
+        if wrapper is env.unwrapped:
+            raise TypeError(
+                f"evidence is recorded of integ-gym environments, got {type(wrapper).__name__}; "
+                "make one with gym.make or gym.make_vec, or give a MuJoCo task to "
+                "integ_gym.rediscretize"
+            )
+        if isinstance(wrapper, _CHANGING):
+            raise TypeError(
+                f"the wrapper {type(wrapper).__name__} changes what would be recorded: put the "
+                "recorder around the environment first, and the other wrappers around the recorder"
+            )
+        if isinstance(wrapper, gym.wrappers.TimeLimit):
+            limits.append(wrapper._max_episode_steps)
+        wrapper = wrapper.env
+    found: Any = wrapper
+    horizon = found.setup.timing.horizon
+    if any(limit < horizon for limit in limits):
+        raise TypeError(
+            f"a TimeLimit ends episodes after {min(limits)} steps, and their records would say "
+            f"{horizon}; give `max_episode_steps` or `duration` to gym.make instead"
+        )
+    for space in spaces:
+        own, changed = getattr(wrapper, space), getattr(env, space)
+        if own != changed:
+            raise TypeError(
+                f"a wrapper changes {space} from {own} to {changed}: put the recorder around the "
+                "environment first, and the other wrappers around the recorder"
+            )
+    return wrapper
+
+
+def all_setups(setups: Sequence[Setup], lanes: int) -> list[SetupOfLane]:
+    """Setups with lanes, setup by setup; one lane is enough where all lanes are alike."""
+    varied = any(isinstance(x, np.ndarray) for setup in setups for x in setup.arguments().values())
+    return [(setup, lane) for setup in setups for lane in range(lanes if varied else 1)]
+
+
+def now() -> int:
+    """Unix time, µs."""
+    return time.time_ns() // 1000
+
+
+MOST_NUMBERS = 512
+"""An observation or action of more numbers, such as an image, is left out of the trace."""
+
+_HORIZON = 1000
+"""Steps of an episode where no limit is stated; a guess at memory alone."""
+
+_NO_GOAL = "not known: the environment does not say what success is"
+
+_UNTOLD = dict.fromkeys(
+    (
+        *("time", "energy", "sensor_time", "actuator_work", "dissipated", "clip_loss"),
+        *("energy_residual", "solver_iterations", "saturated", "fallback_used", "success"),
+    ),
+    nan,
+)
+"""What our environments put into `info`."""
+
+
+class Stranger:
+    """The seat of one of our environments, taken by another.
+
+    Args:
+        env: as the policy sees it, wrappers included.
+
+    Attributes:
+        setup: what a record says of it.
+        state_components: nothing: its state is not known.
+        status_code: the solver's, which is not reported.
+    """
+
+    state_components: tuple[float, ...] = ()
+    status_code = -1
+
+    def __init__(self, env: gym.Env[Any, Any]) -> None:
+        self._env = env
+        self._observation = _size(env.observation_space)
+        self._action = _size(env.action_space)
+        controls = tuple((f"action{k}", "") for k in range(self._action))
+        names = tuple(f"obs{k}" for k in range(self._observation))
+        self._no_action = _UNTOLD | {f"{name}_{of}": nan for name, _ in controls for of in _OF}
+        self._asked = [f"{name}_commanded" for name, _ in controls]
+        self.setup: Any = _Setup(env, controls, names)
+
+    @property
+    def np_random_seed(self) -> int | None:
+        """What seeded its generator; None where it does not tell."""
+        return self._env.unwrapped.np_random_seed
+
+    def told(self, action: Any = None) -> dict[str, Any]:
+        """Stands in for the `info` of one of our environments."""
+        if action is None or not self._asked:
+            return {**self._no_action, "goal_since": -1.0}
+        asked = dict(zip(self._asked, _numbers(self._env.action_space, action), strict=True))
+        return {**self._no_action, "goal_since": -1.0, **asked}
+
+    def sensed(self, observation: Any) -> list[float]:
+        """The observation as numbers; none where there are too many."""
+        return _numbers(self._env.observation_space, observation) if self._observation else []
+
+
+_OF = ("commanded", "applied")
+
+
+class _Setup:
+    """What :mod:`integ_gym.evidence.fields` asks of a setup, unknown but for wrappers."""
+
+    def __init__(
+        self, env: gym.Env[Any, Any], controls: tuple[tuple[str, str], ...], names: tuple[str, ...]
+    ) -> None:
+        spec = env.spec
+        self._given = dict(spec.kwargs) if spec else {}
+        unknown = ("engine", "integrator", "observation_noise", "duration", "fallback", "max_speed")
+        self.settings = SimpleNamespace(**dict.fromkeys((*unknown, "start")))
+        self.timing = SimpleNamespace(
+            dt=None,
+            control_period=None,
+            substeps=None,
+            horizon=time_limit(env) or _HORIZON,
+            known=False,
+        )
+        self.plant = SimpleNamespace(
+            name=type(env.unwrapped).__name__, coordinates=(), coordinate_units=(), velocities=(),
+            velocity_units=(), controls=controls, frame="",
+        )  # fmt: skip
+        self.task = SimpleNamespace(
+            goal=_NO_GOAL, observation_names=names, observation_units=("",) * len(names)
+        )
+        self.engine = SimpleNamespace(
+            version=None, width=None, reports=False, solver=dict, describe=lambda: _said(env)
+        )
+
+    def arguments(self) -> dict[str, Any]:
+        """Constructor arguments that JSON can hold; of others, how Python prints them."""
+        return {name: _plain(value) for name, value in sorted(self._given.items())}
+
+    def units(self) -> dict[str, str]:
+        """None is stated."""
+        return dict.fromkeys(self._given, "")
+
+
+def _said(env: gym.Env[Any, Any]) -> Mapping[str, Any]:
+    """What a record says of an environment that is not known."""
+    left_out = [
+        f"{name} ({_count(space)} numbers)"
+        for name, space in (("observation", env.observation_space), ("action", env.action_space))
+        if not _size(space)
+    ]
+    return {
+        "known": False,
+        "unknown": "engine, integrator, steps, state, energy and success",
+        "wrappers": list(_wrappers(env)),
+        "left_out": left_out,
+        "observation_space": _described(env.observation_space),
+        "action_space": _described(env.action_space),
+    }
+
+
+def _described(space: gym.Space[Any]) -> dict[str, Any]:
+    """A space, of which boxes and discrete sets can be made again."""
+    kind = {"kind": type(space).__name__}
+    if isinstance(space, gym.spaces.Discrete):
+        return {**kind, "n": int(space.n), "start": int(space.start)}
+    if not isinstance(space, gym.spaces.Box):
+        return kind
+    return {**kind, "shape": list(space.shape), "dtype": str(space.dtype)}
+
+
+def _wrappers(env: Any) -> Iterator[str]:
+    """Classes between the recorder and the environment, the outermost first."""
+    while env is not env.unwrapped:
+        yield type(env).__name__
+        env = env.env
+
+
+def _numbers(space: gym.Space[Any], value: Any) -> list[float]:
+    """A value of a space as numbers."""
+    if isinstance(space, gym.spaces.Discrete):
+        return [float(np.asarray(value).item())]
+    flat: Any = gym.spaces.flatten(space, value)
+    numbers: list[float] = np.ravel(flat).astype(np.float64).tolist()
+    return numbers
+
+
+def _size(space: gym.Space[Any]) -> int:
+    """Numbers of a space's values that a trace keeps."""
+    count = _count(space)
+    return count if count is not None and count <= MOST_NUMBERS else 0
+
+
+def _count(space: gym.Space[Any]) -> int | None:
+    if isinstance(space, gym.spaces.Discrete):
+        return 1
+    if isinstance(space, gym.spaces.Box):
+        return prod(space.shape)
+    try:
+        return gym.spaces.flatdim(space) if space.is_np_flattenable else None
+    except (NotImplementedError, ValueError):
+        return None
+
+
+def _plain(value: Any) -> Any:
+    try:
+        json.dumps(value, allow_nan=False)
+    except (TypeError, ValueError):
+        return repr(value)
+    return value
+
+
+_KINDS = (IntegEnv, RediscretizedEnv)
+
+_FEWEST_ROWS = 4096
+"""So many rows of finished episodes are given to the log together, at least."""
+
+
+class RecordEvidence(Recorder, gym.Wrapper[Any, Any, Any, Any]):
+    """Records every finished episode of an environment.
+
+    Of one that is not integ-gym's, what it does not tell, such as its integrator and its energy, is
+    null, and the wrappers around it are listed in ``engine_description``.
+
+    Spaces, spec, observations, rewards and info pass through unchanged. Finished episodes are
+    written in batches: ``commit_every`` together, and the rest by :meth:`commit`, :meth:`close` or
+    the end of the process, whichever comes first; an episode that is not finished is not written.
+    Episodes count up from ``context.first_episode``.
+
+    Args:
+        env: an integ-gym environment or a rediscretized one, with no wrapper that changes what a
+            policy sees; or any other of Gymnasium's interface, as the policy sees it.
+        store: an :class:`EvidenceStore` or its directory.
+        context: what the episodes are for.
+        commit_on_close: whether anything is written but by :meth:`commit`.
+        commit_every: finished episodes that are written together; None: all at the end, which
+            ``commit(replays=…)`` needs that is to label them all.
+
+    Raises:
+        TypeError: for an integ-gym environment in a wrapper that changes what is seen of it.
+        EvidenceError: if another recorder is open for the same episodes, or they are recorded.
+        ValueError: for a ``commit_every`` below 1, or a directory that cannot be written to.
+    """
+
+    def __init__(
+        self,
+        env: gym.Env[Any, Any],
+        store: EvidenceStore | str | Path,
+        context: EpisodeContext,
+        *,
+        commit_on_close: bool = True,
+        commit_every: int | None = 100,
+    ) -> None:
+        super().__init__(env)
+        spaces = ("observation_space", "action_space")
+        self._stranger = None if is_known(env, _KINDS) else Stranger(env)
+        self._inner = self._stranger or recorded(env, _KINDS, spaces)
+        self._prepare(
+            env, [(self._inner.setup, 0)], store, [context], [from_on(context.first_episode)],
+            commit_on_close, commit_every,
+        )  # fmt: skip
+        self._next_index = context.first_episode
+        self._seed: int | None = None
+        self._draws = -1
+        self._active = False
+        self._heads: list[EpisodeHead] = []
+        self._counts: list[int] = []
+        self._rows: list[bytes] = []
+        self._finished = 0
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Start an episode; one that has not ended is forgotten."""
+        observation, info = self.env.reset(seed=seed, options=options)
+        if seed is not None:
+            self._seed, self._draws = seed, -1
+        self._draws = getattr(self._inner, "episode", self._draws + 1)
+        told = info if self._stranger is None else self._stranger.told()
+        if self._note_contact(told):
+            self._pack = struct.Struct(f"{len(self._layout)}d").pack
+        del self._rows[self._finished :]
+        self._wall_start = now()
+        self._active = True
+        self._write(observation, (0.0, False, False), told)
+        return observation, info
+
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+        """Advance one control period."""
+        result = observation, reward, terminated, truncated, info = self.env.step(action)
+        if self._active:
+            told = info if self._stranger is None else self._stranger.told(action)
+            self._write(observation, (reward, terminated, truncated), told)
+            if terminated or truncated:
+                self._finish()
+        return result
+
+    @property
+    def spec(self) -> EnvSpec | None:  # type: ignore[override]
+        """The environment's own: recording is no part of it."""
+        return self.env.spec
+
+    def _write(
+        self, observation: Any, ending: tuple[Any, bool, bool], info: dict[str, Any]
+    ) -> None:
+        inner, stranger = self._inner, self._stranger
+        sensed = observation.tolist() if stranger is None else stranger.sensed(observation)
+        row = self._layout.row(info, inner.status_code, ending, inner.state_components, sensed)
+        self._rows.append(self._pack(*row))
+
+    def _finish(self) -> None:
+        self._active = False
+        key = f"{self._inner.np_random_seed}/{self._draws}"
+        head = EpisodeHead(self._next_index, self._seed, key, self._wall_start, now())
+        self._heads.append(head)
+        self._counts.append(len(self._rows) - self._finished)
+        self._finished = len(self._rows)
+        self._next_index += 1
+        if self._finished >= _FEWEST_ROWS:
+            self._hand_over()
+        self._commit_if_many()
+
+    def _waiting_to_be_written(self) -> int:
+        return len(self._log) + len(self._heads)
+
+    def _hand_over(self) -> None:
+        if self._heads:
+            rows = np.frombuffer(b"".join(self._rows[: self._finished]))
+            by_entry = np.ascontiguousarray(rows.reshape(-1, len(self._layout)).T)
+            heads = EpisodeHeads.of(self._heads)
+            self._log.add(by_entry, np.array(self._counts, dtype=np.int64), heads)
+        del self._rows[: self._finished]
+        self._finished, self._heads, self._counts = 0, [], []

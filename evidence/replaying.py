@@ -1,0 +1,363 @@
+"""Episodes simulated again, and held against their records.
+
+Controls are those of the trace, or what the policy decides again.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import chain, groupby
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import numpy.typing as npt
+
+from integ_gym.envs.catalogue.lookup import is_integ_environment
+from integ_gym.envs.settings import NATIVE
+
+from .context import EpisodeContext
+from .differences import deviation, differences, drawn_again, noise_source
+from .episode_log import choices
+from .recomputing import UNFIT, is_home_known, replays_of
+from .record import EvidenceRecord, records_of, told_perturbation, told_training
+from .schema import Finding
+from .vector_recorder import RecordVectorEvidence
+
+Array = npt.NDArray[Any]
+
+ELSEWHERE = 1e-6
+"""Relative tolerance where other versions, another processor or another engine computed."""
+
+NUDGE, DECIDED_NUDGE = 1e-12, 1e-6
+"""By how much a start is moved, relative to the larger of 1 and itself, to see what rounding grows
+to: that of a recorded motion in 64 bits, and of a network's decisions in 32 bits."""
+
+INEXACT = 0.1
+"""Share of a file's records that may deviate within the tolerance and still be findings."""
+
+Acting = Callable[[Array], Any]
+"""From observations of shape (n, obs_dim) to n actions, of one policy."""
+
+_OWN_CODE = "made with code of somebody's own, see --own-code"
+
+UNDECIDED = "of training or of a policy without a hash, and nothing tells their controls"
+
+MOST_LANES = 512
+"""Episodes that are played side by side."""
+
+
+@dataclass
+class Replayed:
+    """What came of replays.
+
+    Attributes:
+        records: that were played again.
+        exact: of them, those that came out the same to the last bit.
+        findings: what deviated.
+        sensitive: what deviated of records which rounding alone changes as much.
+        close: the first that deviated within the tolerance in each record of our own engine, by
+            file.
+        of_file: records that were played again, by file.
+        skipped: reason to number of records that were not.
+    """
+
+    records: int = 0
+    exact: int = 0
+    findings: list[Finding] = field(default_factory=list)
+    sensitive: list[list[Finding]] = field(default_factory=list)
+    close: dict[str, list[Finding]] = field(default_factory=dict)
+    of_file: Counter[str] = field(default_factory=Counter)
+    skipped: dict[str, int] = field(default_factory=dict)
+
+    def skip(self, reason: str, count: int = 1) -> None:
+        """Count records that cannot be played again."""
+        self.skipped[reason] = self.skipped.get(reason, 0) + count
+
+    def add(self, other: Replayed) -> None:
+        """Take what came of further replays."""
+        self.records += other.records
+        self.exact += other.exact
+        self.findings += other.findings
+        self.sensitive += other.sensitive
+        self.of_file += other.of_file
+        for file, found in other.close.items():
+            self.close.setdefault(file, []).extend(found)
+        for reason, count in other.skipped.items():
+            self.skip(reason, count)
+
+    def settle(self) -> Replayed:
+        """Judge what deviates by how much of the rest came out to the last bit.
+
+        Where most did, this machine computes as the one that made the records did, and rounding is
+        no excuse. A file is made by one process; where nearly all of it comes out to the last bit,
+        neither is the tolerance.
+        """
+        if 2 * self.exact >= self.records:
+            self.findings += chain.from_iterable(self.sensitive)
+            self.sensitive.clear()
+        for file, found in list(self.close.items()):
+            if len(found) <= INEXACT * self.of_file[file]:
+                self.findings += self.close.pop(file)
+        return self
+
+
+def replay(
+    records: Sequence[tuple[str, EvidenceRecord]],
+    *,
+    exact: bool = False,
+    own_code: bool = False,
+    policy: Callable[[EvidenceRecord], Acting] | None = None,
+    report: Callable[[int], object] = lambda count: None,
+) -> Replayed:
+    """Play episodes again from their first states, with the controls of their traces.
+
+    What rounding alone changes as much, which a start moved by :data:`NUDGE` shows, is told apart;
+    :meth:`Replayed.settle` is to be called when all are played.
+
+    Args:
+        records: file and record.
+        exact: whether every bit must be the same, and not numbers within `ELSEWHERE`.
+        own_code: whether classes that a record names as ``"module:Class"`` may be loaded.
+        policy: what acted in a record, which then decides again; a `ValueError` says that it
+            cannot be had. Its decisions are the same to the last bit where all its episodes of a
+            cell are among ``records``, for it sees them together.
+        report: told now and then how many more of ``records`` are done with.
+    """
+    done = Replayed()
+    able = []
+    for file, record in records:
+        try:
+            reason = _hindrance(record, own_code, policy is not None)
+            if reason is None:
+                _context(record)
+        except UNFIT as error:
+            name = str(record.fields["record_id"])
+            done.findings.append(Finding(file, name, f"cannot be played again: {_line(error)}"))
+            continue
+        if reason is None:
+            able.append((file, record))
+        else:
+            done.skip(reason)
+    report(len(records) - len(able))
+    key = _key if policy is None else _policy_key
+    able.sort(key=key)
+    for _, group in groupby(able, key):
+        alike = sorted(group, key=lambda item: item[1].fields["episode_index"])
+        lanes = MOST_LANES if policy is None else len(alike)
+        for first in range(0, len(alike), lanes):
+            together = alike[first : first + lanes]
+            _play(together, exact, done, policy)
+            report(len(together))
+    return done
+
+
+def _key(item: tuple[str, EvidenceRecord]) -> tuple[str, ...]:
+    fields = item[1].fields
+    return fields["env_id"], fields["arguments"]
+
+
+def _policy_key(item: tuple[str, EvidenceRecord]) -> tuple[str, ...]:
+    fields = item[1].fields
+    return *_key(item), fields["cell"], fields["policy_id"], fields["policy_hash"]
+
+
+def _hindrance(record: EvidenceRecord, own_code: bool, decided: bool) -> str | None:
+    """Why a record cannot be played again here; None: it can."""
+    fields = record.fields
+    if ":" in fields["env_id"] and not own_code:
+        return _OWN_CODE
+    if not is_integ_environment(fields["env_id"]):
+        return "of an environment whose state cannot be set"
+    if not (record.trace or decided):
+        return "without a trace"
+    if decided and not fields["policy_hash"]:
+        return UNDECIDED
+    if decided and _has_lost_noise(record):
+        return "whose noise cannot be drawn again"
+    if fields["float_width"] != 64:
+        return "computed in 32 bits, which no environment here does"
+    if not own_code and any(":" in str(value) for value in record.arguments().values()):
+        return _OWN_CODE
+    return None
+
+
+def _has_lost_noise(record: EvidenceRecord) -> bool:
+    """Whether it has sensor noise that cannot be drawn again."""
+    return bool(record.fields["observation_noise"]) and noise_source(record) is None
+
+
+def _play(
+    alike: Sequence[tuple[str, EvidenceRecord]],
+    exact: bool,
+    done: Replayed,
+    policy: Callable[[EvidenceRecord], Acting] | None = None,
+) -> None:
+    """Play episodes of one setup side by side; those of one policy, if it decides."""
+    records = [record for _, record in alike]
+    try:
+        act = None if policy is None else policy(records[0])
+    except (ModuleNotFoundError, ValueError) as error:
+        done.skip(f"whose policy cannot decide again: {_line(error)}", len(records))
+        return
+    try:
+        env = _made(records)
+        contexts = [_context(record) for record in records]
+    except (ModuleNotFoundError, TypeError, ValueError) as error:
+        done.skip(f"that cannot be made here: {_line(error)}", len(records))
+        return
+    try:
+        played = _simulated(env, contexts, records, act)
+    except (LookupError, TypeError, ValueError) as error:
+        message = f"cannot be played again from what it holds: {_line(error)}"
+        names = ((file, str(record.fields["record_id"])) for file, record in alike)
+        done.findings += [Finding(file, name, message) for file, name in names]
+        return
+    off = [item for item in alike if not _is_same(*item, played, exact, done, act is not None)]
+    done.of_file.update(file for file, _ in alike)
+    nudged: dict[str, EvidenceRecord] = {}
+    if off and not (exact or any(_has_lost_noise(record) for _, record in off)):
+        nudged = _simulated(_made(records), contexts, records, act, nudged=True)
+    for file, record in off:
+        name = str(record.fields["record_id"])
+        again, other = played.get(name), nudged.get(name)
+        if again is None:
+            message = "the episode does not end within its length when it is played again"
+            done.findings.append(Finding(file, name, message))
+            continue
+        decided = act is not None
+        tolerance = 0.0 if exact else ELSEWHERE
+        found = [deviation(file, name, *x) for x in differences(record, again, tolerance, decided)]
+        grown = exact or other is None
+        if grown or any(differences(record, again, tolerance, decided, other)):
+            done.findings += found
+        else:
+            done.sensitive.append(found)
+
+
+def _is_same(
+    file: str,
+    record: EvidenceRecord,
+    played: Mapping[str, EvidenceRecord],
+    exact: bool,
+    done: Replayed,
+    decided: bool,
+) -> bool:
+    """Whether a record came out as it is, to the last bit or within the tolerance."""
+    done.records += 1
+    again = played.get(record.fields["record_id"])
+    if again is None:
+        return False
+    off = next(differences(record, again, 0.0, decided), None)
+    done.exact += off is None
+    if off is None:
+        return True
+    if exact or any(differences(record, again, ELSEWHERE, decided)):
+        return False
+    if record.fields["engine"] == NATIVE:
+        name = str(record.fields["record_id"])
+        done.close.setdefault(file, []).append(deviation(file, name, *off))
+    return True
+
+
+def _simulated(
+    env: Any,
+    contexts: list[EpisodeContext],
+    records: Sequence[EvidenceRecord],
+    act: Acting | None,
+    nudged: bool = False,
+) -> dict[str, EvidenceRecord]:
+    """The records of the same episodes as they come out here, by id; from nudged starts if told."""
+    indices = [record.fields["episode_index"] for record in records]
+    recorder = RecordVectorEvidence(env, "", contexts, episodes=indices, commit_on_close=False)
+    if act is None:
+        _repeat(recorder, records, NUDGE if nudged else 0.0)
+    else:
+        _decide(recorder, records, act, DECIDED_NUDGE if nudged else 0.0)
+    replays = [{i: replays_of(r.fields)} for i, r in zip(indices, records, strict=True)]
+    table = recorder.take(replays)
+    recorder.close()
+    return {} if table is None else {r.fields["record_id"]: r for r in records_of(table)}
+
+
+def _line(error: Exception) -> str:
+    return " ".join(str(error).split())
+
+
+def _repeat(
+    recorder: RecordVectorEvidence, records: Sequence[EvidenceRecord], nudge: float
+) -> None:
+    """Do what was done."""
+    actions = _actions(recorder.unwrapped.setup, records)  # type: ignore[attr-defined]
+    _start(recorder, records, nudge)
+    for step in range(actions.shape[1]):
+        recorder.step(actions[:, step])
+
+
+def _decide(
+    recorder: RecordVectorEvidence, records: Sequence[EvidenceRecord], act: Acting, nudge: float
+) -> None:
+    """Do what the policy does.
+
+    It sees observations together where all lanes are stepped together, as when it was evaluated.
+    """
+    together = recorder.unwrapped.setup.engine.batched  # type: ignore[attr-defined]
+    observation = _start(recorder, records, nudge)
+    for _ in range(max(record.fields["length"] for record in records)):
+        seen = [observation] if together else np.split(observation, len(observation))
+        actions = np.concatenate([np.asarray(act(part), dtype=np.float64) for part in seen])
+        observation = recorder.step(actions.reshape(recorder.action_space.shape))[0]
+
+
+def _start(recorder: RecordVectorEvidence, records: Sequence[EvidenceRecord], nudge: float) -> Any:
+    """First observations, from starts and noise that are drawn again where they can be."""
+    if not nudge and all(map(drawn_again, records)):
+        return recorder.reset(seed=[record.fields["seed"] for record in records])[0]
+    states = np.array([record.fields["initial_state"] for record in records])
+    states = states + nudge * np.maximum(1.0, np.abs(states))
+    noise = [noise_source(record) or (None, 0) for record in records]
+    options = {"state": states, "episode": np.array([episode for _, episode in noise])}
+    return recorder.reset(seed=[seed for seed, _ in noise], options=options)[0]
+
+
+def _made(records: Sequence[EvidenceRecord]) -> Any:
+    fields = records[0].fields
+    return gym.make_vec(
+        fields["env_id"],
+        len(records),
+        vectorization_mode="vector_entry_point",
+        **records[0].arguments(),
+    )
+
+
+def _context(record: EvidenceRecord) -> EpisodeContext:
+    fields = record.fields
+    return EpisodeContext(
+        run_id=fields["run_id"],
+        cell=fields["cell"],
+        phase=fields["phase"],
+        policy_id=fields["policy_id"],
+        policy_hash=fields["policy_hash"],
+        training_discretization=told_training(fields),
+        home_known=is_home_known(fields),
+        training_seed=fields["training_seed"],
+        perturbation=told_perturbation(fields),
+        float_width=fields["float_width"],
+    )
+
+
+def _actions(setup: Any, records: Sequence[EvidenceRecord]) -> Array:
+    """Actions that ask for the recorded controls, shape of the action space with all steps."""
+    steps = max(record.fields["length"] for record in records)
+    asked = np.zeros((len(records), steps))
+    name = f"{setup.plant.control_name}_commanded"
+    for lane, record in enumerate(records):
+        asked[lane, : record.fields["length"]] = record.trace[name]
+    if setup.task.discrete is None:
+        return asked[:, :, None]
+    actions = choices(setup.task, asked)
+    for lane, record in enumerate(records):
+        actions[lane, record.fields["length"] :] = 0.0
+    return actions

@@ -1,0 +1,177 @@
+"""The schema of a file of records: Arrow's with units as metadata, and the JSON Schema."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from integ_gym.support.optional import load
+from integ_gym.support.terminal import visible
+
+from .fields import COMMON_TRACE, CONTACT_TRACE, SCHEMA_VERSION, SUMMARY_FIELDS, Field
+
+
+class EvidenceError(ValueError):
+    """One sentence that says what is wrong with the evidence and what helps."""
+
+
+class BatchExistsError(EvidenceError):
+    """A batch of that name has already been committed."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that is not as it should be.
+
+    Attributes:
+        file: where, relative to the run.
+        record_id: the record, or None if more than one is meant.
+        message: what is wrong.
+    """
+
+    file: str
+    record_id: str | None
+    message: str
+
+    def __str__(self) -> str:
+        where = self.file if self.record_id is None else f"{self.file}: {self.record_id}"
+        return visible(f"{where}: {self.message}")
+
+
+pyarrow = partial(load, "pyarrow", "evidence")
+"""``pyarrow``; see :func:`integ_gym.support.optional.load`."""
+
+compute = partial(load, "pyarrow.compute", "evidence")
+"""``pyarrow.compute``."""
+
+parquet = partial(load, "pyarrow.parquet", "evidence")
+"""``pyarrow.parquet``."""
+
+duckdb = partial(load, "duckdb", "evidence")
+"""``duckdb``."""
+
+
+VERSION_KEY = b"integ_gym.evidence.schema_version"
+ENV_KEY = b"integ_gym.evidence.env_id"
+
+_KEPT = ("unit", "frame", "meaning", "group", "at")
+_SUMMARY_NAMES = frozenset(field.name for field in SUMMARY_FIELDS)
+
+
+def arrow_type(kind: str) -> Any:
+    """The Arrow type of a field's kind."""
+    pa = pyarrow()
+    if kind.startswith("list<"):
+        return pa.list_(arrow_type(kind[5:-1]))
+    if kind == "timestamp":
+        return pa.timestamp("us", tz="UTC")
+    return pa.type_for_alias("string" if kind == "json" else kind)
+
+
+def arrow_field(field: Field) -> Any:
+    """The Arrow field, with unit, frame, meaning, group and place in time as metadata."""
+    metadata = {name: getattr(field, name) for name in _KEPT}
+    kind = arrow_type(field.kind)
+    return pyarrow().field(field.name, kind, nullable=field.nullable, metadata=metadata)
+
+
+def arrow_schema(fields: Iterable[Field], env_id: str) -> Any:
+    """Schema of a file of records of one environment."""
+    return pyarrow().schema(
+        [arrow_field(field) for field in fields],
+        metadata={VERSION_KEY: str(SCHEMA_VERSION), ENV_KEY: env_id},
+    )
+
+
+def is_trace(name: str) -> bool:
+    """Whether a column belongs to the trace."""
+    return name not in _SUMMARY_NAMES
+
+
+def described(field: Any) -> dict[str, str]:
+    """Unit, frame, meaning, group and place in time of an Arrow field; empty where not stated."""
+    metadata = field.metadata or {}
+    return {name: metadata.get(name.encode(), b"").decode() for name in _KEPT}
+
+
+SCHEMA_PATH = Path(__file__).with_name("evidence_record.schema.json")
+
+_TYPES = {
+    "string": {"type": "string"},
+    "json": {"type": "string", "contentMediaType": "application/json"},
+    "bool": {"type": "boolean"},
+    "int8": {"type": "integer"},
+    "int32": {"type": "integer"},
+    "int64": {"type": "integer"},
+    "float32": {"type": "number"},
+    "float64": {"type": "number"},
+    "timestamp": {"type": "string", "format": "date-time"},
+}
+
+_PATTERNS = {
+    "^sensed_": "observation as the policy was given it",
+    "_commanded$": "control asked for by the decision, N or N m",
+    "_applied$": "control in force at the end of the control step, N or N m",
+}
+
+
+def json_schema() -> dict[str, Any]:
+    """JSON Schema (2020-12) of one record of any environment.
+
+    A trace column may be left out, for a summary; true state components go by the plant's own
+    names, so that any further property must be a list of numbers.
+    """
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": f"EvidenceRecord, version {SCHEMA_VERSION}",
+        "type": "object",
+        "required": [field.name for field in SUMMARY_FIELDS],
+        "properties": {f.name: _property(f) for f in (*SUMMARY_FIELDS, *COMMON_TRACE)}
+        | {f.name: _property(f) for f in CONTACT_TRACE},
+        "patternProperties": {
+            pattern: _numbers("float64") | {"description": meaning}
+            for pattern, meaning in _PATTERNS.items()
+        },
+        "additionalProperties": _numbers("float64")
+        | {"description": "true state component, by the plant's own name"},
+    }
+
+
+def schema_text() -> str:
+    """The content of the published file."""
+    return json.dumps(json_schema(), indent=2, ensure_ascii=False) + "\n"
+
+
+def _property(field: Field) -> dict[str, Any]:
+    described = _kind(field) | {"description": field.meaning}
+    if field.unit:
+        described["x-unit"] = field.unit
+    if field.volatile:
+        described["x-volatile"] = True
+    return described
+
+
+def _kind(field: Field) -> dict[str, Any]:
+    if field.name == "schema_version":
+        return {"enum": [*range(1, SCHEMA_VERSION + 1)]}
+    if field.choices:
+        return {"enum": [*field.choices, *([None] if field.nullable else [])]}
+    if field.kind.startswith("list<"):
+        kind = _numbers(field.kind[5:-1])
+        return kind if field.nullable else kind | {"type": "array"}
+    kind = dict(_TYPES[field.kind])
+    return kind | {"type": [kind["type"], "null"]} if field.nullable else kind
+
+
+def _numbers(kind: str) -> dict[str, Any]:
+    """A list of numbers, null without a trace, whose last entry is null in a step column."""
+    return {"type": ["array", "null"], "items": {"type": [_TYPES[kind]["type"], "null"]}}
+
+
+def write_schema() -> None:
+    """Write the published file."""
+    SCHEMA_PATH.write_text(schema_text(), encoding="utf-8")

@@ -1,0 +1,390 @@
+"""ONNX files: policies run by onnxruntime, and export."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from integ_gym.support.files import parse_json, read_bounded
+from integ_gym.support.optional import load
+
+from ..policy import ActionArray, BoxActions, DiscreteActions, MlpPolicy, ObservationStatistics
+from .card import check_own_hash, hashed
+from .limits import PolicyFileError
+
+METADATA = "integ_gym"
+"""Key of the metadata that holds what a side-car does, as JSON."""
+
+FORMAT = "integ-gym ONNX 1"
+
+MAX_BYTES = 512 * 2**20
+"""Largest file that is read."""
+
+_PROBES = 16
+
+
+def onnx() -> Any:
+    """The package that reads and writes graphs.
+
+    Raises:
+        ModuleNotFoundError: if it is missing, with the command that installs it.
+    """
+    return load("onnx", "onnx")
+
+
+@dataclass(frozen=True, eq=False)
+class OnnxPolicy:
+    """A graph from observations to actions, or to the values of discrete ones.
+
+    An action does not depend on how many observations are given: a graph for which onnxruntime's
+    numbers would depend on that gets them one by one.
+
+    Attributes:
+        content: the file's.
+        discrete: whether its environment has discrete actions.
+        policy_id: name that people read in tables; it is not part of `content_hash`.
+        statistics: scaling of observations in front of the graph; None where there is none.
+    """
+
+    content: bytes
+    discrete: bool = False
+    policy_id: str = "onnx"
+    statistics: ObservationStatistics | None = None
+
+    @cached_property
+    def content_hash(self) -> str:
+        """SHA-256 (hex) of the file, and of the statistics if there are any."""
+        digest = hashlib.sha256(self.content)
+        if (own := self.statistics) is not None:
+            digest.update(np.array([*own.mean, *own.var, own.epsilon, own.clip_obs]).tobytes())
+        return digest.hexdigest()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without what runs it, which another process makes anew."""
+        return {k: v for k, v in self.__dict__.items() if k not in ("_session", "_takes_batches")}
+
+    @cached_property
+    def _session(self) -> Any:
+        runtime = load("onnxruntime", "onnx")
+        options = runtime.SessionOptions()
+        options.intra_op_num_threads = options.inter_op_num_threads = 1
+        options.log_severity_level = 3
+        try:
+            return runtime.InferenceSession(
+                self.content, options, providers=["CPUExecutionProvider"]
+            )
+        except Exception as error:  # onnxruntime's errors have no common class
+            text = " ".join(str(error).split())[:200]
+            raise PolicyFileError(f"onnxruntime cannot run it ({text}); export it again") from error
+
+    def outputs(self, observations: NDArray[Any]) -> NDArray[Any]:
+        """What the graph gives for each of a batch of observations, shape (n, …)."""
+        given = np.asarray(observations)
+        if self.statistics is not None:
+            given = self.statistics.normalize(given.reshape(len(given), -1))
+        given = given.astype(np.float64 if "double" in self._input.type else np.float32)
+        shape = self.observation_shape
+        if shape is not None and math.prod(shape) == math.prod(given.shape[1:]):
+            given = given.reshape(len(given), *shape)
+        return self._run(given) if self._takes_batches else self._run_one_by_one(given)
+
+    @cached_property
+    def _takes_batches(self) -> bool:
+        """Whether a batch gives the numbers, to the last bit, that its observations give alone."""
+        shape = self.observation_shape
+        if shape is None or isinstance(self._input.shape[0], int):
+            return False
+        dtype = np.float64 if "double" in self._input.type else np.float32
+        probes = np.random.default_rng(0).normal(size=(_PROBES, *shape)).astype(dtype)
+        try:
+            return np.array_equal(self._run(probes), self._run_one_by_one(probes))
+        except Exception:  # onnxruntime's errors have no common class
+            return False
+
+    def _run(self, given: NDArray[Any]) -> NDArray[Any]:
+        return np.asarray(self._session.run(None, {self._input.name: given})[0])
+
+    def _run_one_by_one(self, given: NDArray[Any]) -> NDArray[Any]:
+        return np.concatenate([self._run(row[None])[:1] for row in given])
+
+    @property
+    def _input(self) -> Any:
+        taken = self._session.get_inputs()
+        if len(taken) != 1:
+            raise PolicyFileError(
+                f"takes {len(taken)} inputs, and only a graph from observations alone can be "
+                "judged; a policy that remembers is not judged here"
+            )
+        return taken[0]
+
+    @property
+    def observation_shape(self) -> tuple[int, ...] | None:
+        """Shape of one observation, behind the number of them; None where the graph leaves it
+        open."""
+        sizes = tuple(self._input.shape[1:])
+        return sizes if sizes and all(isinstance(size, int) for size in sizes) else None
+
+    def act(self, observations: NDArray[Any]) -> ActionArray:
+        """Actions for a batch of observations; see `Policy.act`."""
+        given = self.outputs(observations)
+        if not self.discrete:
+            return given.reshape(len(observations), -1).astype(np.float32)
+        rows = given.reshape(len(observations), -1)
+        chosen = rows.argmax(axis=1) if rows.dtype.kind == "f" and rows.shape[1] > 1 else rows[:, 0]
+        return chosen.astype(np.int64)
+
+    def check_spaces(
+        self, observation_space: spaces.Space[Any], action_space: spaces.Space[Any]
+    ) -> None:
+        """Check that the graph takes these observations and gives as many actions.
+
+        Raises:
+            ValueError: in one sentence, if not.
+        """
+        shape, own = observation_space.shape or (), self._input.shape
+        size = math.prod(shape)
+        try:
+            given = self.act(np.zeros((1, size), np.float32))
+        except PolicyFileError:
+            raise
+        except Exception as error:  # onnxruntime's errors have no common class
+            raise ValueError(
+                f"policy {self.policy_id!r} takes an input of shape {tuple(own)} and the "
+                f"environment gives observations of shape {shape}, as a batch of shape "
+                f"(1, {size}); evaluate it in the kind of environment it was trained in"
+            ) from error
+        count = 1 if self.discrete else math.prod(action_space.shape or ())
+        if given.size != count:
+            raise ValueError(
+                f"policy {self.policy_id!r} gives {given.size} numbers for an action and the "
+                f"environment takes {action_space}; evaluate it in the kind of environment it was "
+                "trained in"
+            )
+
+
+def read_onnx(path: Path) -> OnnxPolicy:
+    """The policy of a file.
+
+    Raises:
+        PolicyFileError: in one sentence, if it cannot be read.
+        ModuleNotFoundError: if the extra is missing, with the command that installs it.
+    """
+    content, model = _parsed(path)
+    apart = [tensor for tensor in model.graph.initializer if tensor.external_data]
+    if apart:
+        _join(path, apart)
+        content = model.SerializeToString()
+    return OnnxPolicy(content, policy_id=path.stem)
+
+
+def onnx_card(path: Path) -> dict[str, Any] | None:
+    """What a file's metadata says, as a side-car does; None without any of ours.
+
+    Raises:
+        PolicyFileError: in one sentence, if it cannot be read or was edited.
+    """
+    _, model = _parsed(path)
+    for prop in model.metadata_props:
+        if prop.key == METADATA:
+            try:
+                card = parse_json(prop.value.encode())
+            except ValueError:
+                card = None
+            if not isinstance(card, dict) or card.get("format") != FORMAT:
+                raise PolicyFileError(
+                    f"{path}: its metadata `{METADATA}` is not of format {FORMAT!r}; write the "
+                    "file again with integ_gym.save_policy"
+                )
+            check_own_hash(card, path, "write the file again with integ_gym.save_policy")
+            return card
+    return None
+
+
+def onnx_data(path: Path) -> list[Path]:
+    """Files beside an ONNX file that hold its weights, which are its own wherever it is kept.
+
+    Raises:
+        PolicyFileError: in one sentence, if it cannot be read.
+    """
+    helper = load("onnx.external_data_helper", "onnx")
+    tensors = _parsed(path)[1].graph.initializer
+    apart = {helper.ExternalDataInfo(one).location for one in tensors if one.external_data}
+    return [path.parent / place for place in sorted(apart)]
+
+
+def _parsed(path: Path) -> tuple[bytes, Any]:
+    """A file's bytes and its graph, weights beside it left there."""
+    try:
+        content = read_bounded(path, MAX_BYTES)
+    except OSError as error:
+        raise PolicyFileError(
+            f"{path}: cannot be opened ({error.strerror}); check the path"
+        ) from error
+    except ValueError as error:
+        raise PolicyFileError(f"{error}; give a smaller network") from None
+    try:
+        model = onnx().load_model_from_string(content)
+    except ModuleNotFoundError:
+        raise
+    except Exception as error:  # a damaged file can fail in any way inside protobuf
+        raise PolicyFileError(f"{path}: is not a readable ONNX file; export it again") from error
+    return content, model
+
+
+def _join(path: Path, tensors: list[Any]) -> None:
+    """Read weights that are kept beside the file, as torch exports them.
+
+    Raises:
+        PolicyFileError: in one sentence, if they lie elsewhere, are missing or too large.
+    """
+    helper = load("onnx.external_data_helper", "onnx")
+    places = {helper.ExternalDataInfo(tensor).location for tensor in tensors}
+    for place in sorted(places):
+        beside = path.parent / place
+        if Path(place).name != place or beside.is_symlink() or not beside.is_file():
+            raise PolicyFileError(
+                f"{path}: keeps its weights in {place!r}, which is no file beside it; move them "
+                "together, or export it as one file"
+            )
+    if sum((path.parent / place).stat().st_size for place in places) > MAX_BYTES:
+        raise PolicyFileError(
+            f"{path}: its weights are larger than {MAX_BYTES} bytes; give a smaller network"
+        )
+    try:
+        for tensor in tensors:
+            helper.load_external_data_for_tensor(tensor, str(path.parent))
+    except Exception as error:  # a damaged file can fail in any way inside the reader
+        raise PolicyFileError(
+            f"{path}: the weights beside it do not fit it; export both again"
+        ) from error
+
+
+INPUT, OUTPUT = "observations", "actions"
+OPSET = 20
+IR_VERSION = 10
+
+ACTIVATION_OPS = {
+    "Tanh": "Tanh",
+    "ReLU": "Relu",
+    "LeakyReLU": "LeakyRelu",
+    "ELU": "Elu",
+    "SELU": "Selu",
+    "GELU": "Gelu",
+    "Mish": "Mish",
+    "Sigmoid": "Sigmoid",
+    "Softplus": "Softplus",
+    "Softsign": "Softsign",
+}
+"""Torch classes to operators with the same defaults; ReLU6 and SiLU are made of two."""
+
+
+def onnx_bytes(policy: MlpPolicy, card: Mapping[str, Any]) -> bytes:
+    """The file's content.
+
+    The graph takes ``observations``, float32 of shape (n, obs_dim), in the environment's units, and
+    gives ``actions``: float32 of shape (n, action_dim), or int64 of shape (n,).
+
+    Args:
+        policy: what acts.
+        card: what else its metadata holds, as a side-car does; JSON-serialisable.
+    """
+    graph = _Graph()
+    value = INPUT
+    if policy.statistics is not None:
+        value = _normalized(graph, value, policy.statistics)
+    for number, (weight, bias) in enumerate(policy.layers):
+        if number:
+            value = _activated(graph, value, policy.activation)
+        value = graph.add("Gemm", [value, graph.constant(weight), graph.constant(bias)], transB=1)
+    actions = policy.actions
+    discrete = isinstance(actions, DiscreteActions)
+    value = (
+        graph.add("ArgMax", [value], axis=1, keepdims=0)
+        if isinstance(actions, DiscreteActions)
+        else _decoded(graph, value, actions)
+    )
+    return graph.file(value, policy.observation_shape[0], 0 if discrete else actions.size, card)
+
+
+def _normalized(graph: _Graph, value: str, own: ObservationStatistics) -> str:
+    """In float64, as `ObservationStatistics.normalize`."""
+    double = onnx().TensorProto.DOUBLE
+    value = graph.add("Cast", [value], to=double)
+    value = graph.add("Sub", [value, graph.constant(own.mean)])
+    value = graph.add("Div", [value, graph.constant(np.sqrt(own.var + own.epsilon))])
+    ends = [graph.constant(np.float64(end)) for end in (-own.clip_obs, own.clip_obs)]
+    value = graph.add("Clip", [value, *ends])
+    return graph.add("Cast", [value], to=onnx().TensorProto.FLOAT)
+
+
+def _activated(graph: _Graph, value: str, activation: str) -> str:
+    if activation == "ReLU6":
+        ends = [graph.constant(np.float32(end)) for end in (0.0, 6.0)]
+        return graph.add("Clip", [value, *ends])
+    if activation == "SiLU":
+        return graph.add("Mul", [value, graph.add("Sigmoid", [value])])
+    return graph.add(ACTIVATION_OPS[activation], [value])
+
+
+def _decoded(graph: _Graph, value: str, actions: BoxActions) -> str:
+    low, high = actions.low, actions.high
+    if not actions.squash:
+        value = graph.add("Min", [value, graph.constant(high)])
+        return graph.add("Max", [value, graph.constant(low)])
+    if actions.limit < math.inf:
+        ends = [graph.constant(np.float32(end)) for end in (-actions.limit, actions.limit)]
+        value = graph.add("Clip", [value, *ends])
+    value = graph.add("Tanh", [value])
+    value = graph.add("Add", [value, graph.constant(np.float32(1.0))])
+    value = graph.add("Mul", [value, graph.constant(np.float32(0.5) * (high - low))])
+    return graph.add("Add", [value, graph.constant(low)])
+
+
+class _Graph:
+    """Nodes and constants of a graph that is a chain."""
+
+    def __init__(self) -> None:
+        self._nodes: list[Any] = []
+        self._constants: list[Any] = []
+
+    def constant(self, values: NDArray[Any] | np.generic) -> str:
+        name = f"constant_{len(self._constants)}"
+        self._constants.append(onnx().numpy_helper.from_array(np.asarray(values), name))
+        return name
+
+    def add(self, operator: str, inputs: list[str], **attributes: Any) -> str:
+        name = f"value_{len(self._nodes)}"
+        self._nodes.append(onnx().helper.make_node(operator, inputs, [name], **attributes))
+        return name
+
+    def file(self, value: str, inputs: int, outputs: int, card: Mapping[str, Any]) -> bytes:
+        helper, kinds = onnx().helper, onnx().TensorProto
+        self._nodes.append(helper.make_node("Identity", [value], [OUTPUT]))
+        taken = helper.make_tensor_value_info(INPUT, kinds.FLOAT, ["n", inputs])
+        given = (
+            helper.make_tensor_value_info(OUTPUT, kinds.FLOAT, ["n", outputs])
+            if outputs
+            else helper.make_tensor_value_info(OUTPUT, kinds.INT64, ["n"])
+        )
+        graph = helper.make_graph(self._nodes, "policy", [taken], [given], self._constants)
+        model = helper.make_model(
+            graph,
+            opset_imports=[helper.make_opsetid("", OPSET)],
+            ir_version=IR_VERSION,
+            producer_name="integ-gym",
+        )
+        told = hashed({"format": FORMAT, **card})
+        helper.set_model_props(model, {METADATA: json.dumps(told, allow_nan=False)})
+        onnx().checker.check_model(model)
+        content: bytes = model.SerializeToString()
+        return content

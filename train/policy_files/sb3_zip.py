@@ -1,0 +1,469 @@
+"""Policies in stable-baselines3's zip files, read without executing them."""
+
+from __future__ import annotations
+
+import base64
+import io
+import math
+import os
+import re
+import zipfile
+from collections.abc import Callable, Mapping
+from functools import partial
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, BinaryIO, Literal, TypeAlias
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import ArrayLike
+
+from integ_gym.support.files import check_regular, read_bounded
+
+from ..policy import (
+    BoxActions,
+    DiscreteActions,
+    FloatArray,
+    MlpPolicy,
+    ObservationStatistics,
+    spread,
+)
+from . import limits
+from .limits import DAMAGED, PolicyFileError
+from .pickles import looks_pickled, number_type, read_vec_normalize
+from .sb3_weights import (
+    SHARED,
+    Actor,
+    Json,
+    activation_name,
+    actor_class,
+    averaged,
+    hidden_sizes,
+    json_object,
+    layers_of,
+    load_tensors,
+    mean_limit,
+    policy_kwargs,
+    printed_class,
+    quantile_count,
+    section,
+    squashed,
+)
+
+_PASS_BOUNDS = "pass action_bounds=(low, high)"
+_NUMBER_TEXT = re.compile(r"[-+]?(?:inf|\d+\.(?P<decimals>\d*)(?P<exponent>e[-+]\d+)?)")
+
+
+def _space_kind(space: Json) -> str:
+    """Class name of a Gymnasium (or Gym) space, for example `Box`."""
+    text = str(space.get(":type:", "a space without a readable type"))
+    parts = printed_class(text).split(".")
+    return parts[-1] if parts[:2] in (["gymnasium", "spaces"], ["gym", "spaces"]) else text
+
+
+def box_size(space: Json, what: str) -> int:
+    """How many numbers a `Box` has, which SB3 flattens; a message calls it ``what``."""
+    kind, shape = _space_kind(space), _shape(space)
+    sizes = shape if isinstance(shape, list) else []
+    if kind != "Box" or not sizes or not all(type(n) is int and n > 0 for n in sizes):
+        raise PolicyFileError(
+            f"the {what} is {kind} of shape {shape}, and only a Box"
+            f"{' or Discrete' if what == 'action space' else ''} can be read; "
+            "flatten the environment's space and train again"
+        )
+    return math.prod(sizes)
+
+
+def _shape(space: Json) -> Any:
+    """Of a space: files that were written under gym store ``shape``, later ones ``_shape``."""
+    return space.get("_shape", space.get("shape"))
+
+
+def decoding(
+    space: Json,
+    squash: bool,
+    action_bounds: tuple[ArrayLike, ArrayLike] | None,
+    limit: float = math.inf,
+) -> BoxActions | DiscreteActions:
+    """How outputs become actions of this space."""
+    if _space_kind(space) == "Discrete":
+        return _discrete_actions(space, squash, action_bounds)
+    size = box_size(space, "action space")
+    if space.get("dtype") != "float32":
+        raise PolicyFileError(
+            f"the action space has dtype {space.get('dtype')}, and only float32 can be read; "
+            "train in an environment with a float32 Box"
+        )
+    if action_bounds is None:
+        low, high = (_printed_bound(space, name, size) for name in ("low", "high"))
+    else:
+        low, high = (spread(bound, size) for bound in action_bounds)
+    actions = BoxActions(low, high, squash, limit)
+    if actions.size != size:
+        raise PolicyFileError(
+            f"action_bounds have length {actions.size} and the action space {size}; "
+            "pass one number per action"
+        )
+    return actions
+
+
+def _discrete_actions(
+    space: Json, squash: bool, action_bounds: tuple[ArrayLike, ArrayLike] | None
+) -> DiscreteActions:
+    """A `Discrete` space that counts from 0."""
+    n, start = str(space.get("n")), str(space.get("start", "0"))
+    if not re.fullmatch(r"[1-9]\d{0,8}", n) or start != "0":
+        raise PolicyFileError(
+            f"the action space Discrete(n={n}, start={start}) cannot be read, because "
+            "stable-baselines3 counts actions from 0; train in an environment with start=0"
+        )
+    if squash or action_bounds is not None:
+        raise PolicyFileError(
+            f"the action space Discrete({n}) has no bounds; "
+            "leave out squash_output and action_bounds"
+        )
+    return DiscreteActions(int(n))
+
+
+def _printed_bound(space: Json, name: str, size: int) -> FloatArray:
+    """A bound from the text NumPy printed for it, float32 of shape (size,).
+
+    NumPy prints eight decimals. From 0.125 up that settles a float32; below, a number of more than
+    six decimals may have been rounded and is refused. (Shorter ones are what somebody typed.)
+    """
+    text = str(space.get(name))
+    words = text.replace("[", " ").replace("]", " ").split()
+    numbers = [_NUMBER_TEXT.fullmatch(word) for word in words]
+    ends = len(_shape(space))
+    opened, closed = len(text) - len(text.lstrip("[")), len(text) - len(text.rstrip("]"))
+    whole = opened == closed == ends
+    if not whole or len(numbers) != size or not all(numbers):
+        raise PolicyFileError(
+            f"the action space's bound '{name}' is printed as {_shortened(text)}, which does not "
+            f"spell out {size} numbers; {_PASS_BOUNDS}"
+        )
+    for number in numbers:
+        if number is not None and _may_be_rounded(number):
+            raise PolicyFileError(
+                f"the action space's bound '{name}' is printed as {number.group()}, which may be "
+                f"rounded; {_PASS_BOUNDS}"
+            )
+    with np.errstate(over="ignore"):
+        return np.array([float(word) for word in words]).astype(np.float32)
+
+
+def _may_be_rounded(number: re.Match[str]) -> bool:
+    """Whether more than one float32 is likely to be printed like this."""
+    decimals = number.group("decimals") or ""
+    return not number.group("exponent") and len(decimals) > 6 and abs(float(number.group())) < 0.125
+
+
+def _shortened(text: str) -> str:
+    """At most 60 characters of a text, on one line."""
+    line = " ".join(text.split())
+    return line if len(line) <= 60 else f"{line[:57]}..."
+
+
+_OFF_POLICY = "buffer_size"
+"""Algorithms with a replay buffer keep raw observations outside `VecNormalize` as well."""
+
+
+def learned_scaled(data: Json) -> bool:
+    """Whether the model of this `data` was trained inside `VecNormalize`, as far as that shows.
+
+    Scaled observations are float32, which tells where the environment's are float64. Where these
+    are float32 too, on-policy algorithms keep raw ones inside `VecNormalize` alone, be it one with
+    ``norm_obs=False``, and of off-policy algorithms it does not show.
+    """
+    raw = data.get("_last_original_obs")
+    if raw is None:
+        return False
+    before, after = _kind(raw), _kind(data.get("_last_obs"))
+    if before and after and before != after:
+        return True
+    return _OFF_POLICY not in data and before != "f8"
+
+
+def _kind(described: Any) -> str | None:
+    """Type of a saved array's numbers, such as `f4`; None for what is no such array."""
+    text = described.get(":serialized:") if isinstance(described, dict) else None
+    try:
+        return number_type(base64.b64decode(str(text), validate=True))
+    except (PolicyFileError, ValueError):
+        return None
+
+
+_DEFAULTS = {"epsilon": 1e-8, "clip_obs": 10.0}
+"""Of `VecNormalize`, and of CleanRL's scripts."""
+
+GivenStatistics: TypeAlias = (
+    str | os.PathLike[str] | Mapping[str, Any] | ObservationStatistics | Literal[False] | None
+)
+"""Statistics as people give them: a file, ``{"mean": …, "var": …}``, or False where the policy
+learned from observations as they are; None: nothing is said."""
+
+
+def observation_statistics_of(given: GivenStatistics) -> ObservationStatistics | None:
+    """Statistics that were given in one of these ways; None where observations are not normalized.
+
+    Raises:
+        PolicyFileError: in one sentence, for a file that cannot be read, or wrong values.
+    """
+    if given is None or given is False or isinstance(given, ObservationStatistics):
+        return given or None
+    if not isinstance(given, Mapping):
+        return read_observation_statistics(given)
+    try:
+        lists = {name: np.ravel(given[name]).tolist() for name in ("mean", "var") if name in given}
+        return _statistics({**given, **lists})
+    except ValueError as error:
+        raise PolicyFileError(
+            f'obs_stats: {error}; give {{"mean": …, "var": …}} with one number per observation'
+        ) from error
+
+
+def read_observation_statistics(path: str | os.PathLike[str]) -> ObservationStatistics | None:
+    """Read observation statistics; None where observations are not normalized.
+
+    The file is the `vecnormalize.pkl` that `VecNormalize.save(path)` wrote, of which nothing is
+    executed; or JSON with the keys of
+    `{"mean": [...], "var": [...], "epsilon": 1e-8, "clip_obs": 10.0}`, which are `obs_rms.mean`,
+    `obs_rms.var`, `epsilon` and `clip_obs` of a `VecNormalize`; the last two are these numbers
+    where they are left out.
+
+    Raises:
+        PolicyFileError: in one sentence, if the file is missing, malformed or has wrong values.
+    """
+    file = Path(path)
+    remedy = (
+        'give the file of VecNormalize.save(path), or write {"mean": [...], "var": [...], '
+        '"epsilon": 1e-8, "clip_obs": 10.0} with the numbers of the VecNormalize used in training'
+    )
+    try:
+        content = _read_small_file(file)
+        if looks_pickled(content):
+            return read_vec_normalize(content)
+        return _statistics(json_object(content, "the file {}"))
+    except ValueError as error:
+        raise PolicyFileError(f"{file}: {error}; {remedy}") from error
+
+
+def _read_small_file(file: Path) -> bytes:
+    """The bytes of a file of at most `limits.MAX_JSON_BYTES`."""
+    try:
+        return read_bounded(file, limits.MAX_JSON_BYTES)
+    except OSError as error:
+        raise PolicyFileError(f"cannot be opened ({error.strerror})") from error
+
+
+def _statistics(fields: Json) -> ObservationStatistics:
+    """Statistics from parsed JSON; raises ValueError with what is wrong."""
+    if not {"mean", "var"} <= set(fields) <= {"mean", "var", *_DEFAULTS}:
+        raise ValueError(
+            "expected the keys mean, var and perhaps epsilon, clip_obs, got "
+            f"{', '.join(sorted(map(str, fields)))}"
+        )
+    fields = {**_DEFAULTS, **fields}
+    for name in ("mean", "var"):
+        if not isinstance(fields[name], list) or not all(map(_is_number, fields[name])):
+            raise ValueError(f"'{name}' must be a list of finite numbers")
+    for name in ("epsilon", "clip_obs"):
+        if not _is_number(fields[name]):
+            raise ValueError(f"'{name}' must be a finite number, got {fields[name]!r}")
+    return ObservationStatistics(**fields)
+
+
+def _is_number(value: object) -> bool:
+    """Whether a JSON value is a number that a float can hold."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    try:
+        return math.isfinite(value)
+    except OverflowError:
+        return False
+
+
+_PACKED = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+"""Of these a piece unpacks to no more than was asked for."""
+
+_PIECE = 1 << 20
+"""Bytes."""
+
+
+def read_sb3_zip(
+    path: str | os.PathLike[str],
+    obs_stats: str | os.PathLike[str] | None = None,
+    *,
+    action_bounds: tuple[ArrayLike, ArrayLike] | None = None,
+) -> MlpPolicy:
+    """Read the deterministic actor of a model with `MlpPolicy`, as `model.save(path)` wrote it.
+
+    Of PPO, A2C, SAC, TD3, DDPG and DQN of stable-baselines3 and TQC, TRPO and QR-DQN of
+    sb3-contrib, of all versions since 1.0.
+
+    The file has no statistics of a `VecNormalize`; of a model that was trained inside one, pass
+    `obs_stats`, or the policy acts on observations of the wrong scale; see :func:`is_scaled`.
+
+    Args:
+        path: the `.zip` file.
+        obs_stats: JSON file of observation statistics, see `read_observation_statistics`.
+        action_bounds: (low, high), each of shape (action_dim,) in the action's units, for the rare
+            file whose printed bounds are shortened or rounded; otherwise the file's own are used.
+
+    Returns:
+        The policy, named after the file. It acts as `model.predict(obs, deterministic=True)`.
+
+    Raises:
+        PolicyFileError: in one sentence, if anything in the file is damaged, unknown or unsafe.
+        ImportError: in one line, if torch is not installed.
+    """
+    statistics = None if obs_stats is None else read_observation_statistics(obs_stats)
+    file = Path(path)
+    try:
+        return read_archive(file, file.stem, statistics, action_bounds)
+    except ValueError as error:
+        raise PolicyFileError(f"{file}: {error}") from error
+
+
+def read_sb3_model(model: Any, policy_id: str) -> MlpPolicy:
+    """The actor of a model in memory, as :func:`read_sb3_zip` would read its file.
+
+    Statistics of a `VecNormalize` that the model's environment has are taken with it.
+
+    Args:
+        model: of stable-baselines3 or sb3-contrib.
+        policy_id: its name.
+
+    Raises:
+        PolicyFileError: in one sentence, if it cannot be read.
+    """
+    content = io.BytesIO()
+    model.save(content)
+    normalize = model.get_vec_normalize_env()
+    try:
+        statistics = None
+        if normalize is not None and normalize.norm_obs:
+            own, limits_of = normalize.obs_rms, (normalize.epsilon, normalize.clip_obs)
+            statistics = ObservationStatistics(own.mean, own.var, *limits_of)
+        return read_archive(content, policy_id, statistics, _bounds(model.action_space))
+    except (AttributeError, ValueError) as error:
+        raise PolicyFileError(f"the model {policy_id}: {error}") from error
+
+
+def is_scaled(archive: Path | BinaryIO) -> bool:
+    """Whether the model in a zip was trained inside `VecNormalize`, as far as that shows.
+
+    Raises:
+        PolicyFileError: in one sentence, if it cannot be read.
+    """
+    data_text, _ = _read_members(archive)
+    return learned_scaled(_data(data_text))
+
+
+def lacks_statistics(model: Any) -> bool:
+    """Whether a model in memory was trained inside `VecNormalize` and is without one now.
+
+    Args:
+        model: of stable-baselines3 or sb3-contrib.
+    """
+    if model.get_vec_normalize_env() is not None:
+        return False
+    content = io.BytesIO()
+    model.save(content)
+    return is_scaled(content)
+
+
+def _bounds(space: Any) -> tuple[ArrayLike, ArrayLike] | None:
+    return (space.low.ravel(), space.high.ravel()) if isinstance(space, spaces.Box) else None
+
+
+def read_archive(
+    archive: Path | BinaryIO,
+    policy_id: str,
+    statistics: ObservationStatistics | None,
+    action_bounds: tuple[ArrayLike, ArrayLike] | None,
+    load: Callable[[bytes], Mapping[str, Any]] = load_tensors,
+) -> MlpPolicy:
+    """The policy in a zip of that name.
+
+    Args:
+        archive: the zip.
+        policy_id: its name.
+        statistics: of observations, which the zip has not.
+        action_bounds: see :func:`read_sb3_zip`.
+        load: reads the weights; by default torch does.
+
+    Raises:
+        ValueError: what is wrong with the zip or the policy, without a file's name.
+    """
+    data_text, weights = _read_members(archive)
+    data = _data(data_text)
+    actor, kwargs = actor_class(data), policy_kwargs(data)
+    inputs = box_size(section(data, "observation_space"), "observation space")
+    activation, squash = activation_name(kwargs, actor), squashed(data, kwargs, actor)
+    limit = mean_limit(data, kwargs, actor)
+    actions = decoding(section(data, "action_space"), squash, action_bounds, limit)
+    _check_kind(actions, actor)
+    tensors = load(weights)
+    shared, own = hidden_sizes(kwargs, actor, any(name.startswith(SHARED) for name in tensors))
+    names = actor.names(len(shared), len(own), limit < math.inf)
+    quantiles = quantile_count(kwargs, actor)
+    sizes = (inputs, *shared, *own, quantiles * actions.size)
+    layers = layers_of(tensors, dict(zip(names, pairwise(sizes), strict=True)), actor.unused)
+    return MlpPolicy(averaged(layers, quantiles), activation, actions, statistics, policy_id)
+
+
+def _data(content: bytes) -> Json:
+    return json_object(content, f"its member 'data' {{}}; {DAMAGED}")
+
+
+def _check_kind(actions: BoxActions | DiscreteActions, actor: Actor) -> None:
+    if actor.discrete is None or actor.discrete == isinstance(actions, DiscreteActions):
+        return
+    raise PolicyFileError(
+        f"the action space {actions} is none that {actor.algorithms[0]} can have; {DAMAGED}"
+    )
+
+
+def _read_members(file: Path | BinaryIO) -> tuple[bytes, bytes]:
+    """The bytes of `data` and `policy.pth`, checked for presence and size."""
+    try:
+        if isinstance(file, Path):
+            check_regular(file)
+        with zipfile.ZipFile(file) as archive:
+            return (
+                read_member(archive, "data", limits.MAX_JSON_BYTES),
+                read_member(archive, "policy.pth", limits.MAX_WEIGHTS_BYTES),
+            )
+    except PolicyFileError:
+        raise
+    except zipfile.BadZipFile as error:
+        raise PolicyFileError(f"is not a complete zip file; {DAMAGED}, or copy it again") from error
+    except OSError as error:
+        raise PolicyFileError(
+            f"cannot be opened ({error.strerror or error}); check the path"
+        ) from error
+    except Exception as error:  # a damaged archive can fail in any way inside zipfile and zlib
+        raise PolicyFileError(f"cannot be unpacked ({type(error).__name__}); {DAMAGED}") from error
+
+
+def read_member(archive: zipfile.ZipFile, name: str, limit: int) -> bytes:
+    """One member, refused above `limit` bytes before more than that is unpacked."""
+    try:
+        info = archive.getinfo(name)
+    except KeyError:
+        raise PolicyFileError(
+            f"has no member '{name}', so it is not a model saved by stable-baselines3; "
+            "give the .zip that model.save(path) wrote"
+        ) from None
+    if info.file_size > limit:
+        raise PolicyFileError(
+            f"has a member '{name}' of {info.file_size} bytes, above the limit of {limit}; "
+            "give a model with a smaller network"
+        )
+    if info.compress_type not in _PACKED:
+        raise PolicyFileError(
+            f"has a member '{name}' packed in a way that model.save(path) does not use; {DAMAGED}"
+        )
+    with archive.open(info) as member:  # in pieces: a whole reading unpacks beyond what is declared
+        return b"".join(iter(partial(member.read, _PIECE), b""))

@@ -1,1 +1,0 @@
-"""What trainers have in common: configuration, runs side by side, evidence, errors."""
