@@ -37,8 +37,8 @@ from integ_gym.evidence.verification.signing import (
     broken_signature,
     can_check_signatures,
     check_key,
+    read_signer,
     sign,
-    signer_of,
 )
 from integ_gym.support.files.writing import make_folder
 from integ_gym.support.packages.extras import absent
@@ -353,9 +353,9 @@ def _checked(
     if not can_check_signatures():
         yield "signed: not checked, because ssh-keygen is not installed"
     elif given.public_key is None:
-        yield f"signed: by {signer_of(store.run)}; --public-key FILE checks whose key that is"
+        yield f"signed: by {read_signer(store.run)}; --public-key FILE checks whose key that is"
     else:
-        yield f"signed: by {signer_of(store.run)}, of {given.public_key}"
+        yield f"signed: by {read_signer(store.run)}, of {given.public_key}"
 
 
 def _collect(found: list[str], findings: Iterator[Finding]) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 
 from ...policy.observation_statistics import ObservationStatistics
 from ..error import PolicyFileError
-from .pickles import ARRAYS, SPACES, Held, array_of, entries_of, read_pickle
+from .pickles import ARRAYS, SPACES, StandIn, get_entries, read_pickle, to_array
 
 _CLASS = ("stable_baselines3.common.vec_env.vec_normalize", "VecNormalize")
 _RUNNING_MEAN = ("stable_baselines3.common.running_mean_std", "RunningMeanStd")
@@ -24,26 +24,26 @@ def read_vec_normalize(content: bytes) -> ObservationStatistics | None:
         PolicyFileError: for another file, or values that cannot be.
     """
     saved = read_pickle(content, _ALLOWED)
-    if not isinstance(saved, Held) or saved.name != _CLASS:
+    if not isinstance(saved, StandIn) or saved.name != _CLASS:
         raise PolicyFileError("holds no VecNormalize of stable-baselines3")
-    held = saved.entries
-    if held.get("norm_obs", True) is False:
+    entries = saved.entries
+    if entries.get("norm_obs", True) is False:
         return None
-    statistics = entries_of(held.get("obs_rms"))
+    statistics = get_entries(entries.get("obs_rms"))
     if not {"mean", "var"} <= statistics.keys():
         raise PolicyFileError(
             "holds no statistics of one vector of observations; those of a dictionary are not read"
         )
     return ObservationStatistics(
-        array_of(statistics["mean"]),
-        array_of(statistics["var"]),
-        _number(held.get("epsilon")),
-        _number(held.get("clip_obs")),
+        to_array(statistics["mean"]),
+        to_array(statistics["var"]),
+        _number(entries.get("epsilon")),
+        _number(entries.get("clip_obs")),
     )
 
 
 def _number(given: Any) -> float:
-    value = float(array_of(given).item()) if isinstance(given, Held) else given
+    value = float(to_array(given).item()) if isinstance(given, StandIn) else given
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         raise PolicyFileError("holds no `epsilon` or `clip_obs` that is a number")
     return float(value)

@@ -21,7 +21,7 @@ from ....policy.actions import BoxActions
 from ....policy.mlp_policy import MlpPolicy
 from ....policy.network import ACTIVATIONS
 from ...error import DAMAGED, PolicyFileError
-from ..pickles import ARRAYS, SPACES, entries_of, read_pickle
+from ..pickles import ARRAYS, SPACES, get_entries, read_pickle
 from ..safetensors_file import read_safetensors
 from . import limits
 from .data import json_object
@@ -63,22 +63,22 @@ def zip_faults(archive: Path, weights: Path) -> Iterator[str]:
     """
     try:
         actor = read_safetensors(weights)
-        with zipfile.ZipFile(archive) as held:
-            yield from _faults(held, archive, actor)
+        with zipfile.ZipFile(archive) as zip_file:
+            yield from _find_faults(zip_file, archive, actor)
     except (PolicyFileError, zipfile.BadZipFile) as error:
         yield f"cannot be read: {error}"
     except Exception as error:  # damaged bytes can fail in any way
         yield f"cannot be read ({type(error).__name__}); {DAMAGED}"
 
 
-def _faults(held: zipfile.ZipFile, archive: Path, actor: MlpPolicy) -> Iterator[str]:
-    for name in held.namelist():
+def _find_faults(zip_file: zipfile.ZipFile, archive: Path, actor: MlpPolicy) -> Iterator[str]:
+    for name in zip_file.namelist():
         if name not in (_DATA, *_MEMBERS) and not name.endswith(_OPTIMIZER):
             yield f"has the member {name!r}, which no trainer writes"
     for name in (_DATA, *_MEMBERS):
-        if name not in held.namelist():
+        if name not in zip_file.namelist():
             yield f"lacks the member {name!r}"
-    for where, pickle in _pickles(held):
+    for where, pickle in _iterate_pickles(zip_file):
         try:
             read_pickle(pickle, _IMPORTED, storages=True)
         except PolicyFileError as error:
@@ -86,48 +86,50 @@ def _faults(held: zipfile.ZipFile, archive: Path, actor: MlpPolicy) -> Iterator[
     bounds = (
         (actor.actions.low, actor.actions.high) if isinstance(actor.actions, BoxActions) else None
     )
-    own = read_archive(archive, actor.policy_id, actor.statistics, bounds, _tensors)
+    own = read_archive(archive, actor.policy_id, actor.statistics, bounds, _read_tensors)
     if own.content_hash != actor.content_hash:
         yield "is another policy than the weights beside it"
 
 
-def _pickles(held: zipfile.ZipFile) -> Iterator[tuple[str, bytes]]:
-    for name in held.namelist():
+def _iterate_pickles(zip_file: zipfile.ZipFile) -> Iterator[tuple[str, bytes]]:
+    for name in zip_file.namelist():
         if name.endswith(_TENSORS):
-            content = read_member(held, name, limits.MAX_WEIGHTS_BYTES)
+            content = read_member(zip_file, name, limits.MAX_WEIGHTS_BYTES)
             with zipfile.ZipFile(io.BytesIO(content)) as inner:
                 for member in inner.namelist():
                     if member.endswith(".pkl"):
                         yield name, read_member(inner, member, limits.MAX_JSON_BYTES)
-    content = read_member(held, _DATA, limits.MAX_JSON_BYTES)
+    content = read_member(zip_file, _DATA, limits.MAX_JSON_BYTES)
     data = json_object(content, f"its member 'data' {{}}; {DAMAGED}")
     for key, value in data.items():
-        for text in _serialized(value):
+        for text in _find_serialized(value):
             yield f"{key!r} of its 'data'", base64.b64decode(text)
 
 
-def _serialized(value: Any) -> Iterator[str]:
+def _find_serialized(value: Any) -> Iterator[str]:
     inner = value if isinstance(value, list) else ()
     if isinstance(value, Mapping):
         if isinstance(value.get(_SERIALIZED), str):
             yield value[_SERIALIZED]
         inner = list(value.values())
     for one in inner:
-        yield from _serialized(one)
+        yield from _find_serialized(one)
 
 
-def _tensors(content: bytes) -> Mapping[str, NDArray[np.float32]]:
+def _read_tensors(content: bytes) -> Mapping[str, NDArray[np.float32]]:
     """A state dict, read without torch."""
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         (name,) = (x for x in archive.namelist() if x.endswith("data.pkl"))
         folder = name.removesuffix("data.pkl")
         read = partial(read_member, archive, limit=limits.MAX_WEIGHTS_BYTES)
-        held = entries_of(read_pickle(read(name), _IMPORTED, storages=True))
-        return {key: _array(one, folder, read) for key, one in held.items() if key != "_metadata"}
+        stored = get_entries(read_pickle(read(name), _IMPORTED, storages=True))
+        return {
+            key: _read_array(one, folder, read) for key, one in stored.items() if key != "_metadata"
+        }
 
 
-def _array(held: Any, folder: str, read: Any) -> NDArray[np.float32]:
-    (_, kind, key, *_), offset, shape, strides = held.arguments[:4]
+def _read_array(stored: Any, folder: str, read: Any) -> NDArray[np.float32]:
+    (_, kind, key, *_), offset, shape, strides = stored.arguments[:4]
     if kind.name != ("torch", "FloatStorage"):
         raise PolicyFileError(f"its weights are {kind.name[1]}, and not 32 bits wide")
     numbers = np.frombuffer(read(f"{folder}data/{key}"), "<f4")

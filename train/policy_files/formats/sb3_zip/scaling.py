@@ -10,7 +10,7 @@ import base64
 from typing import Any
 
 from ...error import PolicyFileError
-from ..pickles import number_type
+from ..pickles import read_number_type
 from .data import Json
 
 _OFF_POLICY = "buffer_size"
@@ -37,6 +37,6 @@ def _kind(described: Any) -> str | None:
     """Type of a saved array's numbers, such as `f4`; None for what is no such array."""
     text = described.get(":serialized:") if isinstance(described, dict) else None
     try:
-        return number_type(base64.b64decode(str(text), validate=True))
+        return read_number_type(base64.b64decode(str(text), validate=True))
     except (PolicyFileError, ValueError):
         return None
