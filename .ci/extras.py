@@ -96,7 +96,7 @@ USES: dict[str, list[str | list[str]]] = {
     "panel": [
         "integ-gym panel small.toml --out run",
         "integ-gym evidence verify run",
-        "integ-gym evaluate run/policies/rk4*/policy.zip --env IntegPendulum-v0 --home stock "
+        "integ-gym evaluate run/policies/rk4*/policy.safetensors --env IntegPendulum-v0 "
         "--integrator rk4 --dt 0.05 --episodes 2 --out judged",
         "integ-gym check --integrator symplectic_euler --dt 0.05 --seeds 2 "
         "--train-arg total_steps=1024 --train-arg n_steps=64 --out checked",

@@ -194,6 +194,9 @@ class TaskPool:
         futures = {self._executor.submit(*task): key for key, task in waiting.items()}
         lost: BrokenExecutor | None = None
         for future in self._progress.ended(futures):
+            if future.cancelled():  # by an executor that lost its connection
+                lost = BrokenExecutor("cancelled")
+                continue
             error = future.exception()
             if isinstance(error, BrokenExecutor):
                 lost = error
@@ -205,7 +208,7 @@ class TaskPool:
 
 
 class RemoteExecutor(Executor):
-    """Gives tasks to an executor of others as if its processes were of this machine.
+    """Gives tasks to another executor, and passes on the work that they report and what they print.
 
     Args:
         executor: runs tasks in other processes.
@@ -241,7 +244,7 @@ class RemoteExecutor(Executor):
             elif (error := ended.exception()) is None:
                 outer.set_result(self._take(ended.result()))
             elif isinstance(error, self._lost):
-                outer.set_exception(BrokenExecutor(type(error).__name__))
+                outer.set_exception(BrokenExecutor(_format_loss(error)))
             else:
                 outer.set_exception(error)
 
@@ -258,6 +261,11 @@ class RemoteExecutor(Executor):
         if outcome.text:
             print(outcome.text, end="", file=sys.stderr, flush=True)
         return outcome.result
+
+
+def _format_loss(error: BaseException) -> str:
+    lines = str(error).strip().splitlines() or [""]
+    return f"{type(error).__name__}: {lines[-1]}"
 
 
 class _Outcome(NamedTuple):
@@ -281,7 +289,7 @@ _prepared: set[str] = set()
 def _run_task(
     prepare: Prepare, task: Callable[..., Any], given: Sequence[Any], named: Mapping[str, Any]
 ) -> _Outcome:
-    """Run a task in a process of others: one at a time, with one thread for its numbers."""
+    """Run a task in a worker elsewhere: one at a time, with one thread for its numbers."""
     with _turn:
         limit_threads()
         if prepare is not None and repr(prepare) not in _prepared:

@@ -130,11 +130,11 @@ class StoredRun(Storage):
         Raises:
             Busy: if another driver holds it.
         """
-        exists = load("obstore.exceptions", "storage").AlreadyExistsError
+        exists, own = load("obstore.exceptions", "storage").AlreadyExistsError, holder_text()
         with wrap_store_errors(self.url):
             for _ in range(2):
                 try:
-                    self._obstore.put(self._store, LOCK, holder_text().encode(), mode="create")
+                    self._obstore.put(self._store, LOCK, own.encode(), mode="create")
                     break
                 except exists:
                     self._check_holder()
@@ -144,7 +144,14 @@ class StoredRun(Storage):
             yield
         finally:
             with wrap_store_errors(self.url):
-                self._obstore.delete(self._store, LOCK)
+                if self._lock_text() == own:
+                    self._obstore.delete(self._store, LOCK)
+
+    def _lock_text(self) -> str:
+        """What the lock says; empty where there is none."""
+        with suppress(FileNotFoundError):
+            return bytes(self._obstore.get(self._store, LOCK).bytes()).decode()
+        return ""
 
     def _check_holder(self) -> None:
         """Remove the lock of a process of this machine that is gone.
@@ -152,9 +159,8 @@ class StoredRun(Storage):
         Raises:
             Busy: if it is another's.
         """
-        try:
-            text = bytes(self._obstore.get(self._store, LOCK).bytes()).decode()
-        except FileNotFoundError:
+        text = self._lock_text()
+        if not text:
             return
         holder = _read_holder(text)
         if holder.get("host") == socket.gethostname() and not _is_alive(holder.get("process")):

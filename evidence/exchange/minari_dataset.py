@@ -36,7 +36,7 @@ def write_minari(chosen: Selection, folder: Path) -> int:
     minari, env_id = _minari(), chosen.env_id
     name = dataset_id(chosen)
     columns = columns_of(chosen.columns)
-    data = folder / name / "data"
+    data = (folder / name / "data").absolute()  # Minari adds a relative path to itself
     data.mkdir(parents=True)
     observations, actions, spec = _spaces(chosen, columns)
     storage = load("minari.dataset.minari_storage", "exchange").MinariStorage.new(

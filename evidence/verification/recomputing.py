@@ -224,7 +224,7 @@ def _of_ledger(fields: Any, told: _Told) -> Iterator[Finding]:
 def _keeps_a_ledger(fields: Any) -> bool:
     """Whether every entry is a number: our own engine reports all while the motion is finite."""
     own = fields["engine"] == NATIVE and fields["schema_version"] == SCHEMA_VERSION
-    return own and fields["solver_status"] != "diverged"
+    return bool(own and fields["solver_status"] != "diverged")
 
 
 def _from_trace(record: EvidenceRecord) -> Iterator[tuple[str, Any, float]]:

@@ -43,8 +43,9 @@ class FileLock:
                 if not _lock(descriptor):
                     return False
                 if self._is_the_file(descriptor):
-                    os.ftruncate(descriptor, 0)
-                    os.write(descriptor, text.encode())
+                    with suppress(OSError):  # a full disk: it is held all the same
+                        os.ftruncate(descriptor, 0)
+                        os.write(descriptor, text.encode())
                     self._descriptor, descriptor = descriptor, -1
                     return True
             finally:

@@ -104,7 +104,7 @@ def memory_of(spec: PanelSpec, cluster: Cluster) -> float | None:
 
 
 def preparation_of(spec: PanelSpec, cluster: Cluster) -> Callable[[int], None] | None:
-    """What a process of others does first, which may train a policy and evaluate another."""
+    """What a worker elsewhere does first; it may train and evaluate in turn."""
     if not (spec.fleet and cluster.remote):
         return None
     from integ_gym.train.fleet.training import preparation

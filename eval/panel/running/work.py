@@ -96,8 +96,8 @@ class Work:
         try:
             for name, future in self._pool.run(tasks, discard):
                 error = future.exception()
-                if error is not None:
-                    told = f"{phase} {name} failed: {_told(error)}"
+                if isinstance(error, Exception):
+                    told = f"{phase} {name} failed: {_format_error(error)}"
                     raise PanelError(f"{told}; the rest is kept") from error
                 yield name, future.result()
         except BrokenExecutor as error:
@@ -117,7 +117,7 @@ def _do_in_scratch(
         return read_files(Path(scratch))
 
 
-def _told(error: BaseException) -> str:
+def _format_error(error: Exception) -> str:
     """What an error says, with its type where that helps; of a full disk the remedy."""
     if isinstance(error, OSError) and error.errno == errno.ENOSPC:
         return f"{error}: free some space, and run the same command again to go on"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from pathlib import Path
 
 import duckdb
 import gymnasium as gym
@@ -54,7 +55,8 @@ def _exported(store, form, out, **options):
 
 
 def test_minari_reads_a_data_set(run, tmp_path, monkeypatch):
-    records = _exported(run, "minari", tmp_path / "datasets")
+    monkeypatch.chdir(tmp_path)
+    records = _exported(run, "minari", Path("datasets"))
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "datasets"))
     (name,) = minari.list_local_datasets()
     data = minari.load_dataset(name)

@@ -1,4 +1,4 @@
-"""The fleet on an executor of others: the same policies, written where they are asked for."""
+"""The fleet on another executor: the same policies, written where they are asked for."""
 
 from __future__ import annotations
 
