@@ -185,10 +185,10 @@ def sign(run: Path, key: Path) -> str:
         EvidenceError: if the key cannot sign, or ``ssh-keygen`` is not installed.
     """
     replace_file(run / SIGNATURE_FILE, _sign(key, (run / SEAL_FILE).read_bytes()))
-    return signer_of(run)
+    return read_signer(run)
 
 
-def signer_of(run: Path) -> str:
+def read_signer(run: Path) -> str:
     """Fingerprint of the key that signed the seal of a run.
 
     Raises:
@@ -232,7 +232,7 @@ def _check_signature(run: Path) -> tuple[str | None, str]:
     )  # fmt: skip
     found = _FINGERPRINT.search(done.stdout.decode(errors="replace"))
     if done.returncode or found is None:
-        return None, f"is no signature of this {SEAL_FILE}: {_last_line(done.stderr)}"
+        return None, f"is no signature of this {SEAL_FILE}: {_get_last_line(done.stderr)}"
     return found[0], ""
 
 
@@ -240,8 +240,8 @@ def _sign(key: Path, message: bytes) -> bytes:
     done = _run_ssh_keygen("-Y", "sign", "-n", NAMESPACE, "-f", str(key), message=message)
     if done.returncode:
         raise EvidenceError(
-            f"{key} cannot sign: {_last_line(done.stderr)}; make a key with ssh-keygen -t ed25519, "
-            "or load one that has a passphrase with ssh-add and give its public key"
+            f"{key} cannot sign: {_get_last_line(done.stderr)}; make a key with ssh-keygen -t "
+            "ed25519, or load one that has a passphrase with ssh-add and give its public key"
         )
     return done.stdout
 
@@ -251,7 +251,7 @@ def _read_fingerprints(public_keys: Path) -> set[str]:
     lines = done.stdout.decode(errors="replace").splitlines()
     if done.returncode or not lines:
         raise EvidenceError(
-            f"{public_keys} holds no public key: {_last_line(done.stderr)}; give the file that "
+            f"{public_keys} holds no public key: {_get_last_line(done.stderr)}; give the file that "
             "ssh-keygen wrote with the ending .pub"
         )
     return {line.split()[1] for line in lines}
@@ -266,6 +266,6 @@ def _run_ssh_keygen(*arguments: str, message: bytes = b"") -> subprocess.Complet
     return subprocess.run(["ssh-keygen", *arguments], input=message, capture_output=True)
 
 
-def _last_line(message: bytes) -> str:
+def _get_last_line(message: bytes) -> str:
     lines = message.decode(errors="replace").strip().splitlines()
     return lines[-1].strip() if lines else "ssh-keygen gave no reason"

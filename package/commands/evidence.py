@@ -28,9 +28,9 @@ from integ_gym.evidence.sealing import (
     can_check_signatures,
     check_key,
     read_seal,
+    read_signer,
     seal,
     sign,
-    signer_of,
 )
 from integ_gym.evidence.store import EvidenceStore, merge, open_run, query_in_place
 from integ_gym.evidence.verification import missing_episodes, other_columns, replay_some
@@ -345,9 +345,9 @@ def _checked(
     if not can_check_signatures():
         yield "signed: not checked, because ssh-keygen is not installed"
     elif given.public_key is None:
-        yield f"signed: by {signer_of(store.run)}; --public-key FILE checks whose key that is"
+        yield f"signed: by {read_signer(store.run)}; --public-key FILE checks whose key that is"
     else:
-        yield f"signed: by {signer_of(store.run)}, of {given.public_key}"
+        yield f"signed: by {read_signer(store.run)}, of {given.public_key}"
 
 
 def _collect(found: list[str], findings: Iterator[Finding]) -> None:

@@ -1,6 +1,6 @@
 """Pickles of stable-baselines3, torch and NumPy, read without importing or calling what they name.
 
-Names on a fixed list become `Held` objects, which keep what they are given; any other is refused.
+Names on a fixed list become `StandIn` objects, which keep what they are given; others are refused.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ SPACES: frozenset[Name] = frozenset(
 """What pickles of spaces import, with their random generators."""
 
 
-class Held:
+class StandIn:
     """Stands in for an object of another package: keeps what it is made of, and runs nothing.
 
     Attributes:
@@ -110,8 +110,8 @@ _UNREAD = b"".join(
 
 
 @cache
-def _stand_in(module: str, name: str) -> type[Held]:
-    return type(name, (Held,), {"name": (module, name)})
+def _build_class(module: str, name: str) -> type[StandIn]:
+    return type(name, (StandIn,), {"name": (module, name)})
 
 
 class _Unpickler(pickle._Unpickler):
@@ -130,13 +130,13 @@ class _Unpickler(pickle._Unpickler):
         super().__init__(io.BytesIO(content))
         self._allowed, self._storages = allowed, storages
 
-    def find_class(self, module: str, name: str) -> type[Held]:
+    def find_class(self, module: str, name: str) -> type[StandIn]:
         if (module, name) not in self._allowed:
             raise PolicyFileError(
                 f"imports {module}.{name} when it is loaded, which is not on the list of what such "
                 "a file needs"
             )
-        return _stand_in(module, name)
+        return _build_class(module, name)
 
     def persistent_load(self, pid: Any) -> Any:
         if not self._storages:
@@ -172,7 +172,7 @@ def looks_pickled(content: bytes) -> bool:
 
 
 def read_pickle(content: bytes, allowed: Collection[Name], *, storages: bool = False) -> Any:
-    """The object in a pickle: texts, numbers, lists, tuples, dictionaries, and `Held` objects.
+    """The object in a pickle: texts, numbers, lists, tuples, dictionaries, and `StandIn` objects.
 
     Args:
         content: the pickle.
@@ -190,14 +190,14 @@ def read_pickle(content: bytes, allowed: Collection[Name], *, storages: bool = F
         raise PolicyFileError(f"is not a readable pickle ({type(error).__name__})") from error
 
 
-def entries_of(value: Any) -> dict[Any, Any]:
-    """A dictionary itself, or what a `Held` object holds; empty for anything else."""
-    if isinstance(value, Held):
+def get_entries(value: Any) -> dict[Any, Any]:
+    """A dictionary itself, or what a `StandIn` object holds; empty for anything else."""
+    if isinstance(value, StandIn):
         return value.entries
     return value if isinstance(value, dict) else {}
 
 
-def number_type(content: bytes) -> str:
+def read_number_type(content: bytes) -> str:
     """Type of the numbers of one pickled array, such as `f4`.
 
     Raises:
@@ -205,30 +205,30 @@ def number_type(content: bytes) -> str:
     """
     held = read_pickle(content, ARRAYS)
     try:
-        return _number_type(_stored(held)[1])
+        return _get_number_type(_get_buffer(held)[1])
     except PolicyFileError:
         raise
     except Exception as error:  # damaged bytes can fail in any way
         raise PolicyFileError("holds no array of numbers") from error
 
 
-def array_of(held: Any) -> NDArray[np.float64]:
+def to_array(held: Any) -> NDArray[np.float64]:
     """The values of an array or number of NumPy's.
 
     Raises:
         PolicyFileError: for anything else.
     """
-    content, dtype, shape, order = _stored(held)
-    kind, byte_order = _number_type(dtype), dtype.state[1] if dtype.state else "<"
+    content, dtype, shape, order = _get_buffer(held)
+    kind, byte_order = _get_number_type(dtype), dtype.state[1] if dtype.state else "<"
     if byte_order not in ("<", ">", "=") or order not in ("C", "F"):
         raise PolicyFileError("holds statistics that are no arrays of numbers")
     flat = np.frombuffer(_bytes(content), dtype=f"{byte_order}{kind}")
     return flat.reshape(shape, order=order).astype(np.float64)
 
 
-def _stored(held: Any) -> tuple[Any, Any, Any, Any]:
+def _get_buffer(held: Any) -> tuple[Any, Any, Any, Any]:
     """Bytes, type, shape and order of an array or number."""
-    name = held.name[1] if isinstance(held, Held) else ""
+    name = held.name[1] if isinstance(held, StandIn) else ""
     if name == "_reconstruct" and held.state is not None:
         _, shape, dtype, fortran, content = held.state
         return content, dtype, shape, "F" if fortran else "C"
@@ -240,8 +240,8 @@ def _stored(held: Any) -> tuple[Any, Any, Any, Any]:
     raise PolicyFileError("holds statistics that are no arrays of numbers")
 
 
-def _number_type(dtype: Any) -> str:
-    kind = dtype.arguments[0] if isinstance(dtype, Held) else None
+def _get_number_type(dtype: Any) -> str:
+    kind = dtype.arguments[0] if isinstance(dtype, StandIn) else None
     if kind not in _NUMBERS:
         raise PolicyFileError("holds statistics that are no arrays of numbers")
     return str(kind)
@@ -249,7 +249,7 @@ def _number_type(dtype: Any) -> str:
 
 def _bytes(content: Any) -> bytes:
     """Bytes, which protocol 2 writes as text to be encoded."""
-    if isinstance(content, Held) and content.name == ("_codecs", "encode"):
+    if isinstance(content, StandIn) and content.name == ("_codecs", "encode"):
         text, encoding = content.arguments
         if isinstance(text, str) and encoding == "latin1":
             return text.encode("latin1")
@@ -273,26 +273,26 @@ def read_vec_normalize(content: bytes) -> ObservationStatistics | None:
         PolicyFileError: for another file, or values that cannot be.
     """
     saved = read_pickle(content, _ALLOWED)
-    if not isinstance(saved, Held) or saved.name != _CLASS:
+    if not isinstance(saved, StandIn) or saved.name != _CLASS:
         raise PolicyFileError("holds no VecNormalize of stable-baselines3")
     held = saved.entries
     if held.get("norm_obs", True) is False:
         return None
-    statistics = entries_of(held.get("obs_rms"))
+    statistics = get_entries(held.get("obs_rms"))
     if not {"mean", "var"} <= statistics.keys():
         raise PolicyFileError(
             "holds no statistics of one vector of observations; those of a dictionary are not read"
         )
     return ObservationStatistics(
-        array_of(statistics["mean"]),
-        array_of(statistics["var"]),
+        to_array(statistics["mean"]),
+        to_array(statistics["var"]),
         _number(held.get("epsilon")),
         _number(held.get("clip_obs")),
     )
 
 
 def _number(given: Any) -> float:
-    value = float(array_of(given).item()) if isinstance(given, Held) else given
+    value = float(to_array(given).item()) if isinstance(given, StandIn) else given
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         raise PolicyFileError("holds no `epsilon` or `clip_obs` that is a number")
     return float(value)

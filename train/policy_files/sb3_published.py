@@ -23,7 +23,7 @@ from .limits import DAMAGED, PolicyFileError
 from .pickles import (
     ARRAYS,
     SPACES,
-    entries_of,
+    get_entries,
     read_pickle,
 )
 from .safetensors_file import read_safetensors
@@ -67,21 +67,21 @@ def zip_faults(archive: Path, weights: Path) -> Iterator[str]:
     try:
         actor = read_safetensors(weights)
         with zipfile.ZipFile(archive) as held:
-            yield from _faults(held, archive, actor)
+            yield from _find_faults(held, archive, actor)
     except (PolicyFileError, zipfile.BadZipFile) as error:
         yield f"cannot be read: {error}"
     except Exception as error:  # damaged bytes can fail in any way
         yield f"cannot be read ({type(error).__name__}); {DAMAGED}"
 
 
-def _faults(held: zipfile.ZipFile, archive: Path, actor: MlpPolicy) -> Iterator[str]:
+def _find_faults(held: zipfile.ZipFile, archive: Path, actor: MlpPolicy) -> Iterator[str]:
     for name in held.namelist():
         if name not in (_DATA, *_MEMBERS) and not name.endswith(_OPTIMIZER):
             yield f"has the member {name!r}, which no trainer writes"
     for name in (_DATA, *_MEMBERS):
         if name not in held.namelist():
             yield f"lacks the member {name!r}"
-    for where, pickle in _pickles(held):
+    for where, pickle in _iterate_pickles(held):
         try:
             read_pickle(pickle, _IMPORTED, storages=True)
         except PolicyFileError as error:
@@ -89,12 +89,12 @@ def _faults(held: zipfile.ZipFile, archive: Path, actor: MlpPolicy) -> Iterator[
     bounds = (
         (actor.actions.low, actor.actions.high) if isinstance(actor.actions, BoxActions) else None
     )
-    own = read_archive(archive, actor.policy_id, actor.statistics, bounds, _tensors)
+    own = read_archive(archive, actor.policy_id, actor.statistics, bounds, _read_tensors)
     if own.content_hash != actor.content_hash:
         yield "is another policy than the weights beside it"
 
 
-def _pickles(held: zipfile.ZipFile) -> Iterator[tuple[str, bytes]]:
+def _iterate_pickles(held: zipfile.ZipFile) -> Iterator[tuple[str, bytes]]:
     for name in held.namelist():
         if name.endswith(_TENSORS):
             content = read_member(held, name, limits.MAX_WEIGHTS_BYTES)
@@ -105,27 +105,27 @@ def _pickles(held: zipfile.ZipFile) -> Iterator[tuple[str, bytes]]:
     content = read_member(held, _DATA, limits.MAX_JSON_BYTES)
     data = json_object(content, f"its member 'data' {{}}; {DAMAGED}")
     for key, value in data.items():
-        for text in _serialized(value):
+        for text in _find_serialized(value):
             yield f"{key!r} of its 'data'", base64.b64decode(text)
 
 
-def _serialized(value: Any) -> Iterator[str]:
+def _find_serialized(value: Any) -> Iterator[str]:
     inner = value if isinstance(value, list) else ()
     if isinstance(value, Mapping):
         if isinstance(value.get(_SERIALIZED), str):
             yield value[_SERIALIZED]
         inner = list(value.values())
     for one in inner:
-        yield from _serialized(one)
+        yield from _find_serialized(one)
 
 
-def _tensors(content: bytes) -> Mapping[str, NDArray[np.float32]]:
+def _read_tensors(content: bytes) -> Mapping[str, NDArray[np.float32]]:
     """A state dict, read without torch."""
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         (name,) = (x for x in archive.namelist() if x.endswith("data.pkl"))
         folder = name.removesuffix("data.pkl")
         read = partial(read_member, archive, limit=limits.MAX_WEIGHTS_BYTES)
-        held = entries_of(read_pickle(read(name), _IMPORTED, storages=True))
+        held = get_entries(read_pickle(read(name), _IMPORTED, storages=True))
         return {key: _array(one, folder, read) for key, one in held.items() if key != "_metadata"}
 
 

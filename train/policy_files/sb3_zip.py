@@ -30,7 +30,7 @@ from ..policy import (
 )
 from . import limits
 from .limits import DAMAGED, PolicyFileError
-from .pickles import looks_pickled, number_type, read_vec_normalize
+from .pickles import looks_pickled, read_number_type, read_vec_normalize
 from .sb3_weights import (
     SHARED,
     Actor,
@@ -188,7 +188,7 @@ def _kind(described: Any) -> str | None:
     """Type of a saved array's numbers, such as `f4`; None for what is no such array."""
     text = described.get(":serialized:") if isinstance(described, dict) else None
     try:
-        return number_type(base64.b64decode(str(text), validate=True))
+        return read_number_type(base64.b64decode(str(text), validate=True))
     except (PolicyFileError, ValueError):
         return None
 

@@ -21,9 +21,9 @@ from integ_gym.evidence.sealing import (
     broken_seals,
     broken_signature,
     check_key,
+    read_signer,
     seal,
     sign,
-    signer_of,
 )
 
 EARLIER_SIGNATURE = """\
@@ -71,7 +71,7 @@ def test_a_signature_is_by_the_key_and_of_the_seal(run, kind, tmp_path):
     assert _findings(run, key) == ["is missing: the seal is not signed"]
     signer = sign(run, key)
     assert _findings(run, key) == _findings(run, None) == []
-    assert signer_of(run) == signer
+    assert read_signer(run) == signer
     (found,) = _findings(run, _make_key(tmp_path / "other", kind))
     assert found.startswith(f"is by {signer}, no key of ")
     (run / SEAL_FILE).write_text((run / SEAL_FILE).read_text() + " ")
@@ -79,7 +79,7 @@ def test_a_signature_is_by_the_key_and_of_the_seal(run, kind, tmp_path):
         (found,) = _findings(run, keys)
         assert found.startswith(f"is no signature of this {SEAL_FILE}: ")
     with pytest.raises(EvidenceError, match="is no signature of this"):
-        signer_of(run)
+        read_signer(run)
 
 
 def test_a_signature_goes_with_its_seal(run, key):

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
 from integ_gym.train.policy_files.limits import PolicyFileError
-from integ_gym.train.policy_files.pickles import Held, read_vec_normalize
+from integ_gym.train.policy_files.pickles import StandIn, read_vec_normalize
 from integ_gym.train.policy_files.sb3_zip import read_observation_statistics
 
 
@@ -112,10 +112,10 @@ ATTACKS = {
 
 @pytest.mark.parametrize("content", ATTACKS.values(), ids=ATTACKS)
 def test_attacks_are_refused_at_once(content):
-    before = dict(Held.__dict__)
+    before = dict(StandIn.__dict__)
     with pytest.raises(PolicyFileError):
         read_vec_normalize(content)
-    assert dict(Held.__dict__) == before
+    assert dict(StandIn.__dict__) == before
 
 
 @given(data=st.data())
