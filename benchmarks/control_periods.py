@@ -27,8 +27,7 @@ from typing import Any
 from measuring.results import p_value
 from measuring.trained import Done, Experiment, Unit, by_fleet, command, gained, in_the_same_time
 
-from integ_gym.eval.statistics.family import holm
-from integ_gym.eval.statistics.rates import Difference, unpaired_difference
+from integ_gym.eval.statistics import Difference, holm, unpaired_difference
 from integ_gym.train.ppo import PPOConfig
 
 ENV_ID = "IntegPendulum-v0"

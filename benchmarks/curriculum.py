@@ -32,8 +32,7 @@ from measuring.trained import Done, Experiment, Unit, by_fleet, command, gained
 
 from integ_gym.envs.settings import Discretization
 from integ_gym.eval.atlas.limits import critical_limit
-from integ_gym.eval.statistics.family import holm
-from integ_gym.eval.statistics.rates import Difference, unpaired_difference
+from integ_gym.eval.statistics import Difference, holm, unpaired_difference
 from integ_gym.train.ppo import PPOConfig
 
 ENV_ID = "IntegPendulum-v0"

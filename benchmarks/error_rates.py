@@ -25,12 +25,9 @@ import numpy as np
 from measuring import results
 from tqdm import tqdm
 
-from integ_gym.eval.statistics.rates import rate_interval
-from integ_gym.eval.verdict.achievability import Achieved
-from integ_gym.eval.verdict.family import Comparison, judge_family
-from integ_gym.eval.verdict.looks import Looks
-from integ_gym.eval.verdict.loss import Rates, split
-from integ_gym.eval.verdict.worlds import WORLDS, Draw, measured
+from integ_gym.eval.power import WORLDS, Comparison, Draw, judge_family, measured
+from integ_gym.eval.statistics import rate_interval
+from integ_gym.eval.verdict import Achieved, Looks, Rates, split
 
 DRAWS = 4000
 HANDMADE_STARTS = 100

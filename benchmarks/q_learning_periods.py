@@ -38,8 +38,7 @@ from measuring.trained import (
     judged_in,
 )
 
-from integ_gym.eval.statistics.family import holm
-from integ_gym.eval.statistics.rates import Difference, unpaired_difference
+from integ_gym.eval.statistics import Difference, holm, unpaired_difference
 from integ_gym.train.ppo import PPOConfig
 
 ENV_ID = "IntegCartPole-v0"

@@ -33,15 +33,15 @@ from .panel.specification.checks import check_parts
 from .panel.specification.growth import grown
 from .panel.specification.panel_spec import PanelSpec
 from .panel.specification.values import SpecError
-from .statistics.interval import (
+from .statistics import (
+    DRAWS,
     Interval,
     RatesLike,
     equal_tailed,
     mean_of,
+    paired_posterior,
 )
-from .statistics.posterior import DRAWS, paired_posterior
-from .verdict.achievability import Achievability
-from .verdict.rules import EQUIVALENCE_MARGIN, FAIL_MARGIN, LEARNED
+from .verdict import EQUIVALENCE_MARGIN, FAIL_MARGIN, LEARNED, Achievability
 
 NARROW: Final = 0.2
 """Half-width of the interval at which no more seeds are trained."""

@@ -48,7 +48,7 @@ _MODULES = {
     "run_panel": "integ_gym.eval.panel.calls",
     "SACConfig": "integ_gym.train.sac",
     "save_policy": "integ_gym.train.policy_files.writing",
-    "side_by_side": "integ_gym.eval.film.of_policy",
+    "side_by_side": "integ_gym.eval.watch",
     "Step": "integ_gym.envs.integrators.interface",
     "Success": "integ_gym.envs.testbeds.interface",
     "Task": "integ_gym.envs.tasks.interface",

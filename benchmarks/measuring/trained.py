@@ -17,7 +17,7 @@ import gymnasium as gym
 import numpy as np
 from tqdm import tqdm
 
-from integ_gym.eval.statistics.rates import Difference, rate_interval
+from integ_gym.eval.statistics import Difference, rate_interval
 from integ_gym.support.files import replace_file
 from integ_gym.support.optional import package_version
 from integ_gym.support.processes import cores, instruction_sets

@@ -20,7 +20,7 @@ from integ_gym.support.figures import (
 )
 from integ_gym.support.terminal import NONE, fixed
 
-from .summaries.outcomes import Point
+from .summaries import Point
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

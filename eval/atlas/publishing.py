@@ -11,13 +11,11 @@ from integ_gym.support.figures import write_figure
 from integ_gym.support.files import make_folder, replace_file
 from integ_gym.support.terminal import NONE, fixed
 
-from ..statistics.episodes import draws_for
-from ..statistics.rates import paired_difference, rate_interval
+from ..statistics import draws_for, paired_difference, rate_interval
 from .figures import draw_phases
 from .running import finished
 from .specification import Atlas
-from .summaries.agreement import noted_in
-from .summaries.outcomes import Point, points
+from .summaries import Point, noted_in, points
 
 TABLES, LOSSES = "tables.md", "losses.csv"
 

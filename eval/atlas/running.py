@@ -10,16 +10,14 @@ import msgspec
 
 from ..panel.calls import run_panel
 from .specification import Atlas, Block
-from .summaries.agreement import (
+from .summaries import (
     Agreement,
+    Summary,
     compare,
     first_difference,
     note,
-    same_processor,
-)
-from .summaries.summary import (
-    Summary,
     read_summary,
+    same_processor,
     summarize,
     write_summary,
 )

@@ -14,10 +14,8 @@ from integ_gym.envs.registries import TRUTH
 from integ_gym.support.errors import describe_exception
 from integ_gym.support.optional import install_command, installed_versions
 
-from .line import Line, measure
-from .subjects.engines import engine_subjects
-from .subjects.libraries import PUBLISHED, installed
-from .subjects.subject import COAST, Subject
+from .measuring import Line, measure
+from .subjects import COAST, PUBLISHED, Subject, engine_subjects, installed
 
 SCHEMA_VERSION = 1
 PACKAGES = ("integ-gym", "numpy", "gymnasium", "jax", "mujoco", "mujoco-mjx", "warp-lang")

@@ -1,4 +1,4 @@
-"""The page of a diagnosis: one HTML file that opens offline and needs nothing beside it."""
+"""What the sections of a diagnosis share: who is examined, and how lines and curves are kept."""
 
 from __future__ import annotations
 
@@ -13,9 +13,14 @@ from integ_gym.support.files import replace_file
 from integ_gym.support.pages import page_environment, page_parts
 from integ_gym.support.terminal import plural
 
-from .lines.expectation import NOTHING
-from .lines.finding import ANY, VERDICTS
-from .terminal import IDENTITY, Line, identity_cells, topics
+from .bench import Array as Array
+from .lines import ANY, NOTHING, VERDICTS
+from .terminal import (
+    IDENTITY,
+    Line,
+    identity_cells,
+    topics,
+)
 
 DIAGNOSIS_PAGE: Final = "diagnose.html"
 

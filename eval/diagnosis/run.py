@@ -17,12 +17,10 @@ from integ_gym.support.files import cannot_write, make_folder, replace_file
 from integ_gym.support.processes import Progress, work_bar
 
 from ..panel.running.run_directory import package_versions
-from .bench.bench import Bench
-from .bench.integrators import check_integrator
-from .bench.subject import Subject, subjects
-from .figures.write import write_diagnosis_figures
+from .bench import Bench
+from .figures import write_diagnosis_figures
+from .lines import Diagnosis
 from .page import write_page
-from .section import Diagnosis
 from .sections import (
     actuation,
     contact,
@@ -35,6 +33,7 @@ from .sections import (
     refinement,
     stiffness,
 )
+from .subject import Subject, check_integrator, subjects
 
 SCHEMA_VERSION = 1
 """Version of ``diagnose.json``."""

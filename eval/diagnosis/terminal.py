@@ -12,8 +12,7 @@ from integ_gym.support.terminal import (
     width_of,
 )
 
-from .lines.expectation import NOTHING
-from .lines.finding import ANY, VERDICTS
+from .lines import ANY, NOTHING, VERDICTS
 
 _NAME = 17
 """Characters of the longest name of a built-in integrator."""

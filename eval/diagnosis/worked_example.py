@@ -17,7 +17,7 @@ from integ_gym.envs.settings import check_divides
 from integ_gym.support.figures import write_figure
 from integ_gym.support.terminal import compact_percent
 
-from .figures.drift import WINDOW, draw_drift
+from .figures import WINDOW, draw_drift
 
 DT, DURATION = 0.05, 200.0
 """Of the pendulum: step and time, s."""

@@ -17,14 +17,16 @@ from typing import Final, Literal, TypeAlias
 from integ_gym.envs.settings import NATIVE
 from integ_gym.support.terminal import fixed, percent, plural
 
-from ..verdict.achievability import UNSOLVABLE, Achievability
-from ..verdict.family import WITHOUT_VERDICT
-from ..verdict.looks import adjust_for_look, share_of_look
-from ..verdict.rules import (
+from ..power import WITHOUT_VERDICT
+from ..verdict import (
     ALPHA,
     EQUIVALENCE_MARGIN,
     FAIL_MARGIN,
     LEARNED,
+    UNSOLVABLE,
+    Achievability,
+    adjust_for_look,
+    share_of_look,
 )
 from .model.conclusions import EngineAgreement, PairedEpisodes, Verdict
 from .model.matrix import Cell, Entry, Row

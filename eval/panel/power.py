@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ..verdict.looks import Looks, Shares
-from ..verdict.power import Power, fewest_seeds, verdict_chances
-from ..verdict.rules import ALPHA
+from ..power import Power, fewest_seeds, verdict_chances
+from ..verdict import ALPHA, Looks, Shares
 from .model.panel import Look
 from .specification.panel_spec import PanelSpec
 

@@ -14,7 +14,7 @@ from typing import Any, TextIO
 from integ_gym.envs.registries import ENGINES
 from integ_gym.eval.census.page import render_census
 from integ_gym.eval.census.run import take_census
-from integ_gym.eval.census.subjects.libraries import PUBLISHED
+from integ_gym.eval.census.subjects import PUBLISHED
 from integ_gym.eval.census.words import row
 from integ_gym.support.files import make_folder, replace_file
 from integ_gym.support.optional import require

@@ -6,8 +6,7 @@ import argparse
 from collections.abc import Sequence
 
 from integ_gym.envs.registries import ENVIRONMENTS
-from integ_gym.eval.playing.game import Game
-from integ_gym.eval.playing.window import play_in_window
+from integ_gym.eval.play import Game, play_in_window
 from integ_gym.support.optional import require
 from integ_gym.support.options import CommandParser, add_named_values, by_name, whole_number
 

@@ -7,11 +7,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from integ_gym.eval.film.film import Film
-from integ_gym.eval.film.of_policy import side_by_side
-from integ_gym.eval.film.of_record import candidates, watch
-from integ_gym.eval.film.window import show_film
-from integ_gym.eval.film.writing import check_writable
+from integ_gym.eval.film import Film, check_writable, show_film
+from integ_gym.eval.watch import candidates, side_by_side, watch
 from integ_gym.support.options import CommandParser, whole_number
 from integ_gym.support.terminal import print_aligned, say
 from integ_gym.train.policy_files.sidecar import policy_file

@@ -10,12 +10,10 @@ from integ_gym.envs import numerics
 from integ_gym.envs.catalogue.lookup import environment_setup
 from integ_gym.envs.tasks.interface import FLOAT32_ROUNDING
 
-from ..bench.bench import Commands
-from ..bench.rollout import Array, Rollout
-from ..bench.subject import Subject
-from ..lines.expectation import Expectation, near, said
-from ..lines.ledger import booked_line, ledger_line
-from ..section import Diagnosis
+from ..bench import Array as Array
+from ..bench import Commands, Rollout
+from ..lines import Diagnosis, Expectation, booked_line, ledger_line, near, said
+from ..subject import Subject
 
 LEVELS = (3.0, 0.6, -3.0, -0.6)
 """Commands in units of the actuator's limit, one after the other."""

@@ -8,19 +8,20 @@ import numpy as np
 
 from integ_gym.envs.registries import TRUTH
 
-from ..bench.bench import Commands
-from ..bench.impact import PHASES, Impact, impact_of
-from ..bench.integrators import theory_of
-from ..bench.rollout import Array, Rollout
-from ..lines.expectation import (
+from ..bench import Array as Array
+from ..bench import Commands, Rollout
+from ..experiments import PHASES, Impact, impact_of
+from ..lines import (
+    NO_CONTROL,
+    Diagnosis,
     Expectation,
+    ledger_line,
     near,
     said,
+    solver_line,
     undeclared,
 )
-from ..lines.ledger import ledger_line
-from ..lines.solver import solver_line
-from ..section import NO_CONTROL, Diagnosis
+from ..subject import theory_of
 
 HALVINGS = 6
 """Steps of the map, from the coarsest."""

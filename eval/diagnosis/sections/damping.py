@@ -11,11 +11,9 @@ from integ_gym.envs.mechanics import PlantSystem
 from integ_gym.envs.ops.array_ops import ARRAY
 from integ_gym.envs.plants.interface import Plant, split_state
 
-from ..bench.integrators import theory_of
-from ..bench.rollout import Array
-from ..lines.expectation import near, undeclared
-from ..lines.ledger import booked_line, ledger_line
-from ..section import Diagnosis
+from ..bench import Array as Array
+from ..lines import Diagnosis, booked_line, ledger_line, near, undeclared
+from ..subject import theory_of
 from .stiffness import LARGEST, largest_stable, radii
 
 RATIO = 0.1

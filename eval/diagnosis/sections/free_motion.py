@@ -11,17 +11,19 @@ from integ_gym.envs import numerics
 from integ_gym.envs.plants.interface import state_names, state_units
 from integ_gym.envs.registries import TRUTH
 
-from ..bench.integrators import theory_of
-from ..bench.rollout import Array, Rollout
-from ..lines.expectation import (
+from ..bench import Array as Array
+from ..bench import Rollout
+from ..lines import (
+    EXACT,
+    Diagnosis,
     Expectation,
     below,
+    order_line,
     said,
+    solver_line,
     undeclared,
 )
-from ..lines.order import EXACT, order_line
-from ..lines.solver import solver_line
-from ..section import Diagnosis
+from ..subject import theory_of
 
 PERIODS = 8
 """Length of the motion in periods of the slowest small oscillation."""

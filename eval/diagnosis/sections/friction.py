@@ -9,12 +9,9 @@ import numpy as np
 
 from integ_gym.envs.plants.interface import state_names, state_units
 
-from ..bench.integrators import theory_of
-from ..bench.rollout import Rollout
-from ..bench.subject import RELEASE
-from ..lines.expectation import Expectation, near, said
-from ..lines.ledger import booked_line, ledger_line
-from ..section import Diagnosis
+from ..bench import Rollout
+from ..lines import Diagnosis, Expectation, booked_line, ledger_line, near, said
+from ..subject import RELEASE, theory_of
 from .damping import decay_rate, undriven
 
 SWINGS = 4.0

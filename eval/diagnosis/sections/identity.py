@@ -11,8 +11,8 @@ from integ_gym.envs import numerics
 from integ_gym.envs.plants.interface import state_names, state_units
 from integ_gym.envs.registries import TRUTH
 
-from ..bench.integrators import theory_of
-from ..lines.expectation import (
+from ..lines import (
+    Diagnosis,
     Expectation,
     above,
     below,
@@ -20,7 +20,7 @@ from ..lines.expectation import (
     said,
     undeclared,
 )
-from ..section import Diagnosis
+from ..subject import theory_of
 
 Z = 0.2
 """hω at which the energy factor is measured."""

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..bench.bench import Commands
-from ..bench.handmade import success_lines
-from ..bench.rollout import Array
-from ..lines.expectation import Expectation
-from ..section import Diagnosis
+from ..bench import Array as Array
+from ..bench import Commands
+from ..experiments import success_lines
+from ..lines import Diagnosis, Expectation
 from .actuation import actuator_limit
 
 HALF_PERIODS = (1, 2, 3)

@@ -11,10 +11,8 @@ from integ_gym.envs.mechanics import PlantSystem
 from integ_gym.envs.ops.array_ops import ARRAY
 from integ_gym.envs.plants.interface import Plant, join_state, split_state
 
-from ..bench.rollout import Array
-from ..lines.expectation import Expectation, below, near
-from ..lines.finding import ANY
-from ..section import Diagnosis
+from ..bench import Array as Array
+from ..lines import ANY, Diagnosis, Expectation, below, near
 
 STATES = 32
 """Random states around rest at which the plant is asked."""

@@ -9,11 +9,10 @@ import numpy as np
 from integ_gym.envs import numerics
 from integ_gym.envs.registries import TRUTH
 
-from ..bench.handmade import success_lines
-from ..bench.rollout import Array, Rollout
-from ..lines.ledger import ledger_line
-from ..lines.order import order_line
-from ..section import Diagnosis
+from ..bench import Array as Array
+from ..bench import Rollout
+from ..experiments import success_lines
+from ..lines import Diagnosis, ledger_line, order_line
 from .actuation import actuator_limit
 
 _SHARE = 0.5

@@ -9,16 +9,17 @@ import numpy as np
 from integ_gym.envs import numerics
 from integ_gym.envs.plants.interface import Plant
 
-from ..bench.integrators import theory_of
-from ..bench.rollout import Array, Rollout
-from ..lines.expectation import (
+from ..bench import Array as Array
+from ..bench import Rollout
+from ..lines import (
+    Diagnosis,
     Expectation,
     near,
     said,
+    solver_line,
     undeclared,
 )
-from ..lines.solver import solver_line
-from ..section import Diagnosis
+from ..subject import theory_of
 
 LARGEST = 6.0
 """hω up to which steps are tried."""

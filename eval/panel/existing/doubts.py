@@ -16,7 +16,7 @@ from integ_gym.support.terminal import percent
 from integ_gym.train.policy_files.sidecar import HOW_TO_STATE
 from integ_gym.train.policy_files.state_dict import STATE_DICT_ENDINGS
 
-from ...verdict.rules import ALPHA, FAIL_MARGIN, p_text
+from ...verdict import ALPHA, FAIL_MARGIN, p_text
 from ..model.conclusions import PairedEpisodes
 from ..model.part import Estimate
 from ..results.findings.paired import paired_episodes

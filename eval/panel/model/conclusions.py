@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Literal
 
-from ...verdict.comparison import CellRole, CellStatus, Outcome
-from ...verdict.family import Verdict as Judged
+from ...power import Verdict as Judged
+from ...verdict import CellRole, CellStatus, Outcome
 from .part import Estimate, Part
 
 

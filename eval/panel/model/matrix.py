@@ -6,9 +6,7 @@ from typing import Literal, TypeAlias
 
 import msgspec
 
-from ...verdict.achievability import Achievability
-from ...verdict.comparison import CellRole
-from ...verdict.reference import ReferenceClass
+from ...verdict import Achievability, CellRole, ReferenceClass
 from .part import Estimate, Part
 
 RowKind: TypeAlias = Literal["trained", "given", "baseline"]

@@ -9,8 +9,7 @@ from typing import Any, Final, Literal, NamedTuple
 
 from integ_gym.support.terminal import fixed, percent
 
-from ...verdict.achievability import UNSOLVABLE
-from ...verdict.rules import FAIL_MARGIN, require_unique
+from ...verdict import FAIL_MARGIN, UNSOLVABLE, require_unique
 from .conclusions import (
     EngineAgreement,
     Failure,

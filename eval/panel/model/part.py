@@ -9,7 +9,7 @@ import msgspec
 
 from integ_gym.support.terminal import fixed
 
-from ...statistics.interval import Interval
+from ...statistics import Interval
 
 
 class Part(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -14,16 +14,15 @@ import msgspec
 from integ_gym.envs.settings import Discretization
 from integ_gym.support.processes import host, instruction_sets
 
-from ...statistics.episodes import draws_for
-from ...statistics.rates import rate_interval
-from ...verdict.comparison import PolicyCell, compare_policies
-from ...verdict.family import (
+from ...power import (
     WITHOUT_VERDICT,
     Judgement,
     judge_family,
     postponed,
+    seeds_wanted,
 )
-from ...verdict.power import seeds_wanted
+from ...statistics import draws_for, rate_interval
+from ...verdict import PolicyCell, compare_policies
 from ..answer import answer_lines
 from ..model.conclusions import (
     EngineAgreement,

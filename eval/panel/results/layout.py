@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from ...verdict.achievability import UNSOLVABLE, Achieved, Attempt
-from ...verdict.family import Comparison
-from ...verdict.looks import FIRST_SHARE, Looks
-from ...verdict.loss import Loss, Rates, split
+from ...power import Comparison
+from ...verdict import FIRST_SHARE, UNSOLVABLE, Achieved, Attempt, Looks, Loss, Rates, split
 from ..model.matrix import AppliedDiscretization
 from ..model.panel import Look
 from ..running.evaluation.achievability import Tried

@@ -10,14 +10,16 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ...statistics.episodes import draws_for
-from ...statistics.interval import Interval
-from ...statistics.rates import rate_interval, unpaired_difference
-from ...statistics.returns import iqm, iqm_interval
-from ...statistics.scalars import mean_interval
-from ...verdict.loss import Loss
-from ...verdict.reference import ReferenceClass, reference_class
-from ...verdict.rules import LEARNED, TAIL
+from ...statistics import (
+    Interval,
+    draws_for,
+    iqm,
+    iqm_interval,
+    mean_interval,
+    rate_interval,
+    unpaired_difference,
+)
+from ...verdict import LEARNED, TAIL, Loss, ReferenceClass, reference_class
 from ..model.conclusions import Failure
 from ..model.matrix import Entry, RowKind
 from ..model.part import Estimate

@@ -34,7 +34,7 @@ from integ_gym.support.files import (
 from integ_gym.support.optional import installed_versions
 from integ_gym.support.storage import LOCK, Busy, Storage
 
-from ...verdict.looks import Looks, Shares
+from ...verdict import Looks, Shares
 from ..specification.difference import GROWING, additions, contradictions
 
 MANIFEST = "run.json"

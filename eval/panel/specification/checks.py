@@ -8,7 +8,7 @@ from typing import Any
 from integ_gym.envs.settings import DISCRETIZATION, Discretization
 from integ_gym.train.algorithms import ALGORITHMS
 
-from ...verdict.rules import MIN_SEEDS
+from ...verdict import MIN_SEEDS
 from .cells.cell import environments_of, file_name
 from .panel_spec import ALGORITHM, STARTS_APART, TRAINERS, PanelSpec
 from .values import SpecError, check_known, check_unique

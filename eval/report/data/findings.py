@@ -12,9 +12,9 @@ from integ_gym.support.terminal import NONE, fixed, plural
 from ...panel.model.conclusions import Verdict
 from ...panel.model.matrix import Entry, Row
 from ...panel.model.panel import Panel
-from ...verdict.achievability import UNSOLVABLE
-from ...verdict.rules import PASS
-from .trust import CLASS_WORDS, Trust
+from ...verdict import PASS, UNSOLVABLE
+from .forests import Trust
+from .matrices import CLASS_WORDS
 
 _NAMED: Final = 5  # names in one sentence
 

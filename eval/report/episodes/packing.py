@@ -19,8 +19,8 @@ from gymnasium import spaces
 from integ_gym.train.policy import MlpPolicy
 
 from ...panel.model.panel import Panel
+from .choice import LEDGER, Array
 from .live import Live
-from .outcomes import LEDGER, Array
 from .told import Told
 from .traces import Trace
 

@@ -1,4 +1,4 @@
-"""What the evidence of a finished panel tells of single episodes."""
+"""What a page tells of single episodes: which are shown, their traces, and what can be played."""
 
 from __future__ import annotations
 
@@ -10,9 +10,8 @@ from pathlib import Path
 from integ_gym.evidence.store import EvidenceStore
 
 from ...panel.model.panel import Panel
-from .choice import Lead, chosen
+from .choice import Lead, Outcomes, chosen, outcomes_of
 from .live import Live, live_of
-from .outcomes import Outcomes, outcomes_of
 from .traces import Trace, traces_of
 
 

@@ -1,8 +1,9 @@
-"""The report's page, written from ``panel.json`` and the evidence beside it."""
+"""Headline counts of a panel."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from datetime import UTC
 from functools import cache
 from importlib import resources
@@ -15,30 +16,75 @@ from integ_gym.evidence.sealing import unbroken_seal
 from integ_gym.support.figures import VIRIDIS
 from integ_gym.support.files import replace_file
 from integ_gym.support.pages import page_environment, page_parts
-from integ_gym.support.terminal import plural, true_minus
+from integ_gym.support.terminal import plural, seconds, true_minus
 
+from ... import verdict as rules
 from ...panel.answer import answer_lines, finding_of, next_step
 from ...panel.model.panel import Panel
-from ...verdict import rules
-from ..data.axes import RATE_AXIS
-from ..data.checks import check_forest
 from ..data.findings import findings_of
-from ..data.gaps import gap_forest, ordered_verdicts
-from ..data.ladders import ladder_plots
-from ..data.matrices import success_matrix
-from ..data.paired import paired_return, paired_success
-from ..data.remedy import costs_of, mixtures_of
-from ..data.sweeps import sweep_plots
-from ..data.trust import trust_of
-from ..episodes.task import task_words
+from ..data.forests import (
+    Trust,
+    check_forest,
+    costs_of,
+    gap_forest,
+    mixtures_of,
+    ordered_verdicts,
+    paired_return,
+    paired_success,
+    trust_of,
+)
+from ..data.ladders import ladder_plots, sweep_plots
+from ..data.matrices import RATE_AXIS, success_matrix
 from ..episodes.told import Told, told_by
+from ..episodes.traces import task_words
 from . import drawing
-from .carried import carried_by
-from .failures import LABEL_WORDS, failure_table, failures_of
-from .judged import card_of, comparison_of, tally_of
-from .method import applied_of, limits_of, settings_of
-from .naming import naming_filters
-from .tiles import tiles_of
+from .payload import (
+    LABEL_WORDS,
+    applied_of,
+    card_of,
+    carried_by,
+    comparison_of,
+    failure_table,
+    failures_of,
+    limits_of,
+    naming_filters,
+    settings_of,
+    tally_of,
+)
+
+
+def tiles_of(panel: Panel, trusts: Sequence[Trust]) -> list[tuple[str, str]]:
+    """Headline counts: (number, what it counts)."""
+    trained = [row for row in panel.rows if row.kind == "trained"]
+    policies = sum(row.seeds for row in panel.rows if row.kind != "baseline")
+    wrong = [e for t in trusts for e in t.judged if e.contradicted]
+    discretizations = sum(cell.kind in ("grid", "reference") for cell in panel.cells)
+    checks = len(panel.cells) - discretizations
+    more_cells = f", and {plural(checks, 'cell')} for checks" if checks else ""
+    tiles = []
+    if trained:
+        mixtures = sum(row.mixed for row in trained)
+        more = f" and {plural(mixtures, 'mixture')}" if mixtures else ""
+        tiles.append((f"{len(trained) - mixtures}", f"training discretizations{more}"))
+    tiles += [
+        (f"{policies}", "policies" if policies != 1 else "policy"),
+        (f"{discretizations}", f"evaluation discretizations{more_cells}"),
+        (f"{sum(e.episodes for e in panel.matrix):,}", "episodes, each on record"),
+    ]
+    if trusts:
+        tiles.append((f"{len(wrong)}", "answers the truth contradicts"))
+    tiles.append((seconds(panel.cost.wall_seconds), _work(panel, bool(trained))))
+    return tiles
+
+
+def _work(panel: Panel, trained: bool) -> str:
+    """What the run's time was spent on."""
+    if not trained:
+        return "to evaluate"
+    if not panel.cost.train_seconds:
+        return "to evaluate policies that another run trained"
+    return "to train and evaluate"
+
 
 FILE_NAME: Final = "report.html"
 """Name of the report in a panel's directory."""

@@ -14,7 +14,7 @@ from integ_gym.envs.catalogue.lookup import environment_setup
 from integ_gym.envs.functional import params_of, traced_setup
 from integ_gym.envs.lanes import of_lanes
 from integ_gym.envs.registries import ENGINES
-from integ_gym.eval.diagnosis.bench.counting import counted
+from integ_gym.eval.diagnosis.bench import counted
 
 SWING_UP = "IntegCartPoleSwingUp-v0"
 ONE_OF_EACH = list(dict(reversed(STOPPED)).items())

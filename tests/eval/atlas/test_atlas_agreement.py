@@ -7,15 +7,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from integ_gym.eval.atlas.summaries.agreement import (
+from integ_gym.eval.atlas.summaries import (
     Agreement,
+    Origin,
+    Summary,
+    _bare,
     check_agree,
+    code_version,
     compare,
     note,
     noted_in,
 )
-from integ_gym.eval.atlas.summaries.code_version import _bare, code_version
-from integ_gym.eval.atlas.summaries.summary import Origin, Summary
 
 ROWS = [
     {

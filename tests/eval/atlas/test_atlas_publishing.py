@@ -12,7 +12,7 @@ from small_panel import every_format
 from integ_gym.eval.atlas.publishing import publish
 from integ_gym.eval.atlas.running import summary_path
 from integ_gym.eval.atlas.specification import read_atlas
-from integ_gym.eval.atlas.summaries.summary import Origin, Summary, write_summary
+from integ_gym.eval.atlas.summaries import Origin, Summary, write_summary
 
 
 def planted(folder, at_home=2):

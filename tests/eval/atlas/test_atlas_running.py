@@ -17,7 +17,7 @@ from small_atlas import written
 from integ_gym.cli import main
 from integ_gym.eval.atlas.running import missing
 from integ_gym.eval.atlas.specification import read_atlas
-from integ_gym.eval.atlas.summaries.summary import read_summary, write_summary
+from integ_gym.eval.atlas.summaries import read_summary, write_summary
 from integ_gym.evidence.sealing import read_seal
 
 _THREADS_OF_READING = """

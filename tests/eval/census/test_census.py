@@ -25,12 +25,15 @@ from integ_gym.envs.numerics.stepping import one_step
 from integ_gym.envs.plants.pendulum import Pendulum
 from integ_gym.envs.registries import ENGINES
 from integ_gym.eval.census import run, words
-from integ_gym.eval.census.line import Line, measure
+from integ_gym.eval.census.measuring import Line, measure
 from integ_gym.eval.census.page import render_census
-from integ_gym.eval.census.subjects.engines import engine_subjects
-from integ_gym.eval.census.subjects.libraries import PUBLISHED, installed
-from integ_gym.eval.census.subjects.observed import nearest_turn
-from integ_gym.eval.census.subjects.subject import Statement
+from integ_gym.eval.census.subjects import (
+    PUBLISHED,
+    Statement,
+    engine_subjects,
+    installed,
+    nearest_turn,
+)
 
 DAMPED = "symplectic_euler_implicit_damping"
 EXPECTED: dict[str, dict[str, tuple[str, int, float]]] = {

@@ -21,7 +21,7 @@ from integ_gym.eval.loss_check import (
     Check,
     CheckedCell,
 )
-from integ_gym.eval.statistics.interval import Interval
+from integ_gym.eval.statistics import Interval
 
 SMALL = {"total_steps": 512, "n_envs": 4, "n_steps": 32, "batch_size": 64}
 

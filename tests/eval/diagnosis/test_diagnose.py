@@ -25,13 +25,11 @@ from integ_gym.envs.plants.pendulum import Pendulum
 from integ_gym.envs.registries import INTEGRATORS, PLANTS
 from integ_gym.eval.diagnosis import run
 from integ_gym.eval.diagnosis import worked_example as drift_example
-from integ_gym.eval.diagnosis.bench.bench import Bench, Commands
-from integ_gym.eval.diagnosis.bench.impact import impact_of
-from integ_gym.eval.diagnosis.bench.integrators import theory_of
-from integ_gym.eval.diagnosis.bench.rest import rest_state
-from integ_gym.eval.diagnosis.bench.subject import subjects
+from integ_gym.eval.diagnosis.bench import Bench, Commands
+from integ_gym.eval.diagnosis.experiments import impact_of
 from integ_gym.eval.diagnosis.run import SECTIONS
 from integ_gym.eval.diagnosis.sections import plant as plant_section
+from integ_gym.eval.diagnosis.subject import rest_state, subjects, theory_of
 from integ_gym.eval.diagnosis.terminal import print_diagnosis
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.support.figures import FORMATS

@@ -6,9 +6,8 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Text
 
-from integ_gym.eval.diagnosis.figures.contact import draw_contact
-from integ_gym.eval.diagnosis.figures.drawing import NARROWEST, schemes_of
-from integ_gym.eval.diagnosis.figures.write import FIGURES
+from integ_gym.eval.diagnosis.drawing import NARROWEST, draw_contact, schemes_of
+from integ_gym.eval.diagnosis.figures import FIGURES
 
 CHOICES = {
     "one": ("symplectic_euler",),

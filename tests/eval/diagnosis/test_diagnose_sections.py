@@ -14,12 +14,19 @@ from integ_gym.envs.numerics import stepping
 from integ_gym.envs.numerics.accuracy import independent_motion
 from integ_gym.envs.numerics.stepping import advance, fastest_mode
 from integ_gym.envs.registries import INTEGRATORS, PLANTS
-from integ_gym.eval.diagnosis.bench import bench, handmade
-from integ_gym.eval.diagnosis.bench.subject import subjects
-from integ_gym.eval.diagnosis.lines.expectation import above, below, near, said, shown
-from integ_gym.eval.diagnosis.lines.order import order_expected
+from integ_gym.eval.diagnosis import bench
+from integ_gym.eval.diagnosis import experiments as handmade
+from integ_gym.eval.diagnosis.lines import (
+    above,
+    below,
+    near,
+    order_expected,
+    said,
+    shown,
+)
 from integ_gym.eval.diagnosis.sections.contact import passive
 from integ_gym.eval.diagnosis.sections.free_motion import trend
+from integ_gym.eval.diagnosis.subject import subjects
 from integ_gym.evidence.store import EvidenceStore
 
 NAMES = INTEGRATORS.names()

@@ -14,8 +14,7 @@ from integ_gym.envs.catalogue.lookup import environment_setup
 from integ_gym.envs.registries import ENVIRONMENTS
 from integ_gym.envs.rendering.canvas import FAILS, GREEN
 from integ_gym.envs.settings import Discretization
-from integ_gym.eval.film.choosing import chosen
-from integ_gym.eval.film.film import Film
+from integ_gym.eval.film import Film, chosen
 from integ_gym.support.figures import AMOUNTS, PALETTE, channels
 from integ_gym.support.pages import page_parts
 from integ_gym.train.baselines.making import make_baseline

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from integ_gym.eval.film.writing import HOLD, write_film
+from integ_gym.eval.film import HOLD, write_film
 
 FPS = 20
 

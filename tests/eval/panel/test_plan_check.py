@@ -14,7 +14,7 @@ from forgery import make_fit
 
 from integ_gym.cli import main
 from integ_gym.eval.panel.running.run_directory import RunDirectory, Seen, hash_of_looks, spent_by
-from integ_gym.eval.verdict.looks import Shares
+from integ_gym.eval.verdict import Shares
 from integ_gym.evidence.fields import SUMMARY_FIELDS
 from integ_gym.evidence.hashing import with_hashes
 from integ_gym.evidence.schema import VERSION_KEY

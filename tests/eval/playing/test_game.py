@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from integ_gym.cli import main
-from integ_gym.eval.playing.game import Game
+from integ_gym.eval.play import Game
 
 IDS = ("IntegPendulum-v0", "IntegCartPole-v0", "IntegCartPoleSwingUp-v0", "IntegElasticPendulum-v0")
 

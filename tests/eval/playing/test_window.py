@@ -10,8 +10,8 @@ import pytest
 
 from integ_gym.cli import main
 from integ_gym.envs.rendering.canvas import GREEN, INK, VERMILION
-from integ_gym.eval.playing import window as playing
-from integ_gym.eval.playing.game import Game
+from integ_gym.eval import play as playing
+from integ_gym.eval.play import Game
 
 
 class Clock:

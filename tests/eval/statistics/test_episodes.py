@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from integ_gym.eval.statistics.episodes import draws_for, paired_return, paired_success
+from integ_gym.eval.statistics import draws_for, paired_return, paired_success
 
 flags = st.lists(st.tuples(st.booleans(), st.booleans()), min_size=1, max_size=60)
 

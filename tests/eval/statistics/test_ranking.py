@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from integ_gym.eval.statistics.ranking import pearson, rank_violation, ranking_intervals
+from integ_gym.eval.statistics import pearson, rank_violation, ranking_intervals
 
 rates = st.lists(st.tuples(st.floats(0.0, 1.0), st.floats(0.0, 1.0)), min_size=2, max_size=12)
 

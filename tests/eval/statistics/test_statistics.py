@@ -11,23 +11,23 @@ from hypothesis import strategies as st
 from rate_laws import Array, lattice
 from scipy import integrate, stats
 
-from integ_gym.eval.statistics.bounds import SHOWN, p_equivalent
-from integ_gym.eval.statistics.family import holm
-from integ_gym.eval.statistics.interval import Interval
-from integ_gym.eval.statistics.posterior import (
+from integ_gym.eval.statistics import (
     DRAWS,
+    SHOWN,
+    Difference,
+    Interval,
+    holm,
+    iqm,
+    iqm_interval,
+    mean_interval,
+    p_equivalent,
+    paired_difference,
     paired_posterior,
+    rate_interval,
     rate_posterior,
+    unpaired_difference,
     unpaired_posterior,
 )
-from integ_gym.eval.statistics.rates import (
-    Difference,
-    paired_difference,
-    rate_interval,
-    unpaired_difference,
-)
-from integ_gym.eval.statistics.returns import iqm, iqm_interval
-from integ_gym.eval.statistics.scalars import mean_interval
 
 GRID = np.linspace(0.0, 1.0, 201)
 several_rates = st.lists(st.floats(0.0, 1.0), min_size=1, max_size=12)

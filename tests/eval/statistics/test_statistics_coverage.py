@@ -6,10 +6,16 @@ import numpy as np
 import pytest
 from rate_laws import Array, Law, bimodal, chance, lattice, smooth
 
-from integ_gym.eval.statistics.bounds import SHOWN, p_equivalent, worst_case_means
-from integ_gym.eval.statistics.posterior import rate_posterior
-from integ_gym.eval.statistics.rates import paired_difference, rate_interval, unpaired_difference
-from integ_gym.eval.statistics.streams import Stream
+from integ_gym.eval.statistics import (
+    SHOWN,
+    Stream,
+    p_equivalent,
+    paired_difference,
+    rate_interval,
+    rate_posterior,
+    unpaired_difference,
+    worst_case_means,
+)
 
 REPEATS = 2000  # simulated panels: standard error 0.005 at 0.05
 SIMULATION_DRAWS = 8_000

@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from integ_gym.eval.statistics.interval import Interval
-from integ_gym.eval.statistics.returns import iqm, iqm_interval
-from integ_gym.eval.statistics.scalars import mean_interval
+from integ_gym.eval.statistics import Interval, iqm, iqm_interval, mean_interval
 
 
 def test_iqm_deletes_total_failures() -> None:

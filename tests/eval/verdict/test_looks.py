@@ -8,18 +8,25 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from integ_gym.eval.verdict.achievability import Achieved
-from integ_gym.eval.verdict.family import Comparison, Judgement, judge_family
-from integ_gym.eval.verdict.looks import (
+from integ_gym.eval.power import (
+    Comparison,
+    Judgement,
+    fewest_seeds,
+    judge_family,
+    seeds_wanted,
+    verdict_chances,
+)
+from integ_gym.eval.verdict import (
     FIRST_SHARE,
+    Achieved,
     Looks,
+    Rates,
     Shares,
     adjust_for_look,
     fewest_for_equivalence,
+    p_overfitting_within,
     share_of_look,
 )
-from integ_gym.eval.verdict.loss import Rates, p_overfitting_within
-from integ_gym.eval.verdict.power import fewest_seeds, seeds_wanted, verdict_chances
 
 SOLVED = Achieved("achievable", "It is solved.")
 

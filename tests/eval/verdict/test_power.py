@@ -5,11 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from integ_gym.eval.verdict.achievability import Achieved
-from integ_gym.eval.verdict.family import Comparison, judge_family, postponed
-from integ_gym.eval.verdict.loss import Rates
-from integ_gym.eval.verdict.power import OVERFITTING, fewest_seeds, seeds_wanted, verdict_chances
-from integ_gym.eval.verdict.worlds import WORLDS, measured
+from integ_gym.eval.power import (
+    OVERFITTING,
+    WORLDS,
+    Comparison,
+    fewest_seeds,
+    judge_family,
+    measured,
+    postponed,
+    seeds_wanted,
+    verdict_chances,
+)
+from integ_gym.eval.verdict import Achieved, Rates
 
 SOLVED = Achieved("achievable", "It is solved.")
 

@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from integ_gym.eval.verdict.looks import Looks
-from integ_gym.eval.verdict.loss import Rates, p_overfitting_exceeds, p_overfitting_within
+from integ_gym.eval.verdict import Looks, Rates, p_overfitting_exceeds, p_overfitting_within
 
 SCRIPT = Path(__file__).parents[3] / "benchmarks" / "recomputed.py"
 _spec = importlib.util.spec_from_file_location("recomputed", SCRIPT)

@@ -10,25 +10,26 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from integ_gym.eval.statistics.family import holm
-from integ_gym.eval.statistics.rates import unpaired_difference
-from integ_gym.eval.verdict.achievability import Achieved, Attempt, Search, achieved
-from integ_gym.eval.verdict.comparison import (
+from integ_gym.eval.power import Comparison, Judgement, judge_family
+from integ_gym.eval.statistics import holm, unpaired_difference
+from integ_gym.eval.verdict import (
+    FIRST_SHARE,
+    Achieved,
+    Attempt,
     CellRole,
     PolicyCell,
     PolicyComparison,
-    compare_policies,
-)
-from integ_gym.eval.verdict.family import Comparison, Judgement, judge_family
-from integ_gym.eval.verdict.looks import FIRST_SHARE, share_of_look
-from integ_gym.eval.verdict.loss import (
     Rates,
+    Search,
+    achieved,
+    compare_policies,
     p_overfitting_exceeds,
     p_overfitting_within,
+    p_text,
+    reference_class,
+    share_of_look,
     split,
 )
-from integ_gym.eval.verdict.reference import reference_class
-from integ_gym.eval.verdict.rules import p_text
 
 SOLVED = Achieved("achievable", "It is solved.")
 GOOD, POOR, MIDDLE = [1.0, 0.95] * 5, [0.1, 0.2] * 5, [0.75, 0.85] * 5

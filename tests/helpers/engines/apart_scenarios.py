@@ -21,7 +21,7 @@ from exchanges import record
 from integ_gym.envs.numerics.stepping import one_step
 from integ_gym.envs.registries import ENGINES
 from integ_gym.envs.testbeds.making import make_checked, testbed_of
-from integ_gym.eval.census.subjects.published.isaaclab import decision, plant_of
+from integ_gym.eval.census.published.isaaclab import decision, plant_of
 
 
 def isaaclab_engine() -> dict[str, float]:

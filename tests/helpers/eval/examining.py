@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from integ_gym.eval.diagnosis.bench.bench import Bench
-from integ_gym.eval.diagnosis.bench.subject import subjects
-from integ_gym.eval.diagnosis.lines.finding import Finding
+from integ_gym.eval.diagnosis.bench import Bench
+from integ_gym.eval.diagnosis.lines import Diagnosis, Finding
 from integ_gym.eval.diagnosis.run import SECTIONS
-from integ_gym.eval.diagnosis.section import Diagnosis
+from integ_gym.eval.diagnosis.subject import subjects
 from integ_gym.evidence.store import EvidenceStore
 
 

@@ -10,9 +10,7 @@ from integ_gym.envs.numerics.stepping import one_step
 from integ_gym.envs.ops.ops import SCALAR
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.plants.pendulum import Pendulum
-from integ_gym.eval.census.subjects.observed import Episode, Observed, Policy
-from integ_gym.eval.census.subjects.settable import Settable
-from integ_gym.eval.census.subjects.subject import Statement, Subject
+from integ_gym.eval.census.subjects import Episode, Observed, Policy, Settable, Statement, Subject
 
 PENDULUM = Pendulum()
 SAID = Statement(0.05, map="symplectic_euler", words="semi-implicit Euler")

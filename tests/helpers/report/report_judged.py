@@ -15,8 +15,8 @@ from report_rows import (
     solvable,
 )
 
-from integ_gym.eval.verdict.comparison import PolicyCell, compare_policies
-from integ_gym.eval.verdict.family import Comparison, judge_family
+from integ_gym.eval.power import Comparison, judge_family
+from integ_gym.eval.verdict import PolicyCell, compare_policies
 
 DRAWS = 20_000
 """Draws of a verdict: enough that none of these is close."""

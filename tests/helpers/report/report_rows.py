@@ -9,10 +9,17 @@ from typing import Any
 
 import numpy as np
 
-from integ_gym.eval.statistics.scalars import mean_interval
-from integ_gym.eval.verdict.achievability import UNSOLVABLE, Achieved, Attempt, Search, achieved
-from integ_gym.eval.verdict.loss import Rates, split
-from integ_gym.eval.verdict.reference import reference_class
+from integ_gym.eval.statistics import mean_interval
+from integ_gym.eval.verdict import (
+    UNSOLVABLE,
+    Achieved,
+    Attempt,
+    Rates,
+    Search,
+    achieved,
+    reference_class,
+    split,
+)
 
 SCHEMES = (
     "explicit_euler",

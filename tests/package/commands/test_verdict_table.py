@@ -8,7 +8,7 @@ import pytest
 from report_pages import panel_of
 
 from integ_gym.commands.printed import TONES, print_verdicts
-from integ_gym.eval.verdict.family import WITHOUT_VERDICT
+from integ_gym.eval.power import WITHOUT_VERDICT
 from integ_gym.support.terminal import fixed
 
 

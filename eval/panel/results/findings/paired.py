@@ -8,9 +8,8 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from ....statistics.episodes import paired_return, paired_success
-from ....statistics.family import holm
-from ....verdict.looks import adjust_for_look, share_of_look
+from ....statistics import holm, paired_return, paired_success
+from ....verdict import adjust_for_look, share_of_look
 from ...model.conclusions import PairedEpisodes
 from ...model.part import Estimate
 from ..layout import PanelLayout

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ....statistics.ranking import ranking_intervals
+from ....statistics import ranking_intervals
 from ...model.conclusions import RankingAgreement
 from ...model.part import Estimate
 from ..layout import PanelLayout

@@ -6,9 +6,8 @@ from collections.abc import Mapping, Sequence
 
 from integ_gym.support.terminal import percent
 
-from ....statistics.rates import unpaired_difference
-from ....verdict.loss import Loss
-from ....verdict.rules import FAIL_MARGIN, UNSOLVED
+from ....statistics import unpaired_difference
+from ....verdict import FAIL_MARGIN, UNSOLVED, Loss
 from ...model.conclusions import Remedy, RemedyCell, RemedyLoss
 from ...model.part import Estimate
 from ..layout import PanelLayout

@@ -11,8 +11,7 @@ import numpy.typing as npt
 
 from integ_gym.evidence.store import EvidenceStore
 
-from ....statistics.interval import Interval
-from ....statistics.scalars import median_interval
+from ....statistics import Interval, median_interval
 from ...model.conclusions import Median, TrainingCost
 
 WINDOW = 100

@@ -21,13 +21,13 @@ from integ_gym.evidence.store import EvidenceStore
 from integ_gym.support.processes import report_work
 from integ_gym.train.baselines.making import possible_baselines
 
-from ....verdict.achievability import (
+from ....verdict import (
+    ACHIEVED,
     Achieved,
     Attempt,
     Search,
     achieved,
 )
-from ....verdict.rules import ACHIEVED
 from ...specification.cells.cell import Cell, environments_of, file_name
 from ...specification.cells.engines import engine_versions
 from ...specification.growth import inputs

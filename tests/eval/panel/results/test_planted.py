@@ -16,7 +16,7 @@ from integ_gym.eval.panel.results.layout import PanelLayout
 from integ_gym.eval.panel.results.matrix import Matrix, Row
 from integ_gym.eval.panel.running.evaluation.achievability import Tried
 from integ_gym.eval.panel.specification.cells.cell import Cell
-from integ_gym.eval.verdict.achievability import Search
+from integ_gym.eval.verdict import Search
 
 Rates = npt.NDArray[np.float64]
 SEEDS, EPISODES = 54, 20

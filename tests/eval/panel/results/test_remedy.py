@@ -13,8 +13,7 @@ from integ_gym.eval.panel.results.findings.training_cost import RATE, WINDOW, de
 from integ_gym.eval.panel.results.layout import PanelLayout
 from integ_gym.eval.panel.results.matrix import Matrix, Row
 from integ_gym.eval.panel.specification.cells.cell import Cell, DiscretizationMixture
-from integ_gym.eval.statistics.rates import paired_difference, unpaired_difference
-from integ_gym.eval.statistics.scalars import median_interval
+from integ_gym.eval.statistics import median_interval, paired_difference, unpaired_difference
 
 SEEDS, EPISODES = 6, 4
 A, B, C = (Discretization(name, 0.05, 0.05) for name in ("explicit_euler", "rk4", "implicit_euler"))

@@ -6,11 +6,11 @@ import pytest
 from report_example import full_panel
 from report_pages import panel_from
 
-from integ_gym.eval.report.data.checks import checks_of
-from integ_gym.eval.report.data.sweeps import sweep_plots
-from integ_gym.eval.report.figures.ladders import draw_ladders
-from integ_gym.eval.report.figures.paper.ladders import print_ladders
+from integ_gym.eval.report.data.forests import checks_of
+from integ_gym.eval.report.data.ladders import sweep_plots
+from integ_gym.eval.report.figures import draw_ladders
 from integ_gym.eval.report.page.page import render
+from integ_gym.eval.report.paper import print_ladders
 
 
 @pytest.fixture(scope="module")

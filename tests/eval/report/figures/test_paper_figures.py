@@ -6,14 +6,18 @@ import pytest
 from report_pages import panel_of
 from small_panel import every_format
 
-from integ_gym.eval.report.data.gaps import gap_forest
+from integ_gym.eval.report.data.forests import gap_forest
 from integ_gym.eval.report.data.ladders import ladder_plots
 from integ_gym.eval.report.data.matrices import success_matrix
-from integ_gym.eval.report.figures.paper.forest import print_forest
-from integ_gym.eval.report.figures.paper.ladders import print_ladders
-from integ_gym.eval.report.figures.paper.matrix import print_matrix
-from integ_gym.eval.report.figures.paper.sheet import COLUMN, PAGE, SIZE
-from integ_gym.eval.report.figures.write import write_figures
+from integ_gym.eval.report.paper import (
+    COLUMN,
+    PAGE,
+    SIZE,
+    print_forest,
+    print_ladders,
+    print_matrix,
+)
+from integ_gym.eval.report.write_figures import write_figures
 from integ_gym.support.figures import FORMATS
 
 DRAWN = {"matrix": (success_matrix, print_matrix), "forest": (gap_forest, print_forest),

@@ -18,10 +18,10 @@ import report_example as example
 from report_pages import Page, every_panel, page_of, panel_from, panel_of, raw_of
 
 from integ_gym.eval.panel.answer import answer_lines
-from integ_gym.eval.report.figures.write import write_figures
 from integ_gym.eval.report.page import page as report_page
-from integ_gym.eval.report.page.failures import LABEL_WORDS
 from integ_gym.eval.report.page.page import render, write_report
+from integ_gym.eval.report.page.payload import LABEL_WORDS
+from integ_gym.eval.report.write_figures import write_figures
 from integ_gym.evidence.fields import LABELS
 from integ_gym.support.terminal import fixed, together, true_minus
 

@@ -15,7 +15,7 @@ from integ_gym.eval.panel.running.evaluation.achievability import TRYING, tried
 from integ_gym.eval.panel.running.evaluation.units import evaluate_all, expected_seconds, statuses
 from integ_gym.eval.panel.running.run_directory import RunDirectory, RunDirectoryError
 from integ_gym.eval.panel.specification.reading import built_in_spec, parse_spec
-from integ_gym.eval.verdict.achievability import Search
+from integ_gym.eval.verdict import Search
 from integ_gym.support.executors import Cluster
 
 WHOLE = replace(built_in_spec(), episodes=5, episode_parts=(3, 2))

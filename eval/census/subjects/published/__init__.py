@@ -1,1 +1,0 @@
-"""Published environments called pendulum or cart-pole: one module for each library."""

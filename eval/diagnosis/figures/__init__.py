@@ -1,1 +1,0 @@
-"""Figures of a diagnosis and of the worked example, drawn from their data alone."""

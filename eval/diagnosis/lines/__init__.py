@@ -1,1 +1,0 @@
-"""Lines of a diagnosis: what was measured, what is expected, and whether it holds."""

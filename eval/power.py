@@ -1,0 +1,443 @@
+"""The family of declared tests, and how many seeds they take in simulated worlds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Final, Literal, TypeAlias
+
+import numpy as np
+
+from .statistics import DRAWS, Floats, holm, mean_rate
+from .verdict import (
+    ALPHA,
+    EQUIVALENCE_MARGIN,
+    FAIL_MARGIN,
+    FIRST_LOOK,
+    INTERVAL_DRAWS,
+    LEARNED,
+    MIN_SEEDS,
+    Achieved,
+    Looks,
+    Loss,
+    Rates,
+    Shares,
+    adjust_for_look,
+    p_overfitting_exceeds,
+    p_overfitting_within,
+    p_text,
+    require_unique,
+    split,
+)
+
+Verdict: TypeAlias = Literal[
+    "fails", "transfers", "inconclusive", "not_learned", "unachievable", "too_slow", "undecided"
+]
+"""The last four are marks of comparisons without a verdict: of the row, or of the cell."""
+
+WITHOUT_VERDICT = ("not_learned", "unachievable", "too_slow", "undecided")
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One transfer to judge: policies trained in discretization i, evaluated in j.
+
+    Attributes
+    ----------
+    name
+        Unique in its family.
+    rates
+        What the loss is made of.
+    cell
+        Whether j can be solved at all, decided without these policies.
+    """
+
+    name: str
+    rates: Rates
+    cell: Achieved
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """Verdict on one comparison.
+
+    Attributes
+    ----------
+    name
+        As in the comparison.
+    verdict
+        `fails`, `transfers`, `inconclusive`; without a verdict `not_learned`, `unachievable`,
+        `too_slow` or `undecided`.
+    loss
+        The loss of success (positive is worse) and its parts, with 95 % intervals that are not
+        adjusted for the family.
+    p_exceeds, p_equivalent
+        P-values for "overfitting > 0.2" and for "overfitting within ±0.1"; None without a verdict.
+    p_exceeds_adjusted, p_equivalent_adjusted
+        The same after Holm's procedure over the family and for the share of the level that this
+        look has; 1 where the test is not made with so few seeds, None without a verdict.
+    reason
+        One sentence with the numbers that led to the verdict.
+    """
+
+    name: str
+    verdict: Verdict
+    loss: Loss
+    p_exceeds: float | None
+    p_equivalent: float | None
+    p_exceeds_adjusted: float | None
+    p_equivalent_adjusted: float | None
+    reason: str
+
+
+def judge_family(
+    comparisons: Sequence[Comparison], looks: Looks = FIRST_LOOK, *, draws: int = DRAWS
+) -> tuple[Judgement, ...]:
+    """Judge a declared family of transfers by overfitting; see `Loss`.
+
+    - `not_learned`: mean home success below 0.5; `unachievable`, `too_slow`, `undecided`: the
+      cell's status. No test is made, and the comparison does not count towards the family, but
+      for `undecided`, which policies that are judged in the cell may have been able to change.
+    - `inconclusive`: a group has fewer than 5 training seeds. It still counts towards the
+      family, so that an unfinished panel is never judged more lightly than a finished one.
+    - `fails`: "overfitting > 0.2" has an adjusted p-value below 0.05.
+    - `transfers`: "overfitting within ±0.1" (two one-sided tests) has one below 0.05.
+    - `inconclusive`: neither.
+
+    Each of the two tests is corrected over the family by itself: wrong `fails` in the family
+    have a chance of at most 0.05, and so have wrong `transfers`. They are two questions, of
+    which a reader acts on one, and no comparison can be given both answers. The tests hold their
+    level for seeds that are all or nothing as for those that are not; docs/reference/panel.md has
+    what was simulated.
+
+    Whoever grows a run until it says something looks more than once. Every look has a share of the
+    level (`Looks`), by which its p-values are divided after Holm's procedure, so that these
+    chances hold for all looks together.
+
+    Equivalence is hard to show: seeds that all succeed leave room for a tenth that fail, and
+    0.9**seeds is the chance to see none of these. With every rate at 1.0, a family of one needs
+    33 seeds at the first look, one of four 46 and one of six 50; at the only planned look 30, 44
+    and 47.
+
+    Parameters
+    ----------
+    comparisons
+        The family. The error rates hold where it was chosen without a look at the results.
+    looks
+        Earlier looks at its verdicts, and those that were planned.
+    draws
+        Draws of every test, and of intervals as far as these have as many.
+
+    Returns
+    -------
+    One judgement for each comparison, in order.
+
+    Raises
+    ------
+    ValueError
+        If a name occurs twice, or as `Rates`.
+    """
+    require_unique([comparison.name for comparison in comparisons], "comparison")
+    marks = [_mark(comparison) for comparison in comparisons]
+    tested = [c.rates for c, mark in zip(comparisons, marks, strict=True) if mark is None]
+    exceeds = [p_overfitting_exceeds(rates, FAIL_MARGIN, draws=draws) for rates in tested]
+    equivalent = [p_overfitting_within(rates, EQUIVALENCE_MARGIN, draws=draws) for rates in tested]
+    untold = [1.0 for mark in marks if mark is not None and mark[0] == "undecided"]
+    shares = [looks.shares(len(rates.home)) for rates in tested]
+    adjusted = [
+        [adjust_for_look(p, share) for p, share in zip(holm([*found, *untold]), own, strict=False)]
+        for found, own in (
+            (exceeds, [one.exceeds for one in shares]),
+            (equivalent, [one.equivalent for one in shares]),
+        )
+    ]
+    p_values = zip(exceeds, equivalent, *adjusted, strict=True)
+    splits = [split(c.rates, draws=min(draws, INTERVAL_DRAWS)) for c in comparisons]
+    return tuple(
+        _judge(c, splits[k], next(p_values), looks.min_seeds_equivalence)
+        if mark is None
+        else _unjudged(c, splits[k], *mark)
+        for k, (c, mark) in enumerate(zip(comparisons, marks, strict=True))
+    )
+
+
+def postponed(judgement: Judgement, reason: str) -> Judgement:
+    """The same without its verdict, where not all seeds that were declared are there."""
+    if judgement.verdict in WITHOUT_VERDICT:
+        return judgement
+    return Judgement(judgement.name, "inconclusive", judgement.loss, None, None, None, None, reason)
+
+
+def _mark(comparison: Comparison) -> tuple[Verdict, str] | None:
+    """Why there is no verdict; None where there is one."""
+    home = mean_rate(comparison.rates.home)
+    if home < LEARNED:
+        return (
+            "not_learned",
+            f"Home success {home:.2f} is below {LEARNED}, so there is nothing to transfer.",
+        )
+    if comparison.cell.status != "achievable":
+        return comparison.cell.status, comparison.cell.reason
+    return None
+
+
+def _unjudged(comparison: Comparison, loss: Loss, verdict: Verdict, reason: str) -> Judgement:
+    return Judgement(comparison.name, verdict, loss, None, None, None, None, reason)
+
+
+def _judge(
+    comparison: Comparison,
+    loss: Loss,
+    p: tuple[float, float, float, float],
+    min_seeds_equivalence: int,
+) -> Judgement:
+    _, _, exceeds, equivalent = p
+    rates = comparison.rates
+    seeds, change = _seeds(rates), _change(rates, loss)
+    verdict: Verdict = "inconclusive"
+    if min(len(rates.home), len(rates.home if rates.native is None else rates.native)) < MIN_SEEDS:
+        reason = f"Only {seeds}, at least {MIN_SEEDS} needed: {change}."
+    elif exceeds < ALPHA:
+        verdict = "fails"
+        reason = (
+            f"Overfitting is above {FAIL_MARGIN} (adjusted {p_text(exceeds)}, {seeds}): {change}."
+        )
+    elif equivalent < ALPHA:
+        verdict = "transfers"
+        reason = (
+            f"Overfitting is within ±{EQUIVALENCE_MARGIN} (adjusted {p_text(equivalent)}, "
+            f"{seeds}): {change}."
+        )
+    else:
+        few = len(rates.home) < min_seeds_equivalence
+        least = f"at least {min_seeds_equivalence} seeds are needed"
+        within = least if few else f"adjusted {p_text(equivalent)}"
+        reason = (
+            f"Overfitting is shown neither to be above {FAIL_MARGIN} (adjusted {p_text(exceeds)}) "
+            f"nor to be within ±{EQUIVALENCE_MARGIN} ({within}) with {seeds}: {change}."
+        )
+    return Judgement(comparison.name, verdict, loss, *p, reason=reason)
+
+
+def _change(rates: Rates, loss: Loss) -> str:
+    """Loss and parts in words."""
+    home, there, later = (mean_rate(own) for own in rates.row)
+    return (
+        f"success {home:.2f} at home and {there:.2f} there, {later:.2f} within two horizons; "
+        f"overfitting {loss.overfitting}, deadline {loss.deadline.estimate:z.2f}, difficulty "
+        f"{loss.difficulty.estimate:z.2f}"
+    )
+
+
+def _seeds(rates: Rates) -> str:
+    own = f"{len(rates.home)} seeds"
+    return own if rates.native is None else f"{own} and {len(rates.native)} native ones"
+
+
+Draw: TypeAlias = Callable[[np.random.Generator, float, int], Floats]
+
+_CONCENTRATION: Final = 10.0
+
+
+def all_or_nothing(rng: np.random.Generator, mean: float, seeds: int) -> Floats:
+    """True rates of seeds that succeed from every start or from none."""
+    return (rng.random(seeds) < mean).astype(np.float64)
+
+
+def smooth(rng: np.random.Generator, mean: float, seeds: int) -> Floats:
+    """True rates from a Beta law; its standard deviation at a mean of 0.9 is 0.09."""
+    if mean in (0.0, 1.0):
+        return np.full(seeds, mean)
+    return rng.beta(_CONCENTRATION * mean, _CONCENTRATION * (1.0 - mean), seeds)
+
+
+def mixed(rng: np.random.Generator, mean: float, seeds: int) -> Floats:
+    """Half of what is missing to 1 is lost by seeds that fail altogether, half smoothly."""
+    lost = 0.5 * (1.0 - mean)
+    return np.where(rng.random(seeds) < lost, 0.0, smooth(rng, mean / (1.0 - lost), seeds))
+
+
+WORLDS: Final[dict[str, Draw]] = {
+    "all or nothing": all_or_nothing,
+    "smooth": smooth,
+    "mixed": mixed,
+}
+
+
+def measured(rng: np.random.Generator, draw: Draw, mean: float, seeds: int, starts: int) -> Floats:
+    """Success rates that seeds of one world show, each from starts of its own, shape (seeds,)."""
+    return np.asarray(rng.binomial(starts, draw(rng, mean, seeds)) / starts)
+
+
+OVERFITTING: Final = (0.0, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5)
+"""True overfitting for which power is stated."""
+
+HOME: Final = 0.99
+"""True success at home, and of natives, for which it is."""
+
+WANTED: Final = 0.8
+"""Chance of a verdict from which on a number of seeds is said to decide."""
+
+FARTHEST: Final = 8
+"""How many times the seeds that there are may be said to be wanted."""
+
+_GROWTH: Final = 1.15
+_DRAWS: Final = 4000
+_FINE: Final = 50_000
+_MOST: Final = 400
+
+
+@dataclass(frozen=True)
+class Power:
+    """Chances of both verdicts on one transfer, each the lowest and highest of three worlds.
+
+    Attributes
+    ----------
+    overfitting
+        The true one.
+    transfers, fails
+        Chance of the verdict, (lowest, highest), in [0, 1].
+    """
+
+    overfitting: float
+    transfers: tuple[float, float]
+    fails: tuple[float, float]
+
+
+def verdict_chances(
+    seeds: int,
+    natives: int,
+    starts: int,
+    family: int,
+    looks: Looks = FIRST_LOOK,
+    *,
+    repeats: int = 100,
+) -> tuple[Power, ...]:
+    """Chances of a verdict, simulated in the three worlds of `WORLDS`.
+
+    Policies and natives succeed at home with 0.99, a hand-made controller always. Every verdict
+    is taken at the level of its look, divided by the size of the family: Holm's procedure is never
+    harder.
+
+    Parameters
+    ----------
+    seeds, natives
+        Training seeds of the policies that are judged and of those trained in the cell.
+    starts
+        Of every seed.
+    family
+        How many transfers are declared.
+    looks
+        Earlier looks, and those that were planned.
+    repeats
+        Simulated transfers for each chance.
+    """
+    rng, shares = np.random.default_rng(0), looks.shares(seeds)
+
+    def chances(draw: Draw, lost: float) -> tuple[float, float]:
+        told = [
+            _verdicts(_simulated(rng, draw, lost, seeds, natives, starts), shares, family)
+            for _ in range(repeats)
+        ]
+        first, second = np.mean(told, axis=0)
+        return float(first), float(second)
+
+    found = []
+    for lost in OVERFITTING:
+        transfers, fails = zip(*(chances(draw, lost) for draw in WORLDS.values()), strict=True)
+        found.append(Power(lost, (min(transfers), max(transfers)), (min(fails), max(fails))))
+    return tuple(found)
+
+
+def fewest_seeds(family: int, looks: Looks = FIRST_LOOK) -> int:
+    """With how many seeds, all of which always succeed, every member of a family `transfers`.
+
+    At the look that comes next, or at any planned one.
+    """
+
+    def shown(seeds: int) -> bool:
+        rates = Rates(*(np.ones(seeds),) * 3)
+        own = Looks((), (seeds,) * len(looks.planned)) if looks.planned else looks
+        _, level = own.shares(seeds).levels
+        return p_overfitting_within(rates, EQUIVALENCE_MARGIN, draws=_FINE) < level / family
+
+    return _first(MIN_SEEDS, _MOST, shown)
+
+
+def seeds_wanted(
+    rates: Rates, family: int, looks: Looks = FIRST_LOOK, *, repeats: int = 60
+) -> int | None:
+    """How many seeds would decide a transfer, if more were as those that there are.
+
+    Parameters
+    ----------
+    rates
+        What was measured.
+    family
+        How many transfers are tested.
+    looks
+        Earlier looks, this one included, and those that were planned: of these, one must come.
+    repeats
+        Resamples of the seeds for each number tried.
+
+    Returns
+    -------
+    The smallest number tried with which four in five resamples get a verdict; None if eight times
+    as many seeds do not suffice: overfitting then lies between the margins, or near one; or if no
+    planned look does.
+    """
+    rng = np.random.default_rng(0)
+    for seeds in _more_seeds(len(rates.home), looks.planned):
+        shares = looks.shares(seeds)
+        told = [_verdicts(_resampled(rng, rates, seeds), shares, family) for _ in range(repeats)]
+        if np.mean([any(one) for one in told]) >= WANTED:
+            return seeds
+    return None
+
+
+def _more_seeds(now: int, planned: Sequence[int]) -> Iterator[int]:
+    """Numbers of seeds to try: those of planned looks, or ever more."""
+    if planned:
+        yield from (seeds for seeds in planned if seeds > now)
+        return
+    seeds = now
+    while seeds < FARTHEST * now:
+        seeds = math.ceil(seeds * _GROWTH)
+        yield seeds
+
+
+def _first(low: int, high: int, holds: Callable[[int], bool]) -> int:
+    """The smallest number in [low, high] for which it holds, as for all above it."""
+    while low < high:
+        middle = (low + high) // 2
+        low, high = (low, middle) if holds(middle) else (middle + 1, high)
+    return low
+
+
+def _verdicts(rates: Rates, shares: Shares, family: int) -> tuple[bool, bool]:
+    """Whether a transfer is said to hold, and whether to fail."""
+    above, within = (level / family for level in shares.levels)
+    if above > 0.0 and p_overfitting_exceeds(rates, FAIL_MARGIN, draws=_DRAWS) < above:
+        return False, True
+    if within == 0.0:
+        return False, False
+    return p_overfitting_within(rates, EQUIVALENCE_MARGIN, draws=_DRAWS) < within, False
+
+
+def _simulated(
+    rng: np.random.Generator, draw: Draw, lost: float, seeds: int, natives: int, starts: int
+) -> Rates:
+    home = measured(rng, draw, HOME, seeds, starts)
+    there = measured(rng, draw, HOME - lost, seeds, starts)
+    native = measured(rng, draw, HOME, natives, starts) if natives else None
+    return Rates(home, there, there, native, np.ones(100))
+
+
+def _resampled(rng: np.random.Generator, rates: Rates, seeds: int) -> Rates:
+    """So many seeds drawn from those that there are, natives likewise."""
+    row = rates.row[:, rng.integers(rates.row.shape[1], size=seeds)]
+    native = None if rates.native is None else np.asarray(rates.native)
+    if native is not None:
+        native = native[rng.integers(native.size, size=native.size)]
+    return Rates(row[0], row[1], row[2], native, rates.handmade)

@@ -1,1 +1,0 @@
-"""Figures of a panel, one module each."""

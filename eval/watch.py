@@ -1,0 +1,307 @@
+"""What `watch` shows: a policy from a file, or a record of a run."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache, partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from integ_gym.envs.catalogue.lookup import environment_setup
+from integ_gym.envs.registries import TRUTH
+from integ_gym.envs.settings import DISCRETIZATION, Discretization
+from integ_gym.evidence.record import EvidenceRecord, told_perturbation, told_training
+from integ_gym.evidence.store import EvidenceStore, open_run
+from integ_gym.support.optional import require
+from integ_gym.train.policy import Policy
+from integ_gym.train.policy_files.sidecar import read_trained, readable_file
+
+from .film import (
+    Asked,
+    Episode,
+    Film,
+    arguments_on,
+    check_filmed,
+    check_possible,
+    chosen,
+    played,
+    recorded,
+)
+from .panel.existing.policy import read_existing
+from .panel.existing.run_policies import policy_of
+
+
+def side_by_side(
+    policy: Policy | str | os.PathLike[str],
+    discretizations: Sequence[Asked],
+    seed: int,
+    *,
+    env_id: str | None = None,
+    environment: Mapping[str, Any] | None = None,
+    own_code: bool = False,
+) -> Film:
+    """One policy from one start in several discretizations, as a film.
+
+    >>> film = side_by_side("runs/rk4", ["rk4", "explicit_euler", "truth"], 0)  # doctest: +SKIP
+    >>> film.write("film.gif")  # doctest: +SKIP
+
+    Args:
+        policy: what acts; or the folder or file of a trained one, whose side-car says what it was
+            trained on.
+        discretizations: from left to right: ``"rk4"`` (with the rest as the policy was trained, or
+            as in ``environment``), ``"rk4 dt=0.01"``, ``"mujoco RK4"``, ``"truth"``, a
+            :class:`Discretization`, or a mapping of some of its parts; none: the policy's home and
+            the truth.
+        seed: of the start, the same as that of ``reset``.
+        env_id: one of integ-gym's environments; needed where no side-car says it.
+        environment: constructor arguments that differ from those of the training.
+        own_code: whether classes that the side-car names as ``"module:Class"`` may be loaded.
+
+    Returns:
+        The film: frames of shape (height, width, 3), drawn when asked for, ``success`` by
+        discretization, and ``write``.
+
+    Raises:
+        PolicyFileError, ValueError, TypeError: for a policy or a discretization that cannot be.
+        ModuleNotFoundError: if an extra is missing, with the command that installs it.
+    """
+    require("render")
+    given = dict(environment or {})
+    if isinstance(policy, (str, os.PathLike)):
+        path = policy_path(Path(policy))
+        if env_id is None:
+            _, card = read_trained(path)
+            env_id = str(card["config"]["env_id"])
+        check_filmed(env_id)
+        existing = read_existing(path, env_id, given, None, own_code)
+        acting: Policy = existing.policy
+        arguments, seed_of = dict(existing.provenance.environment), existing.seed
+        arguments["control_period"] = existing.provenance.control_period
+        homes = tuple(existing.home.shares) if existing.home is not None else ()
+    else:
+        if own_code:
+            raise ValueError(
+                "own_code lets a side-car name classes, and a policy that is no file has none; "
+                "leave it out"
+            )
+        if env_id is None:
+            raise ValueError("a policy alone does not say what it acts in; give env_id as well")
+        check_filmed(env_id)
+        acting, arguments, homes, seed_of = policy, given, (), None
+    like = homes[0] if homes else Discretization.of(environment_setup(env_id, arguments))
+    cells = [
+        chosen(asked, like, env_id) for asked in discretizations or (*(homes or [like]), TRUTH)
+    ]
+    check_possible(cells, env_id, arguments)
+    episodes = [played(acting, env_id, arguments_on(c, arguments), seed) for c in cells]
+    return Film(episodes, homes, told(acting.policy_id, homes, seed_of, episodes, f"start {seed}"))
+
+
+def policy_path(path: Path) -> Path:
+    """The file of a policy that is given by it or by its folder."""
+    return readable_file(path) if path.is_dir() else path
+
+
+def told(
+    name: str,
+    homes: Sequence[Discretization],
+    seed: int | None,
+    episodes: Sequence[Episode],
+    start: str,
+) -> str:
+    """What all episodes of a film have in common, in one line.
+
+    Args:
+        name: of the policy.
+        homes: what it was trained on.
+        seed: of its training.
+        episodes: all of them.
+        start: where they start, in words.
+    """
+    trained = " and ".join(home.name.replace("_", " ").replace("=", " ") for home in homes)
+    by = [f"Trained on {trained} s" if homes else name]
+    seeds = [f"seed {seed}"] if seed is not None else []
+    setup = episodes[0].setup
+    plant, limit = setup.plant, float(np.max(setup.task.control_limit))
+    motor = f"{plant.control_name} within {limit:g} {plant.control_unit}"
+    periods = {episode.discretization.control_period for episode in episodes}
+    decision = [f"a decision every {period:g} s" for period in periods if len(periods) == 1]
+    return ", ".join([*by, *seeds, motor, *decision, start])
+
+
+def watch(
+    run: str | os.PathLike[str],
+    record_id: str,
+    on: Sequence[Asked] = (),
+    *,
+    own_code: bool = False,
+    on_doubt: Callable[[str], None] = lambda doubt: None,
+) -> Film:
+    """A recorded episode as a film.
+
+    Episodes that have traces are shown as they were recorded, others are played again.
+
+    Args:
+        run: directory of the run.
+        record_id: id of the record, or how it begins.
+        on: discretizations from left to right, see
+            :func:`~integ_gym.eval.watch.side_by_side`; by default what the policy was
+            trained on, the record's own, and the truth.
+        own_code: whether classes that the record names as ``"module:Class"`` may be loaded.
+        on_doubt: told where an episode, played again, ends otherwise than its record says, and why
+            episodes are left out that cannot be played again.
+
+    Raises:
+        EvidenceError: for a run or a record that is not there.
+        PolicyFileError, ValueError: if the policy is needed and not there any more.
+        ModuleNotFoundError: if an extra is missing, with the command that installs it.
+    """
+    require("render", "evidence")
+    store = open_run(Path(run))
+    record = store.find(record_id)
+    _check_code(record, own_code)
+    check_filmed(record["env_id"])
+    own = Discretization(**{name: record[name] for name in DISCRETIZATION})
+    homes = tuple(dict.fromkeys(chosen(home, own, record["env_id"]) for home in _homes(record)))
+    asked = on or ((*homes, own, TRUTH) if record["policy_hash"] else (own,))
+    cells = list(dict.fromkeys(chosen(one, own, record["env_id"]) for one in asked))
+    twins = _twins(record, own, store)
+    policy = cache(partial(policy_of, record, store, own_code))
+    if not on:
+        cells = _possible(cells, twins, policy, on_doubt)
+    check_possible(cells, record["env_id"], record.arguments())
+    episodes = [_episode(cell, record, twins.get(cell), policy, on_doubt) for cell in cells]
+    return Film(episodes, homes, _note(record, homes, episodes))
+
+
+_CANDIDATES = """
+SELECT record_id, cell, failure_label, count(*) OVER (PARTITION BY cell, failure_label) AS alike
+FROM records
+WHERE phase = 'evaluation' AND NOT success AND perturbation IS NULL AND policy_hash IS NOT NULL
+QUALIFY row_number() OVER (
+  PARTITION BY cell, failure_label ORDER BY energy IS NULL, episode_index, policy_id) = 1
+ORDER BY failure_label != 'discretization_error', alike DESC, cell
+LIMIT {limit}
+"""
+
+
+def candidates(run: str | os.PathLike[str], limit: int = 10) -> list[dict[str, Any]]:
+    """Failed episodes that are worth a film, those that succeed at home first.
+
+    Of each cell and failure label one, with a trace where there is one.
+
+    Args:
+        run: directory of the run.
+        limit: how many at most.
+
+    Returns:
+        For each `record_id`, `cell`, `failure_label`, and `alike`: how many episodes of that cell
+        have that label.
+
+    Raises:
+        EvidenceError: for a run that is not there.
+    """
+    found = open_run(Path(run)).query(_CANDIDATES.format(limit=limit))
+    return list(found.to_pylist())
+
+
+def _possible(
+    cells: list[Discretization],
+    twins: Mapping[Discretization, EvidenceRecord | bool],
+    policy: Callable[[], Policy],
+    on_doubt: Callable[[str], None],
+) -> list[Discretization]:
+    """All of them; where there is no policy any more, those whose episodes have traces."""
+    traced = [cell for cell in cells if isinstance(twins.get(cell), EvidenceRecord)]
+    if traced and traced != cells:
+        try:
+            policy()
+        except ValueError as error:
+            on_doubt(f"{error}; shown is what has a trace")
+            return traced
+    return cells
+
+
+_SAME = ("phase", "env_id", "policy_id", "policy_hash", "episode_index", "seed", "perturbation")
+"""Fields that records of one policy from one start have in common."""
+
+
+def _check_code(record: EvidenceRecord, own_code: bool) -> None:
+    """Refuse a record made with code of somebody's own, unless it may be run."""
+    told = (record["env_id"], *record.arguments().values())
+    named = [x for x in told if isinstance(x, str) and ":" in x]
+    if named and not own_code:
+        raise ValueError(
+            f"the record names {named[0]!r}, whose code would be run; if it is yours, pass "
+            "--own-code"
+        )
+
+
+def _homes(record: EvidenceRecord) -> list[dict[str, Any]]:
+    stated = told_training(record.fields) or []
+    return [stated] if isinstance(stated, dict) else stated
+
+
+def _twins(
+    record: EvidenceRecord, own: Discretization, store: EvidenceStore
+) -> dict[Discretization, EvidenceRecord | bool]:
+    """Discretization to the same policy's record from the same start; its success if untraced."""
+    if not record["policy_hash"]:
+        return {own: record if record.trace else bool(record["success"])}
+    same = " AND ".join(f"{name} IS NOT DISTINCT FROM {_literal(record[name])}" for name in _SAME)
+    found = store.query(
+        f"SELECT record_id, success, energy IS NOT NULL AS traced, {', '.join(DISCRETIZATION)} "
+        f"FROM records WHERE {same}"
+    ).to_pylist()
+    return {
+        Discretization(**{name: row[name] for name in DISCRETIZATION}): (
+            store.find(row["record_id"]) if row["traced"] else row["success"]
+        )
+        for row in found
+    }
+
+
+def _literal(value: Any) -> str:
+    if value is None:
+        return "NULL"
+    return str(value) if isinstance(value, int) else "'" + str(value).replace("'", "''") + "'"
+
+
+def _episode(
+    cell: Discretization,
+    record: EvidenceRecord,
+    twin: EvidenceRecord | bool | None,
+    policy: Callable[[], Policy],
+    on_doubt: Callable[[str], None],
+) -> Episode:
+    if isinstance(twin, EvidenceRecord):
+        return recorded(twin)
+    arguments = arguments_on(cell, record.arguments())
+    start = record["initial_state"]
+    episode = played(policy(), record["env_id"], arguments, record["seed"], start)
+    if twin is not None and twin != episode.success:
+        on_doubt(
+            f"on {cell.name} the episode {_ends(twin)} in its record and {_ends(episode.success)} "
+            "when it is played again: it hangs on the last bits of the policy's actions"
+        )
+    return episode
+
+
+def _ends(success: bool) -> str:
+    return "succeeds" if success else "fails"
+
+
+def _note(
+    record: EvidenceRecord, homes: Sequence[Discretization], episodes: Sequence[Episode]
+) -> str:
+    changed = told_perturbation(record.fields) or {}
+    start = ", ".join(
+        [
+            f"start {record['episode_index']}",
+            *(f"{name} {value}" for name, value in changed.items()),
+        ]
+    )
+    return told(record["policy_id"], homes, record["training_seed"], episodes, start)
