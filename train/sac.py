@@ -21,19 +21,18 @@ from typing import Any, ClassVar
 from integ_gym.support.executors import Cluster
 from integ_gym.support.packages.extras import require
 from integ_gym.support.parameters import one_of, parameter, positive
+from integ_gym.train.policy.network import ACTIVATIONS
+from integ_gym.train.policy_files.sidecar import TrainedPolicy
 from integ_gym.train.ppo import train_run
-
-from .policy.network import ACTIVATIONS
-from .policy_files.sidecar import TrainedPolicy
-from .running.checks import (
+from integ_gym.train.running.checks import (
     LONGEST,
     MOST_LANES,
     fraction,
     whole,
 )
-from .running.config import TrainingConfig
-from .running.evidence import TrainingEvidence
-from .running.side_by_side import (
+from integ_gym.train.running.config import TrainingConfig
+from integ_gym.train.running.evidence import TrainingEvidence
+from integ_gym.train.running.side_by_side import (
     OnTrained,
     checked_runs,
     train_each,
