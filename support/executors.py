@@ -264,8 +264,8 @@ class RemoteExecutor(Executor):
 
 
 def _format_loss(error: BaseException) -> str:
-    lines = str(error).strip().splitlines() or [""]
-    return f"{type(error).__name__}: {lines[-1]}"
+    first = str(error).strip().partition("\n")[0]
+    return f"{type(error).__name__}: {first}"
 
 
 class _Outcome(NamedTuple):
