@@ -34,42 +34,20 @@ from integ_gym.support.parameters import (
     parameter,
     positive,
 )
-<<<<<<< HEAD
-
-from .config import TrainingConfig, TrainingEvidence, check_rollout, explained, fraction, whole
-from .policy import ACTIVATIONS
-from .policy_files.card import make_card, mixture_of
-from .policy_files.sidecar import TrainedPolicy, write_policy
-from .sb3_model import (
-=======
-from integ_gym.train.policy.network import ACTIVATIONS
+from integ_gym.train.config import (
+    TrainingConfig,
+    TrainingEvidence,
+    check_rollout,
+    explained,
+    fraction,
+    whole,
+)
+from integ_gym.train.policy import ACTIVATIONS
 from integ_gym.train.policy_files.card import make_card, mixture_of
 from integ_gym.train.policy_files.sidecar import TrainedPolicy, write_policy
-from integ_gym.train.running.checks import check_rollout, fraction, whole
-from integ_gym.train.running.config import TrainingConfig
-from integ_gym.train.running.error import explained
-from integ_gym.train.running.evidence import TrainingEvidence
-from integ_gym.train.running.side_by_side import (
-    OnTrained,
-    checked_runs,
-    train_each,
-    unheard,
-)
-from integ_gym.train.sb3.model import (
->>>>>>> main
-    Tell,
-    last_episodes,
-    logger,
-    reproducible,
-    saved,
-    telling,
-)
-from .side_by_side import (
-    OnTrained,
-    checked_runs,
-    train_each,
-    unheard,
-)
+from integ_gym.train.side_by_side import OnTrained, checked_runs, train_each, unheard
+
+from .sb3_model import Tell, last_episodes, logger, reproducible, saved, telling
 
 # ---------------------------------------------------------------------------------- hyperparameters
 
@@ -186,11 +164,7 @@ def train_run(
     """
     from stable_baselines3.common.vec_env import VecMonitor
 
-<<<<<<< HEAD
-    from .vec_env import Sb3VecEnv, ScaledRewards
-=======
-    from integ_gym.train.sb3.vec_env import Sb3VecEnv, ScaledRewards
->>>>>>> main
+    from integ_gym.train.vec_env import Sb3VecEnv, ScaledRewards
 
     vector_env: Any = make_training_envs(config)
     mixture = mixture_of(vector_env)

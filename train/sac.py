@@ -21,15 +21,7 @@ from typing import Any, ClassVar
 from integ_gym.support.executors import Cluster
 from integ_gym.support.optional import require
 from integ_gym.support.parameters import one_of, parameter, positive
-from integ_gym.train.policy.network import ACTIVATIONS
-from integ_gym.train.policy_files.sidecar import TrainedPolicy
-from integ_gym.train.ppo import train_run
-<<<<<<< HEAD
-
-from .config import (
-=======
-from integ_gym.train.running.checks import (
->>>>>>> main
+from integ_gym.train.config import (
     LONGEST,
     MOST_LANES,
     TrainingConfig,
@@ -37,20 +29,10 @@ from integ_gym.train.running.checks import (
     fraction,
     whole,
 )
-<<<<<<< HEAD
-from .policy import ACTIVATIONS
-from .policy_files.sidecar import TrainedPolicy
-from .side_by_side import (
-=======
-from integ_gym.train.running.config import TrainingConfig
-from integ_gym.train.running.evidence import TrainingEvidence
-from integ_gym.train.running.side_by_side import (
->>>>>>> main
-    OnTrained,
-    checked_runs,
-    train_each,
-    unheard,
-)
+from integ_gym.train.policy import ACTIVATIONS
+from integ_gym.train.policy_files.sidecar import TrainedPolicy
+from integ_gym.train.ppo import train_run
+from integ_gym.train.side_by_side import OnTrained, checked_runs, train_each, unheard
 
 
 @dataclass(frozen=True)
