@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import integ_gym  # noqa: F401
-from integ_gym.evidence import episode_log as table
+from integ_gym.evidence import episode_table as table
 from integ_gym.evidence import fields
 from integ_gym.evidence import fields as trace_fields
 from integ_gym.evidence import record as summary

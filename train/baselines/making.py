@@ -171,7 +171,7 @@ class ZeroPolicy(Baseline):
         return np.full((len(observations), *self.action.shape), self.action)
 
 
-_HANDMADE = "integ_gym.train.baselines.handmade"
+_HANDMADE = "integ_gym.train.baselines"
 
 BASELINES = ("random", "zero", "handmade")
 """Names that `make_baseline` takes, for every environment."""

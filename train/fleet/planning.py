@@ -15,7 +15,6 @@ from typing import Any, Literal
 
 import numpy as np
 
-from integ_gym.envs import functional
 from integ_gym.envs.ops.jax_ops import jax
 from integ_gym.envs.registries import ENGINES
 from integ_gym.evidence.record import Layout
@@ -280,6 +279,8 @@ def kind_of(config: PPOConfig) -> Kind:
         TypeError, ValueError: for a run that the fleet cannot train.
     """
     _check_engine(config)
+    from integ_gym.envs import functional
+
     env = functional.make(config.env_id, **config.env_arguments)
     env.check_lanes(config.n_envs)
     algorithm = Algorithm(
@@ -322,6 +323,8 @@ def _check_traceable(kind: Kind, config: PPOConfig) -> None:
     """Go through one step of the environment as the compiler would."""
     if kind.structure in _traceable:
         return
+    from integ_gym.envs import functional
+
     env = functional.make(config.env_id, **config.env_arguments)
     shape: Any = env.action_space.shape
     action = np.zeros((config.n_envs, *shape), env.action_space.dtype)

@@ -328,9 +328,7 @@ class Car(Silent):
 
 def test_a_testbed_of_ones_own_has_the_threshold_of_its_id():
     testbed = testbed_of(f"{__name__}:Car", {})
-    assert testbed.success == integ_gym.envs.Success(
-        "return of at least 90", "success_return", 90.0
-    )
+    assert testbed.success == integ_gym.Success("return of at least 90", "success_return", 90.0)
 
 
 def test_without_a_threshold_a_return_is_asked_for(monkeypatch):

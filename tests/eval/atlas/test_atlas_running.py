@@ -24,7 +24,7 @@ _THREADS_OF_READING = """
 import os, sys
 from pathlib import Path
 import pyarrow.parquet
-from integ_gym.eval import read_summary
+from integ_gym.eval.atlas.summaries import read_summary
 def threads(): return len(os.listdir("/proc/self/task"))
 before = threads()
 assert read_summary(Path(sys.argv[1])).rows.num_rows

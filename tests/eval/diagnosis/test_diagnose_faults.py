@@ -17,8 +17,8 @@ from integ_gym.envs.mechanics import Stops
 from integ_gym.envs.registries import PLANTS
 from integ_gym.envs.settings import Timing
 from integ_gym.envs.tasks import interface as _box
+from integ_gym.eval.diagnosis import bench as open_loop
 from integ_gym.eval.diagnosis import experiments as handmade
-from integ_gym.eval.diagnosis import experiments as open_loop
 from integ_gym.eval.diagnosis.sections import latency
 from integ_gym.eval.diagnosis.sections import plant as plant_section
 from integ_gym.eval.diagnosis.subject import subjects

@@ -86,7 +86,7 @@ def test_every_step_of_every_rollout_is_in_a_record(section, tmp_path, monkeypat
     )  # traced steps do not call the engine
     whole, one_step = NativeEngine.advance, stepping.advance_lanes
     monkeypatch.setattr(NativeEngine, "advance", counting)
-    for module in ("phase_space", "linear"):
+    for module in ("accuracy", "stepping"):
         monkeypatch.setattr(f"integ_gym.envs.numerics.{module}.advance_lanes", probing)
     monkeypatch.setattr("integ_gym.envs.numerics.advance_lanes", probing)
     examine(section, "pendulum", "implicit_midpoint", store=tmp_path)

@@ -177,8 +177,8 @@ def test_nothing_is_replaced_and_nothing_half_written(run, form, tmp_path, monke
         yield from list(parts(*read))[:1]
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("integ_gym.evidence.exchange.exporting.parts", broken)
-    monkeypatch.setattr("integ_gym.evidence.exchange.exporting.read", lambda *x, **y: 1 // 0)
+    monkeypatch.setattr("integ_gym.evidence.exchange.selection.parts", broken)
+    monkeypatch.setattr("integ_gym.evidence.exchange.selection.read", lambda *x, **y: 1 // 0)
     with pytest.raises((KeyboardInterrupt, ZeroDivisionError)):
         export(run, form, out)
     assert list(tmp_path.iterdir()) == []

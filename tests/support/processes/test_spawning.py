@@ -11,8 +11,7 @@ import pytest
 from integ_gym.support.processes import SpawnError, check_spawning
 
 CALL = (
-    "from integ_gym.support.processes.spawning import check_spawning\n"
-    "{}check_spawning({})\nprint('fine')\n"
+    "from integ_gym.support.processes import check_spawning\n{}check_spawning({})\nprint('fine')\n"
 )
 GUARD = 'if __name__ == "__main__":\n    '
 

@@ -24,7 +24,7 @@ SCRIPT = """
 import signal
 import time
 from multiprocessing import active_children
-from integ_gym.support.processes.workers import Progress
+from integ_gym.support.processes import Progress
 
 if __name__ == "__main__":
     signal.signal(signal.SIGINT, signal.default_int_handler)

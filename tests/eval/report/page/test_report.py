@@ -315,10 +315,10 @@ def test_a_missing_extra_names_its_remedy(
 def test_neither_needs_more_than_its_own_package(tmp_path: Path) -> None:
     (tmp_path / "panel.json").write_text(json.dumps(raw_of("given")), encoding="utf-8")
     code = (
-        "import sys; import integ_gym.eval.report.page, integ_gym.eval.report.figures; "
+        "import sys; import integ_gym.eval.report.page.page, integ_gym.eval.report.write_figures; "
         "assert not {'matplotlib', 'jinja2'} & set(sys.modules); "
         "from pathlib import Path; from integ_gym.eval.panel.model import read_panel; "
-        "import integ_gym.eval.report.figures as f; "
+        "import integ_gym.eval.report.write_figures as f; "
         "f.write_figures(read_panel(Path('panel.json')), '.'); "
         "assert 'matplotlib.pyplot' not in sys.modules"
     )
