@@ -380,22 +380,14 @@ MOST_BEFORE_END = 0.99
 """Share of a bar that is full while work goes on, however far the estimate was off."""
 
 
-def work_bar(label: str, total: float, shown: bool, **look: Any) -> Any:
-    """A bar on standard error for work that takes long.
-
-    It is full once its ``with`` block ends without an error, or `fill` is called, and says "nearly
-    done" when the work takes longer than expected.
-
-    Args:
-        label: of the bar.
-        total: expected work.
-        shown: whether it is.
-        look: further arguments of `tqdm`.
-    """
+@cache
+def _bar_class() -> Any:
+    """The class of bars, which needs tqdm."""
     from tqdm import tqdm
 
     class WorkBar(tqdm):  # type: ignore[misc]
         filled = False
+        monitor_interval = 0  # a thread for each bar otherwise, which `miniters=0` needs not
 
         def fill(self) -> None:
             """Show that the work is done."""
@@ -422,8 +414,24 @@ def work_bar(label: str, total: float, shown: bool, **look: Any) -> Any:
                 shown |= {"n": most, "bar_format": self.bar_format.replace(LEFT, ", nearly done")}
             return shown
 
-    return WorkBar(
+    return WorkBar
+
+
+def work_bar(label: str, total: float, shown: bool, **look: Any) -> Any:
+    """A bar on standard error for work that takes long.
+
+    It is full once its ``with`` block ends without an error, or `fill` is called, and says "nearly
+    done" when the work takes longer than expected.
+
+    Args:
+        label: of the bar.
+        total: expected work.
+        shown: whether it is.
+        look: further arguments of `tqdm`.
+    """
+    return _bar_class()(
         total=total,
+        miniters=0,
         desc=label,
         disable=not shown,
         mininterval=0.5 if sys.stderr.isatty() else 15.0,
