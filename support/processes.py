@@ -387,7 +387,7 @@ def _bar_class() -> Any:
 
     class WorkBar(tqdm):  # type: ignore[misc]
         filled = False
-        monitor_interval = 0  # a thread for each bar otherwise, which `miniters=0` needs not
+        monitor_interval = 0  # no thread for each bar, which `miniters=0` has no use for
 
         def fill(self) -> None:
             """Show that the work is done."""
@@ -431,7 +431,6 @@ def work_bar(label: str, total: float, shown: bool, **look: Any) -> Any:
     """
     return _bar_class()(
         total=total,
-        miniters=0,
         desc=label,
         disable=not shown,
         mininterval=0.5 if sys.stderr.isatty() else 15.0,
