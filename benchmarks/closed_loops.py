@@ -27,7 +27,7 @@ from scipy.stats import rankdata
 from tqdm import tqdm
 
 from integ_gym.envs.settings import Discretization
-from integ_gym.envs.testbeds.making import testbed_of
+from integ_gym.envs.testbeds.making import find_testbed
 from integ_gym.eval.panel.model.files import FILE_NAME, read_panel
 from integ_gym.eval.panel.model.matrix import Cell, Row
 from integ_gym.eval.panel.model.panel import Panel
@@ -62,7 +62,7 @@ def spectral_radii(panel: Panel, directory: Path, row: Row, cell: Cell) -> Array
         [read_trained(readable_file(directory / "policies" / p.id))[0] for p in row.policies]
     )
     home = Discretization(cell.integrator, cell.dt, cell.control_period, cell.engine)
-    testbed = testbed_of(panel.spec["env_id"], panel.spec["environment"])
+    testbed = find_testbed(panel.spec["env_id"], panel.spec["environment"])
     environments = environments_of(testbed, Place(home, "grid"), 5 * row.seeds)
 
     def advanced(states: Array) -> Array:

@@ -23,7 +23,7 @@ from integ_gym.envs.registries import ENVIRONMENTS, TRUTH
 from integ_gym.envs.rendering.canvas import load_pygame, open_screen
 from integ_gym.envs.rendering.cockpit import Moment, Pane, Panes
 from integ_gym.envs.settings import DISCRETIZATION, NATIVE, Discretization, Setup, check_divides
-from integ_gym.envs.testbeds.making import testbed_of
+from integ_gym.envs.testbeds.making import find_testbed
 from integ_gym.envs.transition import LOSSES
 from integ_gym.evidence.record import EvidenceRecord
 from integ_gym.support.optional import load, require
@@ -60,7 +60,7 @@ def chosen(asked: Asked, like: Discretization, env_id: str) -> Discretization:
             f"after it, such as 'explicit_euler dt=0.0125'; got {asked!r}"
         )
     if parts["integrator"] in TRUE_NAMES:
-        truth = testbed_of(env_id, {}).truth(parts.get("control_period", like.control_period))
+        truth = find_testbed(env_id, {}).truth(parts.get("control_period", like.control_period))
         assert truth is not None  # of our environments
         return truth
     made = replace(like, **parts)

@@ -19,7 +19,7 @@ import numpy as np
 
 from integ_gym.envs.catalogue.lookup import is_integ_environment
 from integ_gym.envs.settings import DISCRETIZATION, NATIVE, Discretization
-from integ_gym.envs.testbeds.making import testbed_of
+from integ_gym.envs.testbeds.making import find_testbed
 from integ_gym.support.optional import require
 
 from .panel.answer import Cause, cause_of, closed_words
@@ -260,7 +260,7 @@ def _home(
     for name in DISCRETIZATION:
         if name in environment:
             raise ValueError(f"`environment` gives `{name}`; give it as an argument of its own")
-    testbed = testbed_of(env_id, environment)
+    testbed = find_testbed(env_id, environment)
     period = testbed.control_period if control_period is None else control_period
     home = Discretization(
         integrator,

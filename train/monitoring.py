@@ -12,7 +12,7 @@ from gymnasium.vector import AutoresetMode
 
 from integ_gym.envs.settings import DISCRETIZATION, Discretization
 from integ_gym.envs.testbeds.interface import Testbed
-from integ_gym.envs.testbeds.making import make_checked, testbed_of
+from integ_gym.envs.testbeds.making import find_testbed, make_checked
 from integ_gym.support.optional import missing
 
 from .called_policy import CalledPolicy
@@ -85,7 +85,7 @@ def compared(
         raise ValueError("the gap is measured from a home; give home='integrator=…,dt=…'")
     _check_arguments(environment)
     own = {name: x for name, x in arguments.items() if name not in DISCRETIZATION}
-    testbed = testbed_of(env_id, {**own, **environment})
+    testbed = find_testbed(env_id, {**own, **environment})
     at_home = _discretization(arguments)
     chosen = [_beside(stated, at_home, env_id) for stated in others] or _default(testbed, at_home)
     cells = {"home": at_home, **{one.name: one for one in chosen if one != at_home}}

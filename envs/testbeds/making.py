@@ -92,7 +92,7 @@ _ROBOTICS = "gymnasium_robotics"
 """Package whose tasks are MuJoCo tasks of Gymnasium's kind."""
 
 
-def testbed_of(env_id: str, arguments: Mapping[str, Any]) -> Testbed:
+def find_testbed(env_id: str, arguments: Mapping[str, Any]) -> Testbed:
     """The testbed of an environment id; the same object for the same arguments.
 
     Args:
@@ -198,7 +198,7 @@ def make_training_environments(
     """Environments to train in, which reset within the step that ends an episode.
 
     Args:
-        env_id: see :func:`~integ_gym.envs.testbeds.testbed_of`.
+        env_id: see :func:`~integ_gym.envs.testbeds.find_testbed`.
         arguments: of the environment, its discretization or ``mixture`` among them; what is left
             out is as the environment has it by itself.
         lanes: number of environments.
@@ -213,6 +213,6 @@ def make_training_environments(
         )
     common = {name: x for name, x in arguments.items() if name not in DISCRETIZATION}
     stated = {n: x for n, x in arguments.items() if n in DISCRETIZATION and x is not None}
-    testbed = testbed_of(env_id, common)
+    testbed = find_testbed(env_id, common)
     asked = Discretization(**{**testbed.home.arguments(), **stated})
     return make_checked(testbed, asked, lanes, autoreset_mode=mode)

@@ -50,17 +50,9 @@ from .learning import (
     Learner,
     Trail,
 )
-from .planning import (
-    Chunk,
-    Device,
-    Kind,
-    fleet_workers,
-    kind_of,
-    plan,
-    prepare_worker,
-    workers_of,
-)
+from .planning import Chunk, Kind, kind_of, plan
 from .program import FleetProgram
+from .worker import Device, fleet_workers, prepare_worker, workers_of
 
 Array = NDArray[Any]
 

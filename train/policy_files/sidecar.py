@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from integ_gym.envs.catalogue.lookup import is_integ_environment
 from integ_gym.envs.settings import DISCRETIZATION, Discretization
-from integ_gym.envs.testbeds.making import testbed_of
+from integ_gym.envs.testbeds.making import find_testbed
 from integ_gym.support.files import read_json, read_object, replace_file
 from integ_gym.support.options import named_value
 from integ_gym.support.parameters import unknown_name
@@ -69,7 +69,7 @@ def stated_arguments(stated: Stated, env_id: str) -> dict[str, Any]:
                 f"{env_id} is no environment of Gymnasium's, so --home stock says nothing; give "
                 "--home integrator=…,dt=…,control_period=…"
             )
-        return {**testbed_of(env_id, {}).home.arguments(), **STOCK_ARGUMENTS.get(env_id, {})}
+        return {**find_testbed(env_id, {}).home.arguments(), **STOCK_ARGUMENTS.get(env_id, {})}
     parts = _parts(stated)
     for name in parts:
         if name not in DISCRETIZATION:
@@ -82,7 +82,7 @@ def stated_arguments(stated: Stated, env_id: str) -> dict[str, Any]:
             f"the home lacks `{lacking[0]}`; give --home integrator=…,dt=…,control_period=…, or "
             "control_period=… alone where no more is known"
         )
-    testbed = testbed_of(env_id, {})
+    testbed = find_testbed(env_id, {})
     fixed = testbed.control_period
     period = parts["dt"] if fixed is None else fixed
     return {"engine": testbed.home.engine, "control_period": period, **parts}

@@ -9,7 +9,7 @@ from typing import Any
 from integ_gym.envs import numerics
 from integ_gym.envs.ops.ops import Components
 from integ_gym.envs.plants.cart_pole import CartPole
-from integ_gym.envs.testbeds.making import make_checked, testbed_of
+from integ_gym.envs.testbeds.making import find_testbed, make_checked
 from integ_gym.support.isolated import APART
 
 from ..subjects import Settable, Statement, Subject
@@ -43,7 +43,7 @@ class Isaaclab(Library):
 
     def subjects(self) -> Iterator[Subject]:
         """The task on two integrators."""
-        home = testbed_of(f"isaaclab:{TASK}", {}).home
+        home = find_testbed(f"isaaclab:{TASK}", {}).home
         for name, integrator in ((TASK, home.integrator), (f"{TASK}, {EXPLICIT}", EXPLICIT)):
             period = home.dt if home.control_period is None else home.control_period
             stated = Statement(period, round(period / home.dt), words=integrator)
@@ -76,7 +76,7 @@ def decision(integrator: str, dt: float, **arguments: Any) -> numerics.OneStep:
         dt: step, s.
         arguments: of the testbed.
     """
-    testbed = testbed_of(f"isaaclab:{TASK}", arguments)
+    testbed = find_testbed(f"isaaclab:{TASK}", arguments)
     environments = make_checked(testbed, replace(testbed.home, integrator=integrator, dt=dt), 1)
     worker = environments.unwrapped.envs[0].unwrapped.worker  # type: ignore[attr-defined]
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from integ_gym.envs.sequential_vector import DiscretizedVectorEnv
 from integ_gym.envs.settings import DISCRETIZATION, Discretization, Mixture
-from integ_gym.envs.testbeds.making import make_training_environments, testbed_of
+from integ_gym.envs.testbeds.making import find_testbed, make_training_environments
 from integ_gym.train.policy_files.card import HASH_KEY
 from integ_gym.train.policy_files.sidecar import (
     HOW_TO_STATE,
@@ -182,12 +182,12 @@ def _check_period(env_id: str, arguments: Mapping[str, Any], given: Mapping[str,
     common = {n: x for n, x in {**arguments, **given}.items() if n not in VARIED}
     if home is None or not given:
         return
-    period = testbed_of(env_id, common).control_period
+    period = find_testbed(env_id, common).control_period
     if period is None or math.isclose(period, home):
         return
     for name in given:
         others = {n: x for n, x in common.items() if n != name}
-        without = testbed_of(env_id, others).control_period
+        without = find_testbed(env_id, others).control_period
         if without is not None and math.isclose(without, home):
             raise ValueError(
                 f"--env-arg {name}={given[name]} makes the control period {period:g} s, and the "

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from integ_gym.envs.settings import Discretization
-from integ_gym.envs.testbeds.making import testbed_of
+from integ_gym.envs.testbeds.making import find_testbed
 from integ_gym.train.baselines.making import possible_baselines
 
 from ..specification.cells.cell import environments_of, main_home
@@ -38,7 +38,7 @@ def plan(
         TypeError, ValueError: for a cell that cannot be made.
     """
     environment = existing.provenance.environment
-    testbed = testbed_of(env_id, environment)
+    testbed = find_testbed(env_id, environment)
     period, name = existing.provenance.control_period, existing.policy.policy_id
     own = () if existing.home is None else tuple(existing.home.shares)
     around = main_home(existing.home) or replace(testbed.home, control_period=period)

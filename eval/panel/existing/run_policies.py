@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from integ_gym.envs.catalogue.lookup import environment_setup
-from integ_gym.envs.testbeds.making import testbed_of
+from integ_gym.envs.testbeds.making import find_testbed
 from integ_gym.evidence.record import EvidenceRecord, argument_values
 from integ_gym.evidence.replaying import Acting
 from integ_gym.evidence.store import EvidenceStore
@@ -89,4 +89,4 @@ def _baseline(name: str, record: EvidenceRecord, store: EvidenceStore) -> Policy
     ).column("arguments")
     text = found[0].as_py() if len(found) else record["arguments"]
     setup = environment_setup(record["env_id"], argument_values(text))
-    return make_baseline(name, setup, controller=testbed_of(record["env_id"], {}).controller)
+    return make_baseline(name, setup, controller=find_testbed(record["env_id"], {}).controller)

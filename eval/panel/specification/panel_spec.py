@@ -11,7 +11,7 @@ from typing import Any
 from integ_gym.envs.registries import INTEGRATORS
 from integ_gym.envs.settings import WEIGHT, Discretization
 from integ_gym.envs.testbeds.interface import Testbed
-from integ_gym.envs.testbeds.making import testbed_of
+from integ_gym.envs.testbeds.making import find_testbed
 from integ_gym.support.optional import install_command, package_version
 from integ_gym.train.algorithms import ALGORITHMS, Algorithm
 from integ_gym.train.baselines.making import BASELINES
@@ -94,7 +94,7 @@ class PanelSpec:
     @property
     def testbed(self) -> Testbed:
         """What makes the environments."""
-        return testbed_of(self.env_id, self.environment)
+        return find_testbed(self.env_id, self.environment)
 
     @property
     def nominal(self) -> Any:
@@ -267,11 +267,12 @@ class PanelSpec:
         """What learns: PPO where nothing is said."""
         return ALGORITHMS[self.training.get(ALGORITHM, next(iter(ALGORITHMS)))]
 
-    def _sources(self) -> dict[str, str | None]:
+    def _sources(self) -> dict[str, str]:
         """SHA-256 of the source of every integrator of the user's own."""
         used = (*self.trained_on(), *self.grid)
         names = {d.integrator for d in used if ":" in d.integrator}
-        return {name: INTEGRATORS.source_hash(name) for name in sorted(names)}
+        hashes = {name: INTEGRATORS.source_hash(name) for name in sorted(names)}
+        return {name: digest for name, digest in hashes.items() if digest is not None}
 
 
 def _plain(value: Any) -> Any:

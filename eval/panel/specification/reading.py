@@ -9,7 +9,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from integ_gym.envs.testbeds.making import testbed_of
+from integ_gym.envs.testbeds.making import find_testbed
 from integ_gym.support.files import read_bounded
 from integ_gym.train.baselines.making import possible_baselines
 
@@ -144,7 +144,7 @@ def _parse(data: Mapping[str, Any]) -> PanelSpec:
         given |= _episodes(data["episodes"])
     given |= {key: dict(table(data, key)) for key in ("environment", "training")}
     check_environment(given["environment"])
-    testbed = testbed_of(given["env_id"], given["environment"])
+    testbed = find_testbed(given["env_id"], given["environment"])
     of = replace(testbed.home, control_period=given["control_period"])
     nominal = nominal_setup(testbed, of.control_period)
     if "baselines" not in data:

@@ -15,7 +15,7 @@ import numpy as np
 from integ_gym.envs.catalogue.lookup import environment_setup, is_integ_environment
 from integ_gym.envs.ops.ops import SCALAR
 from integ_gym.envs.settings import Setup
-from integ_gym.envs.testbeds.making import testbed_of
+from integ_gym.envs.testbeds.making import find_testbed
 from integ_gym.evidence.store import EvidenceStore
 
 from ...panel.model.panel import Panel
@@ -55,7 +55,7 @@ def _told_by_its_testbed(panel: Panel) -> TaskWords | None:
     if env_id not in gym.registry:
         return None
     try:
-        goal = testbed_of(env_id, panel.spec.get("environment", {})).success.goal
+        goal = find_testbed(env_id, panel.spec.get("environment", {})).success.goal
     except ModuleNotFoundError:
         return None
     facts = [("goal", goal)]

@@ -15,7 +15,7 @@ from integ_gym.envs.numerics.stepping import engine_of
 from integ_gym.envs.plants.pendulum import Pendulum
 from integ_gym.envs.registries import ENGINES
 from integ_gym.envs.settings import Discretization
-from integ_gym.envs.testbeds.making import testbed_of
+from integ_gym.envs.testbeds.making import find_testbed
 from integ_gym.support import optional as versions
 
 BOUNDED = [
@@ -71,7 +71,7 @@ def test_an_engine_of_an_older_version_is_refused_in_one_sentence(engine, integr
 def test_a_task_of_mujoco_is_checked_too(aged, monkeypatch):
     needs("mujoco")
     stock = gym.make("InvertedPendulum-v5")
-    testbed = testbed_of("InvertedPendulum-v5", {"reset_noise_scale": 0.02})
+    testbed = find_testbed("InvertedPendulum-v5", {"reset_noise_scale": 0.02})
     aged("mujoco")
     told = 'mujoco 0.9 is installed, and .*; run: pip install "mujoco>='
     with pytest.raises(ValueError, match=told):

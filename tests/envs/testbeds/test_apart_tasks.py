@@ -60,7 +60,7 @@ def test_a_task_applies_what_was_asked(library):
 
 
 def _testbed(library, **arguments):
-    return making.testbed_of(TASKS[library], arguments)
+    return making.find_testbed(TASKS[library], arguments)
 
 
 @each

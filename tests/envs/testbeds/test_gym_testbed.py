@@ -18,7 +18,7 @@ from mountain_car import MountainCar, ScaledMountainCar, swing
 from integ_gym.envs.foreign import Repeated, StatedEnv, time_limit, wrappers_of
 from integ_gym.envs.settings import Discretization
 from integ_gym.envs.testbeds.gym_testbed import CLASSIC, GymTestbed
-from integ_gym.envs.testbeds.making import make_checked, testbed_of
+from integ_gym.envs.testbeds.making import find_testbed, make_checked
 from integ_gym.evidence.context import EpisodeContext
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.evidence.vector_recorder import RecordVectorEvidence
@@ -37,7 +37,7 @@ def acrobot(tmp_path, monkeypatch):
 
 
 def test_the_example_keeps_its_decisions_at_every_step(acrobot):
-    testbed = testbed_of(acrobot, {"success_return": -150.0})
+    testbed = find_testbed(acrobot, {"success_return": -150.0})
     assert testbed.success.goal == "return of at least -150"
     for dt, count in ((0.2, 1), (0.1, 2), (0.05, 4)):
         environments = make_checked(testbed, replace(testbed.home, dt=dt), 2)
@@ -52,7 +52,7 @@ def test_the_example_keeps_its_decisions_at_every_step(acrobot):
 
 
 def test_a_step_that_does_not_divide_is_refused(acrobot):
-    testbed = testbed_of(acrobot, {})
+    testbed = find_testbed(acrobot, {})
     for change, message in (
         ({"dt": 0.03}, r"`control_period`=0.2 s is not a whole multiple"),
         ({"integrator": "euler"}, "unknown integrator of Acrobot 'euler'"),
@@ -76,7 +76,7 @@ class Deaf(GymTestbed):
 
 
 def test_what_is_applied_decides():
-    deaf = testbed_of(f"{__name__}:Deaf", {"g": 9.81})
+    deaf = find_testbed(f"{__name__}:Deaf", {"g": 9.81})
     make_checked(deaf, deaf.home, 1).close()
     with pytest.raises(ValueError, match=r"`dt`=0\.025 was asked for, .* applies 0\.05;"):
         make_checked(deaf, replace(deaf.home, dt=0.025), 1)
@@ -85,7 +85,7 @@ def test_what_is_applied_decides():
 @pytest.mark.parametrize("env_id", CLASSIC)
 def test_at_home_it_is_the_library_s_own(env_id):
     """Same seed, same actions: the same observations and rewards, to the bit."""
-    testbed, stock = testbed_of(env_id, {}), gym.make(env_id)
+    testbed, stock = find_testbed(env_id, {}), gym.make(env_id)
     environments = make_checked(testbed, testbed.home, 1)
     observation, _ = environments.reset(seed=3)
     assert np.array_equal(observation[0], stock.reset(seed=3)[0])
@@ -102,7 +102,7 @@ def test_at_home_it_is_the_library_s_own(env_id):
 
 
 def test_what_is_not_known_is_null_in_records(tmp_path):
-    testbed = testbed_of("CartPole-v1", {})
+    testbed = find_testbed("CartPole-v1", {})
     environments = make_checked(testbed, replace(testbed.home, dt=0.01), 2)
     recorder = RecordVectorEvidence(environments, tmp_path, EpisodeContext("run", "cell"))
     recorder.reset(seed=[1, 2])

@@ -25,10 +25,9 @@ SCRIPT = """
 import json, sys
 from dataclasses import replace
 import numpy as np
-from integ_gym.envs import testbed_of
-from integ_gym.envs.testbeds import make_checked
+from integ_gym.envs.testbeds.making import find_testbed, make_checked
 
-testbed = testbed_of(sys.argv[1], {})
+testbed = find_testbed(sys.argv[1], {})
 home = testbed.home
 other = replace(home, integrator=sys.argv[2], dt=home.dt / 2)
 told = {"home": home.arguments(), "control_period": testbed.control_period}

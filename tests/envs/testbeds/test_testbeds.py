@@ -18,9 +18,9 @@ from integ_gym.envs.testbeds.interface import Applied
 from integ_gym.envs.testbeds.jax_tasks import BraxTask, Playground
 from integ_gym.envs.testbeds.making import (
     IntegTestbed,
+    find_testbed,
     make_checked,
     make_training_environments,
-    testbed_of,
 )
 from integ_gym.envs.testbeds.remote import RemoteTestbed
 
@@ -37,7 +37,7 @@ def _folder(tmp_path, monkeypatch):
 def _testbed(env_id, **arguments):
     if env_id == TASK:
         needs("mujoco")
-    return testbed_of(env_id, arguments)
+    return find_testbed(env_id, arguments)
 
 
 class Lacking(integ_gym.GymTestbed):
@@ -77,7 +77,7 @@ class Mistaken(Silent):
 )
 def test_a_testbed_of_ones_own_with_a_mistake_is_told_which(owner, message):
     def made():
-        testbed = testbed_of(f"{__name__}:{owner.__name__}", {})
+        testbed = find_testbed(f"{__name__}:{owner.__name__}", {})
         return make_checked(testbed, testbed.home, 1)
 
     with pytest.raises((TypeError, ValueError), match=message):
@@ -189,7 +189,7 @@ class Truncating(IntegTestbed):
 
 
 def test_a_step_that_is_rounded_is_refused_with_both_values():
-    testbed = testbed_of(f"{__name__}:Rounding", {"max_torque": 1.0})
+    testbed = find_testbed(f"{__name__}:Rounding", {"max_torque": 1.0})
     exact = Discretization("rk4", 0.025, 0.05)
     make_checked(testbed, exact, 1).close()
     with pytest.raises(ValueError, match=r"`dt`=0\.01202 was asked for, .* applies 0\.012;"):
@@ -197,7 +197,7 @@ def test_a_step_that_is_rounded_is_refused_with_both_values():
 
 
 def test_sub_steps_that_do_not_fill_the_control_period_are_refused():
-    testbed = testbed_of(f"{__name__}:Truncating", {})
+    testbed = find_testbed(f"{__name__}:Truncating", {})
     with pytest.raises(ValueError, match=r"`control_period`=0\.05 was asked .* applies 0\.025;"):
         make_checked(testbed, Discretization("rk4", 0.025, 0.05), 1)
 
@@ -228,7 +228,7 @@ def test_what_a_task_cannot_have_is_refused(changes, message):
 def test_unknown_ids_are_refused_with_what_is_possible(env_id, message):
     needs("mujoco")
     with pytest.raises(ValueError, match=message):
-        _ = testbed_of(env_id, {}).home
+        _ = find_testbed(env_id, {}).home
 
 
 @pytest.mark.parametrize("env_id", EVERY)
@@ -263,7 +263,7 @@ class RaisingItself(integ_gym.GymTestbed):
 
 @pytest.mark.parametrize("kind", ["AssertionError", "KeyError", "ValueError", "RuntimeError"])
 def test_whatever_a_constructor_raises_is_one_sentence(kind):
-    testbed = testbed_of(f"{__name__}:Raising", {"kind": kind, "message": "no such door"})
+    testbed = find_testbed(f"{__name__}:Raising", {"kind": kind, "message": "no such door"})
     with pytest.raises(ValueError, match="of Raising cannot be made: " + kind + ".*no such door"):
         make_checked(testbed, testbed.home, 1)
     with pytest.raises(ValueError, match="of Raising cannot be made: " + kind + ".*no such door"):
@@ -271,11 +271,11 @@ def test_whatever_a_constructor_raises_is_one_sentence(kind):
 
 
 def test_an_exception_without_a_message_tells_the_line():
-    testbed = testbed_of(f"{__name__}:Raising", {})
+    testbed = find_testbed(f"{__name__}:Raising", {})
     with pytest.raises(ValueError, match=r"AssertionError in `raise self\.kind\(.*\(test_test"):
         make_checked(testbed, testbed.home, 1)
     with pytest.raises(ValueError, match=r"RaisingItself cannot be made: .*`raise Asser"):
-        testbed_of(f"{__name__}:RaisingItself", {})
+        find_testbed(f"{__name__}:RaisingItself", {})
 
 
 class _Asserting:
@@ -288,7 +288,7 @@ def test_a_task_that_gymnasium_cannot_make_is_one_sentence():
     gym.register("Asserting-v0", f"{__name__}:_Asserting", max_episode_steps=5)
     try:
         with pytest.raises(ValueError, match="cannot make 'Asserting-v0': AssertionError in `rai"):
-            _ = testbed_of("Asserting-v0", {}).home
+            _ = find_testbed("Asserting-v0", {}).home
     finally:
         gym.registry.pop("Asserting-v0")
 
@@ -307,12 +307,12 @@ def test_a_task_that_gymnasium_cannot_make_is_one_sentence():
 def test_where_a_task_ends_at_its_goal_surviving_is_no_success(env_id, goal):
     if env_id not in CLASSIC:
         needs("mujoco")
-    testbed = testbed_of(env_id, {})
+    testbed = find_testbed(env_id, {})
     assert testbed.success.goal == goal
     environments = make_checked(testbed, testbed.home, 1)
     assert environments.setups[0].task.goal == goal
     environments.close()
-    stated = testbed_of(env_id, {"success_return": -7.5})
+    stated = find_testbed(env_id, {"success_return": -7.5})
     assert stated.success.goal == "return of at least -7.5"
 
 
@@ -327,7 +327,7 @@ class Car(Silent):
 
 
 def test_a_testbed_of_ones_own_has_the_threshold_of_its_id():
-    testbed = testbed_of(f"{__name__}:Car", {})
+    testbed = find_testbed(f"{__name__}:Car", {})
     assert testbed.success == integ_gym.Success("return of at least 90", "success_return", 90.0)
 
 
@@ -346,12 +346,12 @@ def test_without_a_threshold_a_return_is_asked_for(monkeypatch):
 def test_tasks_of_dm_control_that_end_at_their_goal_ask_for_a_return(task):
     """Nothing is started for it."""
     with pytest.raises(ValueError, match=f"{task} ends at its goal"):
-        _ = testbed_of(f"dm_control:{task}", {}).success
-    assert testbed_of("dm_control:cartpole.swingup", {}).success.goal == SURVIVAL
+        _ = find_testbed(f"dm_control:{task}", {}).success
+    assert find_testbed("dm_control:cartpole.swingup", {}).success.goal == SURVIVAL
 
 
 def test_acrobot_that_swings_up_succeeds_and_one_that_hangs_does_not():
-    testbed = testbed_of("Acrobot-v1", {})
+    testbed = find_testbed("Acrobot-v1", {})
     for swings, expected in ((True, True), (False, False)):
         environments = make_checked(testbed, testbed.home, 1)
         observation, _ = environments.reset(seed=1)

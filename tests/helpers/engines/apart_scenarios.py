@@ -20,7 +20,7 @@ from exchanges import record
 
 from integ_gym.envs.numerics.stepping import one_step
 from integ_gym.envs.registries import ENGINES
-from integ_gym.envs.testbeds.making import make_checked, testbed_of
+from integ_gym.envs.testbeds.making import find_testbed, make_checked
 from integ_gym.eval.census.published.isaaclab import decision, plant_of
 
 
@@ -47,7 +47,7 @@ def task(env_id: str, integrator: str) -> dict[str, Any]:
 
     Two lanes take the same actions twice over, from the same seeds.
     """
-    testbed = testbed_of(env_id, {})
+    testbed = find_testbed(env_id, {})
     home = testbed.home
     found: dict[str, Any] = {"home": home.arguments()}
     other = replace(home, integrator=integrator, dt=home.dt / 2)

@@ -409,7 +409,7 @@ import jax, torch, stable_baselines3
 
 def run():
     values, environ = {n: jax.config.values[n] for n in jax.config.values}, dict(os.environ)
-    from integ_gym.train.fleet import train_fleet
+    from integ_gym import train_fleet
     from integ_gym.train.ppo import PPOConfig
     small = dict(n_envs=4, n_steps=32, batch_size=64, n_epochs=1, total_steps=128, net_arch=(8,))
     configs = [PPOConfig.of("IntegPendulum-v0", seed=s, **small) for s in (0, 1)]
@@ -432,7 +432,7 @@ HERE = """
 import sys
 from pathlib import Path
 from integ_gym.cli import main
-from integ_gym.train import train_fleet
+from integ_gym import train_fleet
 from integ_gym.train.ppo import PPOConfig
 
 if __name__ == "__main__":

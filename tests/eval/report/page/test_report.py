@@ -317,7 +317,7 @@ def test_neither_needs_more_than_its_own_package(tmp_path: Path) -> None:
     code = (
         "import sys; import integ_gym.eval.report.page.page, integ_gym.eval.report.write_figures; "
         "assert not {'matplotlib', 'jinja2'} & set(sys.modules); "
-        "from pathlib import Path; from integ_gym.eval.panel.model import read_panel; "
+        "from pathlib import Path; from integ_gym.eval.panel.model.files import read_panel; "
         "import integ_gym.eval.report.write_figures as f; "
         "f.write_figures(read_panel(Path('panel.json')), '.'); "
         "assert 'matplotlib.pyplot' not in sys.modules"

@@ -10,7 +10,7 @@ import pytest
 from engine_cases import needs
 
 from integ_gym.envs.settings import Discretization
-from integ_gym.envs.testbeds.making import testbed_of
+from integ_gym.envs.testbeds.making import find_testbed
 from integ_gym.eval.panel.running.evaluation.replays import Successes
 from integ_gym.eval.panel.running.evaluation.subjects import Subject, divided, evaluate
 from integ_gym.eval.panel.running.evaluation.units import batches_of, evaluation_seconds
@@ -117,7 +117,7 @@ def test_episodes_of_a_task_without_lanes_are_divided_without_a_trace(tmp_path, 
     needs("mujoco")
     monkeypatch.chdir(tmp_path)
     env_id, store = "InvertedPendulum-v5", EvidenceStore(tmp_path / "evidence")
-    testbed = testbed_of(env_id, {})
+    testbed = find_testbed(env_id, {})
     cells = tuple(Cell(replace(testbed.home, integrator=i), "grid") for i in ("RK4", "Euler"))
     random = make_baseline("random", nominal_setup(testbed, testbed.home.control_period))
     subject = Subject(random, cells, cells[0].discretization, 0)
