@@ -31,7 +31,7 @@ class Origin:
 
     Attributes:
         of: what they are read from: ``context``, an episode's
-            :class:`~integ_gym.evidence.record.EpisodeContext`; ``setup``, its setup and
+            :class:`~integ_gym.evidence.context.EpisodeContext`; ``setup``, its setup and
             lane; ``head``, the :class:`~integ_gym.evidence.episode_log.EpisodeHeads`
             of many episodes and all contexts; ``rows``, the
             :class:`~integ_gym.evidence.record.EpisodeRows` of many episodes.

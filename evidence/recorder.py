@@ -127,7 +127,7 @@ class Recorder:
         """The finished episodes as a table, to be committed with others; None if there are none.
 
         Args:
-            replays: see :data:`integ_gym.evidence.labels.ReplayLookups`.
+            replays: see :data:`integ_gym.evidence.attribution.ReplayLookups`.
         """
         table = self._table(record_table, replays)
         self._log.clear()
@@ -139,7 +139,7 @@ class Recorder:
         Args:
             name: name of the batch; by default made of environment, cell, policy and episodes, so
                 that the same work done twice is refused.
-            replays: see :data:`integ_gym.evidence.labels.ReplayLookups`.
+            replays: see :data:`integ_gym.evidence.attribution.ReplayLookups`.
 
         Raises:
             BatchExistsError: if the batch has been committed before.

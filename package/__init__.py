@@ -25,7 +25,7 @@ _MODULES = {
     "Command": "integ_gym.envs.tasks.interface",
     "Discretization": "integ_gym.envs.settings",
     "discretization_gap": "integ_gym.train.monitoring",
-    "DiscretizationCallback": "integ_gym.train.monitoring",
+    "DiscretizationCallback": "integ_gym.train.sb3_callback",
     "Engine": "integ_gym.envs.engines.interface",
     "ENVIRONMENTS": "integ_gym.envs.registries",
     "EpisodeContext": "integ_gym.evidence.context",

@@ -32,7 +32,6 @@ from integ_gym.support.parameters import parameter as parameter
 from integ_gym.support.parameters import positive as positive
 from integ_gym.train.config import TrainingEvidence as TrainingEvidence
 from integ_gym.train.fleet.training import train_fleet as train_fleet
-from integ_gym.train.monitoring import DiscretizationCallback as DiscretizationCallback
 from integ_gym.train.monitoring import discretization_gap as discretization_gap
 from integ_gym.train.policy import Policy as Policy
 from integ_gym.train.policy_files.writing import save_policy as save_policy
@@ -41,3 +40,4 @@ from integ_gym.train.ppo import PPOConfig as PPOConfig
 from integ_gym.train.ppo import train_ppo as train_ppo
 from integ_gym.train.sac import SACConfig as SACConfig
 from integ_gym.train.sac import train_sac as train_sac
+from integ_gym.train.sb3_callback import DiscretizationCallback as DiscretizationCallback

@@ -5,6 +5,7 @@ from __future__ import annotations
 import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
+from inspect import isfunction
 from pathlib import Path
 
 
@@ -12,6 +13,13 @@ def raised_here(error: BaseException) -> bool:
     """Whether an error was raised by this package's own code, and not by what it calls."""
     frames = [frame for frame, _ in traceback.walk_tb(error.__traceback__)]
     return bool(frames) and str(frames[-1].f_globals.get("__name__", "")).startswith("integ_gym.")
+
+
+def is_raised_under(owner: type, error: BaseException) -> bool:
+    """Whether an error was raised by a method of a class, or by what that called."""
+    methods = (m for base in owner.__mro__ for m in vars(base).values() if isfunction(m))
+    codes = {method.__code__ for method in methods}
+    return any(frame.f_code in codes for frame, _ in traceback.walk_tb(error.__traceback__))
 
 
 def describe_exception(error: BaseException) -> str:

@@ -7,7 +7,6 @@ import importlib
 import inspect
 from collections.abc import Mapping
 from functools import cached_property
-from importlib.metadata import entry_points
 from typing import Any
 
 from .parameters import unknown_name
@@ -32,6 +31,8 @@ class Registry:
 
     @cached_property
     def _added(self) -> dict[str, str]:
+        from importlib.metadata import entry_points
+
         found = entry_points(group=self._group) if self._group else ()
         return {point.name: point.value for point in found if point.name not in self.parts}
 

@@ -72,7 +72,7 @@ class Storage:
         Raises:
             Busy: if another driver holds it.
         """
-        from .processes import FileLock  # of the extra `evidence`
+        from .locks import FileLock
 
         lock = FileLock(self.path / LOCK)
         if not lock.acquire(holder_text()):

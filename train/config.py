@@ -13,11 +13,12 @@ import gymnasium as gym
 import numpy as np
 
 from integ_gym.envs.catalogue.lookup import OTHER_TESTBEDS
-from integ_gym.envs.registries import ENVIRONMENTS
+from integ_gym.envs.registries import ENVIRONMENTS, INTEGRATORS
 from integ_gym.envs.settings import Mixture
 from integ_gym.evidence.context import EpisodeContext
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.evidence.vector_recorder import RecordVectorEvidence
+from integ_gym.support.errors import is_raised_under
 from integ_gym.support.parameters import (
     check_values,
     nonnegative,
@@ -46,11 +47,11 @@ def explained(config: TrainingConfig, mixture: Mixture) -> Iterator[None]:
         yield
     except Exception as error:
         names = dict.fromkeys(setup.settings.integrator for setup in mixture.setups)
-        own = [name for name in names if ":" in name]
-        if own and not isinstance(error, ValueError):
+        own = (name for name in names if ":" in name)
+        failed = [n for n in own if is_raised_under(INTEGRATORS.load(n), error)]
+        if failed:
             raise TrainingError(
-                f"the integrator {' or '.join(map(repr, own))} failed: {type(error).__name__}: "
-                f"{error}; "
+                f"the integrator {failed[0]!r} failed: {type(error).__name__}: {error}; "
                 "docs/how-to/adding.md says what an integrator must be"
             ) from error
         if not isinstance(error, ValueError):

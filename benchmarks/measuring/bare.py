@@ -214,7 +214,7 @@ def casadi(setup: Setup) -> Bare:
     """CasADi's `rk` as a function that is called with arrays."""
     import casadi as ca
 
-    from integ_gym.envs.engines.casadi import CasadiOps, Expression, plain
+    from integ_gym.envs.engines.casadi_ops import CasadiOps, Expression, plain
 
     plant, n, count = setup.plant, len(setup.plant.coordinates), setup.timing.substeps
     x, u = ca.SX.sym("x", 2 * n), ca.SX.sym("u")

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import math
-import operator
-import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import redirect_stderr
 from io import StringIO
 from math import nan
-from typing import Any, ClassVar, NoReturn
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -17,105 +14,10 @@ from integ_gym.support.optional import load
 
 from ..integrators.interface import Step
 from ..mechanics import PlantSystem
-from ..ops.ops import SCALAR, Component, Components, Ops, repeat
+from ..ops.ops import Component, Components, Ops
 from ..registries import TRUTH
 from .rigid import Array
 from .stepping import MappedEngine, Run, guarded
-
-casadi = load("casadi", "casadi")
-
-
-def plain(x: Component) -> Any:
-    """What CasADi takes for a component: its own symbols, and numbers."""
-    return x.sx if isinstance(x, Expression) else x
-
-
-def _noted(function: Callable[..., Any]) -> Callable[..., Expression]:
-    return lambda *operands: Expression(function(*map(plain, operands)))
-
-
-def _reflected(function: Callable[..., Any]) -> Callable[..., Expression]:
-    return lambda a, b: Expression(function(plain(b), plain(a)))
-
-
-class Expression:
-    """A scalar `casadi.SX` with all the operators of a component; SX has no ``&`` and ``|``."""
-
-    __slots__ = ("sx",)
-    __array_ufunc__ = None
-    __hash__ = None  # type: ignore[assignment]
-
-    def __init__(self, sx: Any) -> None:
-        self.sx = sx
-
-    def __bool__(self) -> bool:
-        raise TypeError("the truth of a component is not known when its equations are written")
-
-    __add__, __radd__ = _noted(operator.add), _reflected(operator.add)
-    __sub__, __rsub__ = _noted(operator.sub), _reflected(operator.sub)
-    __mul__, __rmul__ = _noted(operator.mul), _reflected(operator.mul)
-    __truediv__, __rtruediv__ = _noted(operator.truediv), _reflected(operator.truediv)
-    __mod__, __rmod__ = _noted(operator.mod), _reflected(operator.mod)
-    __pow__, __rpow__ = _noted(operator.pow), _reflected(operator.pow)
-    __neg__, __pos__, __abs__ = _noted(operator.neg), _noted(operator.pos), _noted(casadi.fabs)
-    __lt__, __le__ = _noted(operator.lt), _noted(operator.le)
-    __gt__, __ge__ = _noted(operator.gt), _noted(operator.ge)
-    __eq__, __ne__ = _noted(operator.eq), _noted(operator.ne)  # type: ignore[assignment]
-    __and__ = __rand__ = _noted(casadi.logic_and)
-    __or__ = __ror__ = _noted(casadi.logic_or)
-
-
-def _called(name: str) -> Callable[[Component], Component]:
-    """A function of one expression, or of a number."""
-
-    def call(x: Component, /) -> Component:
-        if isinstance(x, Expression):
-            return Expression(getattr(casadi, name)(x.sx))
-        return getattr(SCALAR, name)(x)
-
-    return call
-
-
-class CasadiOps:
-    """The arithmetic of expressions; see :class:`integ_gym.envs.ops.ops.Ops`."""
-
-    epsilon = SCALAR.epsilon
-    repeat = staticmethod(repeat)
-
-    sin, cos = staticmethod(_called("sin")), staticmethod(_called("cos"))
-    floor, sqrt = staticmethod(_called("floor")), staticmethod(_called("sqrt"))
-    tanh = staticmethod(_called("tanh"))
-
-    def usually(self, condition: Component, /) -> Component:
-        return condition
-
-    rarely = usually
-
-    def where(self, condition: Component, a: Component, b: Component, /) -> Component:
-        if not isinstance(condition, Expression):
-            return a if condition else b
-        return Expression(casadi.if_else(condition.sx, plain(a), plain(b)))
-
-    def minimum(self, a: Component, b: Component, /) -> Component:
-        return self.where(a <= b, a, self.where(b < a, b, math.nan))
-
-    def maximum(self, a: Component, b: Component, /) -> Component:
-        return self.where(a >= b, a, self.where(b > a, b, math.nan))
-
-    def isfinite(self, x: Component, /) -> Component:
-        return abs(x) <= sys.float_info.max
-
-    def any(self, condition: Component, /) -> Component:
-        return condition
-
-    def while_loop(self, *_: Any, **__: Any) -> NoReturn:
-        """Not possible: a CasADi expression has no loops whose length it finds by itself."""
-        raise TypeError("a plant with a `while_loop` cannot be told to CasADi; use engine 'native'")
-
-    def foreign(self, *_: Any, **__: Any) -> NoReturn:
-        """Not possible: a CasADi expression is made of CasADi's own operations."""
-        raise TypeError("a plant with a `foreign` part cannot be told to CasADi")
-
 
 TOLERANCE = 1e-12
 """Of Newton's defect and correction, and of the local error of an adaptive integrator."""
@@ -180,6 +82,8 @@ class CasadiEngine(MappedEngine):
 
 def _equations(system: PlantSystem) -> dict[str, Any]:
     """(q, v, losses)' as CasADi's expression of (q, v, losses) and the control."""
+    from .casadi_ops import CasadiOps, Expression, plain
+
     casadi = load("casadi", "casadi")
 
     n = len(system.plant.coordinates)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from ..sequential_vector import DiscretizedVectorEnv
-from ..settings import Discretization
+from ..settings import Discretization, whole_multiple
 
 REFINEMENTS = (1, 2, 4)
 """Parts of a home's coarsest step that are evaluated where no steps are given."""
@@ -106,3 +106,14 @@ class Testbed(Hashable, Protocol):
 
     def applied(self, environments: DiscretizedVectorEnv) -> Applied:
         """What the environments that it made really do."""
+
+
+def split_period(testbed: Testbed, discretization: Discretization) -> tuple[float, int]:
+    """The control period asked for, s, else the testbed's own; and its integration steps.
+
+    Raises:
+        ValueError: for a step that does not divide it.
+    """
+    asked = discretization.control_period
+    period = testbed.control_period if asked is None else asked
+    return period, whole_multiple("control_period", period, "dt", discretization.dt)

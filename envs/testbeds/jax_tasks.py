@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from integ_gym.support.optional import check_versions, load
 from integ_gym.support.parameters import unknown_name
 
-from ..settings import Discretization, whole_multiple
+from ..settings import Discretization
 from .gym_testbed import GymTestbed
-from .interface import Applied
+from .interface import Applied, split_period
 
 
 class StatePassing(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
@@ -134,9 +134,7 @@ class Playground(GymTestbed):
             ValueError: for a step that does not divide the control period, or a configuration that
                 Playground does not take.
         """
-        period = discretization.control_period
-        period = self.control_period if period is None else period
-        whole_multiple("control_period", period, "dt", discretization.dt)
+        period, _ = split_period(self, discretization)
         made: gym.Env[Any, Any] = self._made(
             discretization.integrator, discretization.dt, period, **arguments
         )
@@ -220,9 +218,7 @@ class BraxTask(GymTestbed):
         Raises:
             ValueError: for a step that does not divide the control period.
         """
-        period = discretization.control_period
-        period = self.control_period if period is None else period
-        count = whole_multiple("control_period", period, "dt", discretization.dt)
+        _, count = split_period(self, discretization)
         key = discretization.integrator, discretization.dt, count, json.dumps(arguments)
         if key not in self._tasks:
             chosen = {"backend": discretization.integrator, "n_frames": count}

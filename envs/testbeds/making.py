@@ -198,7 +198,7 @@ def make_training_environments(
     """Environments to train in, which reset within the step that ends an episode.
 
     Args:
-        env_id: see :func:`~integ_gym.envs.testbeds.find_testbed`.
+        env_id: see :func:`find_testbed`.
         arguments: of the environment, its discretization or ``mixture`` among them; what is left
             out is as the environment has it by itself.
         lanes: number of environments.

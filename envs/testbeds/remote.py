@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 
 from integ_gym.support.isolated import APART, Apart, Worker
 
-from ..settings import Discretization, whole_multiple
+from ..settings import Discretization
 from .gym_testbed import GymTestbed
-from .interface import Applied
+from .interface import Applied, split_period
 
 STARTING = 900.0
 """Time in which a library is imported and a task made, its programs compiled, s."""
@@ -100,9 +100,7 @@ class RemoteTestbed(GymTestbed):
         Raises:
             ValueError: for a step that does not divide the control period.
         """
-        period = discretization.control_period
-        period = self.control_period if period is None else period
-        whole_multiple("control_period", period, "dt", discretization.dt)
+        period, _ = split_period(self, discretization)
         given = {
             "task": self.task, "integrator": discretization.integrator, "dt": discretization.dt,
             "control_period": period, "arguments": arguments,

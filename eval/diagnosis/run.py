@@ -13,6 +13,7 @@ from typing import Any
 from integ_gym.envs.registries import INTEGRATORS
 from integ_gym.evidence.record import plain
 from integ_gym.evidence.store import EvidenceStore
+from integ_gym.support.errors import is_raised_under
 from integ_gym.support.files import cannot_write, make_folder, replace_file
 from integ_gym.support.processes import Progress, work_bar
 
@@ -122,8 +123,9 @@ class _Job:
         return diagnosis
 
     def _failure(self, error: Exception) -> str:
-        """A sentence on what failed."""
-        names = self.integrators
+        """A sentence on what failed, with whose step it was where one of them was at work."""
+        failed = (n for n in self.integrators if is_raised_under(INTEGRATORS.load(n), error))
+        names = tuple(failed) or self.integrators
         what = " ".join(str(error).split())
         own = any(":" in name for name in (self.subject.name, *names))
         remedy = (

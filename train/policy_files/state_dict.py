@@ -1,7 +1,7 @@
 """Weights saved by ``torch.save(model.state_dict(), path)``, as CleanRL's scripts do.
 
 Such a file holds numbers and their names: activation, bounds of the actions and normalization stand
-in the side-car, which says them (:func:`~integ_gym.train.policy_files.sidecar.write_sidecar`).
+in the side-car, which says them (:func:`~integ_gym.write_sidecar`).
 """
 
 from __future__ import annotations

@@ -176,7 +176,7 @@ def planned_key(versions: Mapping[str, str], engines: Iterable[str], **parts: An
     Args:
         versions: of the manifest.
         engines: packages of foreign engines that the unit depends on.
-        parts: see :func:`integ_gym.eval.panel.running.key_of`.
+        parts: see :func:`integ_gym.eval.panel.running.run_directory.key_of`.
     """
     names = ("python", *PACKAGES, *engines)
     return key_of({name: versions.get(name, "missing") for name in names}, **parts)

@@ -286,7 +286,7 @@ def test_other_evidence_is_not_overwritten(tmp_path, capsys):
         (["--integrator", "planted:Pair"], "cannot take a step on cart_pole"),
         (
             ["--plant", "pendulum", "--integrator", "rk4", "planted:Late"],
-            "with rk4, planted:Late failed",
+            "with planted:Late failed",
         ),
     ],
 )

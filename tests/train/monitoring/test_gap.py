@@ -10,8 +10,9 @@ from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.logger import KVWriter, Logger
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
-from integ_gym.train import monitoring as sb3_callback
-from integ_gym.train.monitoring import DiscretizationCallback, discretization_gap
+from integ_gym.train import sb3_callback
+from integ_gym.train.monitoring import discretization_gap
+from integ_gym.train.sb3_callback import DiscretizationCallback
 
 PUMPED = {"integrator": "explicit_euler", "dt": 0.05}
 SHORT = {"duration": 1.0, "start": "hanging"}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,36 +23,45 @@ class Raising(RK4):
     """A user's integrator that fails on the way."""
 
     steps = 0
+    kind: type[Exception] = KeyError
 
     def step(self, *arguments: Any) -> Any:
         Raising.steps += 1
         if Raising.steps > 5:
-            raise KeyError("no such\nthing")
+            raise self.kind("no such\nthing")
         return super().step(*arguments)
 
 
+@pytest.mark.parametrize(("kind", "said"), [(KeyError, "'no such"), (ValueError, "no such")])
 def test_an_integrator_that_fails_is_one_line_and_exit_code_2(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    kind: type[Exception],
+    said: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.setattr(Raising, "steps", 0)
+    monkeypatch.setattr(Raising, "kind", kind)
     own = ["--integrator", f"{__name__}:Raising"]
     assert main([*FLAGS, *own, "--out", str(tmp_path), "--no-tensorboard", "--no-progress"]) == 2
     error = capsys.readouterr().err
-    assert f"the integrator '{__name__}:Raising' failed: KeyError: 'no such" in error
+    assert f"the integrator '{__name__}:Raising' failed: {kind.__name__}: {said}" in error
     assert error.count("\n") == 1
     assert files_of(tmp_path) == set()
 
 
+@pytest.mark.parametrize("own", [False, True])
 def test_a_wrapper_that_fails_is_not_blamed_on_an_integrator(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    own: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     class Failing(Recorder):
         def step(self, actions: Any) -> Any:
             raise KeyError("a mistake of its own")
 
     looked_on(monkeypatch, Failing)
+    chosen = {**SMALL.env_arguments, "integrator": f"{__name__}:Raising" if own else "rk4"}
     with pytest.raises(KeyError, match="a mistake of its own"):
-        trained(SMALL, tmp_path)
+        trained(replace(SMALL, env_arguments=chosen), tmp_path)
 
 
 @pytest.mark.parametrize("last", [False, True])

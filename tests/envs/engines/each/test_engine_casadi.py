@@ -110,7 +110,7 @@ def test_every_operation_of_a_component_can_be_told():
 @pytest.mark.parametrize("pair", [(1.0, 2.0), (2.0, 1.0), (math.nan, 1.0), (1.0, math.nan)])
 def test_extremes_are_those_of_the_scalar_world(casadi, name, pair):
     """NaN if either is: CasADi's own `fmin` and `fmax` pass it over."""
-    from integ_gym.envs.engines.casadi import CasadiOps, Expression, plain
+    from integ_gym.envs.engines.casadi_ops import CasadiOps, Expression, plain
 
     symbols = casadi.SX.sym("a"), casadi.SX.sym("b")
     told = getattr(CasadiOps(), name)(*map(Expression, symbols))

@@ -23,7 +23,7 @@ STOPPED = {"env_id": "IntegCartPoleSwingUp-v0", "contact": "engine", "dt": 0.001
 def program():
     """The module of MJX's functions."""
     needs("mjx")
-    from integ_gym.envs.engines import mjx as _mjx_program
+    from integ_gym.envs.engines import mjx_program as _mjx_program
 
     return _mjx_program
 
