@@ -9,18 +9,18 @@ import numpy as np
 from integ_gym.eval.panel.model.panel import Panel
 from integ_gym.eval.report.episodes import (
     MOST_POLICIES,
+    Episodes,
     Outcomes,
-    Told,
     Trace,
-    chosen,
-    with_policies,
+    choose_episodes,
+    live_of,
 )
 from integ_gym.train.policy import BoxActions, MlpPolicy
 
 SAMPLES = 241
 
 
-def told_of(panel: Panel, episodes: int = 20, trace_every: int = 4, seed: int = 0) -> Told:
+def told_of(panel: Panel, episodes: int = 20, trace_every: int = 4, seed: int = 0) -> Episodes:
     """Outcomes by the panel's rates, ledgers, and the traces that a page would choose."""
     rng = np.random.default_rng(seed)
     outcomes = {}
@@ -34,14 +34,14 @@ def told_of(panel: Panel, episodes: int = 20, trace_every: int = 4, seed: int = 
         traced = np.broadcast_to(np.arange(episodes) % trace_every == 0, shape)
         ledger = np.stack((motor, numerics, np.zeros(shape)))
         outcomes[entry.row, entry.cell] = Outcomes(label, ledger, time, traced)
-    leads = chosen(panel, outcomes)
+    leads = choose_episodes(panel, outcomes)
     keys = {
         (lead.row, cell, lead.seed, lead.episode): lead for lead in leads for cell in lead.cells
     }
     traces = tuple(_trace(key, outcomes, rng) for key in keys)
     places = list(dict.fromkeys((lead.row, lead.seed) for lead in leads))[:MOST_POLICIES]
-    live = with_policies(panel, leads, {place: network(rng) for place in places})
-    return Told(outcomes, tuple(leads), traces, live)
+    live = live_of(panel, leads, {place: network(rng) for place in places})
+    return Episodes(outcomes, tuple(leads), traces, live)
 
 
 def network(rng: np.random.Generator, width: int = 64) -> MlpPolicy:

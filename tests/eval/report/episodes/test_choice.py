@@ -12,7 +12,7 @@ from report_pages import panel_from, panel_of, raw_of
 from integ_gym.eval.panel.answer import finding_of
 from integ_gym.eval.panel.model.panel import Panel
 from integ_gym.eval.panel.model.part import Estimate
-from integ_gym.eval.report.episodes import Outcomes, chosen, chosen_words
+from integ_gym.eval.report.episodes import Outcomes, choice_words, choose_episodes
 
 EPISODES = 4
 
@@ -33,7 +33,7 @@ def test_the_first_film_shows_why_a_policy_fails() -> None:
     """The start whose success at home hangs most on the numerics, and where else it fails."""
     panel = panel_of("full")
     outcomes = outcomes_of(panel)
-    first = chosen(panel, outcomes)[0]
+    first = choose_episodes(panel, outcomes)[0]
     row, cell, home = first.row, first.cell, first.cells[0]
     assert home != cell
     third, fourth = [x for x in first.cells[2:] if panel.cell(x).achievability == "achievable"][-2:]
@@ -45,7 +45,7 @@ def test_the_first_film_shows_why_a_policy_fails() -> None:
     at_home.ledger[1, 0] = [0.0, 0.5, -2.0, 9.0]
     outcomes[row, third].label[0] = "discretization_error"
     outcomes[row, fourth].ledger[1, 0] = 50.0
-    lead = chosen(panel, outcomes)[0]
+    lead = choose_episodes(panel, outcomes)[0]
     assert (lead.row, lead.cell, lead.seed, lead.episode) == (row, cell, 0, 2)
     assert lead.cells[:4] == (home, cell, third, fourth)
     assert set(lead.cells) == set(first.cells)
@@ -54,7 +54,7 @@ def test_the_first_film_shows_why_a_policy_fails() -> None:
 def test_without_a_family_the_first_film_is_of_the_largest_loss_that_says_something() -> None:
     """Losses where nobody succeeds in time judge the simulator, however large they are."""
     panel = msgspec.structs.replace(panel_of("full"), verdicts=())
-    leads = chosen(panel, outcomes_of(panel))
+    leads = choose_episodes(panel, outcomes_of(panel))
     first = panel.exploratory[0]
     assert (leads[0].row, leads[0].cell) == (first.row, first.cell)
     raised = Estimate(first.overfitting.estimate + 1.0)
@@ -64,11 +64,11 @@ def test_without_a_family_the_first_film_is_of_the_largest_loss_that_says_someth
         for entry in panel.matrix
     ]
     again = msgspec.structs.replace(panel, matrix=tuple(matrix))
-    leads = chosen(again, outcomes_of(again))
+    leads = choose_episodes(again, outcomes_of(again))
     assert (leads[0].row, leads[0].cell) == (first.row, first.cell)
     assert all(lost not in lead.cells[:3] for lead in leads)
-    assert "of the 8 cells in which most success is lost" in chosen_words(panel)
-    assert "of the declared family" in chosen_words(panel_of("full"))
+    assert "of the 8 cells in which most success is lost" in choice_words(panel)
+    assert "of the declared family" in choice_words(panel_of("full"))
 
 
 def given_at_home(lost: float) -> Panel:
@@ -91,7 +91,7 @@ def test_the_first_film_shows_what_the_first_line_says(lost: float, kind: str) -
     row, truth = panel.rows[0].name, panel.truth
     assert truth is not None
     outcomes[row, truth.name].label[0, 1] = "discretization_error"
-    first = chosen(panel, outcomes)[0]
+    first = choose_episodes(panel, outcomes)[0]
     finding = finding_of(panel)
     assert finding is not None
     assert (first.row, first.cell) == (finding.row, finding.cell) == (row, truth.name)

@@ -12,7 +12,7 @@ from report_pages import Page, panel_of
 
 from integ_gym.envs.settings import NATIVE
 from integ_gym.eval.panel.model.matrix import Policy
-from integ_gym.eval.report.episodes import MOST_POLICIES, policy_read
+from integ_gym.eval.report.episodes import MOST_POLICIES, read_network
 from integ_gym.eval.report.page import render
 from integ_gym.train.policy_files.writing import save_policy
 
@@ -26,14 +26,14 @@ def told(tmp_path: Path) -> Policy:
 
 
 def test_a_policy_is_read_if_it_is_the_one_that_was_judged(told: Policy, tmp_path: Path) -> None:
-    found = policy_read(told, tmp_path)
+    found = read_network(told, tmp_path)
     assert found is not None
     assert found.content_hash == told.hash
     other = Policy(id="mine", seed=0, hash="0" * 64, file=told.file)
-    assert policy_read(other, tmp_path) is None
+    assert read_network(other, tmp_path) is None
     (tmp_path / "policy.safetensors").write_bytes(b"broken")
-    assert policy_read(told, tmp_path) is None
-    assert policy_read(told, tmp_path / "elsewhere") is None
+    assert read_network(told, tmp_path) is None
+    assert read_network(told, tmp_path / "elsewhere") is None
 
 
 def test_networks_that_the_page_cannot_evaluate_are_left_out(tmp_path: Path) -> None:
@@ -43,7 +43,7 @@ def test_networks_that_the_page_cannot_evaluate_are_left_out(tmp_path: Path) -> 
     }.items():
         save_policy(policy, tmp_path / f"{name}.safetensors", "IntegPendulum-v0", home=None)
         said = Policy(id=name, seed=0, hash=policy.content_hash, file=f"{name}.safetensors")
-        assert policy_read(said, tmp_path) is None
+        assert read_network(said, tmp_path) is None
 
 
 def test_a_page_says_what_it_simulates_and_what_is_recorded_only() -> None:

@@ -19,9 +19,9 @@ from report_pages import Page, every_panel, page_of, panel_from, panel_of, raw_o
 
 from integ_gym.eval.panel.answer import answer_lines
 from integ_gym.eval.report import page as report_page
-from integ_gym.eval.report.cards import LABEL_WORDS
 from integ_gym.eval.report.figures import write_figures
 from integ_gym.eval.report.page import render, write_report
+from integ_gym.eval.report.payload import LABEL_WORDS
 from integ_gym.evidence.fields import LABELS
 from integ_gym.support.terminal import fixed, together, true_minus
 
