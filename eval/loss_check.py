@@ -20,6 +20,7 @@ import numpy as np
 from integ_gym.envs.catalogue.lookup import is_integ_environment
 from integ_gym.envs.settings import DISCRETIZATION, NATIVE, Discretization
 from integ_gym.envs.testbeds.making import find_testbed
+from integ_gym.support.errors import InputError
 from integ_gym.support.optional import require
 
 from .panel.answer import Cause, cause_of, closed_words
@@ -259,7 +260,7 @@ def _home(
     """What the policies learn in."""
     for name in DISCRETIZATION:
         if name in environment:
-            raise ValueError(f"`environment` gives `{name}`; give it as an argument of its own")
+            raise InputError(f"`environment` gives `{name}`; give it as an argument of its own")
     testbed = find_testbed(env_id, environment)
     period = testbed.control_period if control_period is None else control_period
     home = Discretization(
@@ -269,7 +270,7 @@ def _home(
         testbed.home.engine if engine is None else engine,
     )
     if home.integrator == "reference" and home.engine == NATIVE:
-        raise ValueError(
+        raise InputError(
             "`reference` is the truth itself, so that nothing can be lost on it; check another "
             "integrator"
         )

@@ -11,6 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from integ_gym.support.errors import InputError, InputTypeError
 from integ_gym.support.executors import Resources, open_cluster
 from integ_gym.support.optional import require
 from integ_gym.support.processes import check_spawning
@@ -149,7 +150,7 @@ def _resources(given: Resources | None, workers: int | None, memory_gib: float |
         asked = getattr(given, name, None)
         if asked is not None and asked != own:
             place = "`workers`" if name == "workers" else "the specification"
-            raise ValueError(f"`{name}` of `resources` is said by {place}; leave it out there")
+            raise InputError(f"`{name}` of `resources` is said by {place}; leave it out there")
     return replace(given or Resources(), workers=workers, memory_gib=memory_gib)
 
 
@@ -223,19 +224,19 @@ def evaluate(
         policy = os.fspath(policy)
     if is_reference(policy) or not isinstance(policy, str | os.PathLike):
         if obs_stats is not None:
-            raise ValueError(
+            raise InputError(
                 "statistics of observations are given for a policy's file; a model carries its own "
                 "VecNormalize, and a function normalizes for itself"
             )
         if own_code:
-            raise ValueError(
+            raise InputError(
                 "own_code lets a side-car name classes, and a policy that is no file has none; "
                 "leave it out"
             )
         existing = given_policy(policy, env_id, given, home)
     else:
         if not isinstance(obs_stats, str | os.PathLike | None):
-            raise TypeError(
+            raise InputTypeError(
                 "obs_stats must be a file, which the run keeps; save its numbers as JSON, or with "
                 "integ_gym.write_sidecar(..., obs_stats=...)"
             )

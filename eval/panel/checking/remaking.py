@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from integ_gym.evidence.schema import Finding
+from integ_gym.support.errors import InputError
 from integ_gym.support.terminal import plural
 
 from ..existing.facts import given_panel, other_facts
@@ -56,7 +57,7 @@ def _part(directory: RunDirectory, spec: PanelSpec, said: Panel) -> PanelSpec:
         return spec
     seeds = max((len(row.policies) for row in said.rows if row.kind == "trained"), default=0)
     if not 0 < seeds < len(spec.seeds):
-        raise ValueError(f"it tells of {seeds} of {plural(len(spec.seeds), 'seed')}")
+        raise InputError(f"it tells of {seeds} of {plural(len(spec.seeds), 'seed')}")
     return replace(spec, seeds=spec.seeds[:seeds])
 
 

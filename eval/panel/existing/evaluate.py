@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 
+from integ_gym.support.errors import InputError
 from integ_gym.support.executors import Cluster
 from integ_gym.support.files import replace_file
 from integ_gym.support.optional import installed_versions
@@ -116,5 +117,5 @@ def _processes(workers: int | None, seconds: float) -> int:
     if workers is None:
         return 0 if seconds < SHORT else cores()
     if workers < 1:
-        raise ValueError(f"`workers` must be 1 or above, got {workers}")
+        raise InputError(f"`workers` must be 1 or above, got {workers}")
     return 0 if workers == 1 else workers

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from integ_gym.evidence.store import EvidenceStore
+from integ_gym.support.errors import InputError
 from integ_gym.train.policy_files.reading import unscaled
 
 from ..model.matrix import Policy as PanelPolicy
@@ -166,7 +167,7 @@ def _facts(directory: RunDirectory) -> Facts:
     try:
         return msgspec.convert(directory.manifest().get(GIVEN), Facts)
     except msgspec.ValidationError as error:
-        raise ValueError(f"its {MANIFEST} does not say what the policy is ({error})") from None
+        raise InputError(f"its {MANIFEST} does not say what the policy is ({error})") from None
 
 
 def _kept(spec: PanelSpec, directory: RunDirectory) -> Existing:

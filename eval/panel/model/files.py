@@ -7,6 +7,7 @@ from typing import Any, Final
 
 import msgspec
 
+from integ_gym.support.errors import InputError
 from integ_gym.support.files import read_bounded, write_json
 
 from .panel import SCHEMA_VERSION, Panel
@@ -46,10 +47,10 @@ def read_panel(path: Path) -> Panel:
         if version == SCHEMA_VERSION:
             return msgspec.json.decode(content, type=Panel)
     except (msgspec.DecodeError, RecursionError, ValueError) as error:
-        raise ValueError(
+        raise InputError(
             f"{path} is damaged or holds no panel ({error}); run the panel again to write it anew"
         ) from error
-    raise ValueError(
+    raise InputError(
         f"{path} has panel schema_version {version!r}, expected {SCHEMA_VERSION}; run the panel's "
         "command again, which keeps what is finished and writes the file anew, or use the "
         "integ-gym version that wrote it"

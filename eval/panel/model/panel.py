@@ -7,6 +7,7 @@ from datetime import datetime
 from functools import cached_property
 from typing import Any, Final, Literal, NamedTuple
 
+from integ_gym.support.errors import InputError
 from integ_gym.support.terminal import fixed, percent
 
 from ...verdict import FAIL_MARGIN, UNSOLVABLE, require_unique
@@ -152,7 +153,7 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
         require_unique([f"{e.row} in {e.cell}" for e in self.matrix], "entry")
         for entry in self.matrix:
             if entry.row not in self._row_places or entry.cell not in self._cell_places:
-                raise ValueError(
+                raise InputError(
                     f"the matrix has {entry.row!r} in {entry.cell!r}, but rows and cells do not "
                     "declare both"
                 )

@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from integ_gym.support.errors import InputError
+
 from ...statistics import (
     Interval,
     draws_for,
@@ -97,7 +99,7 @@ class Matrix:
         for key, group in self._records.items():
             group.sort(key=lambda record: record["episode_index"])
             if [record["episode_index"] for record in group] != list(range(episodes)):
-                raise ValueError(f"episodes of {key[0]} in {key[1]} are not 0 … {episodes - 1}")
+                raise InputError(f"episodes of {key[0]} in {key[1]} are not 0 … {episodes - 1}")
 
     def has(self, row: str, cell: str) -> bool:
         """Whether every policy of the row was evaluated in the cell."""

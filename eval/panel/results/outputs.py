@@ -9,6 +9,7 @@ import msgspec
 
 from integ_gym.evidence.sealing import seal
 from integ_gym.evidence.store import EvidenceStore
+from integ_gym.support.errors import InputError
 from integ_gym.support.files import told_path
 from integ_gym.support.processes import limit_threads
 from integ_gym.support.terminal import plural
@@ -226,7 +227,7 @@ def noted_call(directory: RunDirectory) -> dict[str, Any]:
     try:
         told = msgspec.convert(directory.manifest().get(CALLED), _Call)
     except msgspec.ValidationError as error:
-        raise ValueError(f"its {MANIFEST} does not say how it was called ({error})") from None
+        raise InputError(f"its {MANIFEST} does not say how it was called ({error})") from None
     return dict(msgspec.to_builtins(told))
 
 

@@ -6,12 +6,13 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from integ_gym.support.errors import IntegGymError
 from integ_gym.support.parameters import unknown_name
 
 LARGEST_SEED = 2**32 - 1
 
 
-class SpecError(ValueError):
+class SpecError(IntegGymError, ValueError):
     """A specification that cannot be run, in one sentence with the remedy."""
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from integ_gym.evidence.store import EvidenceStore
+from integ_gym.support.errors import InputError
 
 from ...model.matrix import AppliedDiscretization
 from ...model.part import build
@@ -22,6 +23,6 @@ def applied_in(store: EvidenceStore) -> dict[str, AppliedDiscretization]:
     for row in rows.to_pylist():
         cell = row.pop("cell")
         if cell in found:
-            raise ValueError(f"records of cell {cell!r} do not agree on {names}")
+            raise InputError(f"records of cell {cell!r} do not agree on {names}")
         found[cell] = build(AppliedDiscretization, **row)
     return found

@@ -9,6 +9,7 @@ from integ_gym.envs.engines.interface import missing_modules
 from integ_gym.envs.engines.maps import map_names
 from integ_gym.envs.registries import ENGINES
 from integ_gym.envs.settings import NATIVE, Discretization
+from integ_gym.support.errors import InputError
 from integ_gym.support.isolated import APART
 from integ_gym.support.optional import install_command, running_version
 
@@ -103,7 +104,7 @@ def on_installed(entry: Mapping[str, Any]) -> list[dict[str, Any]]:
         ValueError: for an integrator, which engines call differently, and for unknown maps.
     """
     if "integrator" in entry or "map" not in entry:
-        raise ValueError(
+        raise InputError(
             f'engine "{INSTALLED}" takes `map` in place of `integrator`, for engines call their '
             f"integrators differently; known maps: {', '.join(map_names())}"
         )
