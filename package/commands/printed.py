@@ -15,7 +15,7 @@ from integ_gym.eval.panel.model.part import Estimate
 from integ_gym.eval.panel.power import family_power
 from integ_gym.eval.panel.running.costs.expected_cost import fixed_cost, policy_costs, total_cost
 from integ_gym.eval.panel.specification.panel_spec import PanelSpec
-from integ_gym.eval.report.data.forests import ordered_verdicts
+from integ_gym.eval.report.forests import ordered_verdicts
 from integ_gym.support.processes import cores
 from integ_gym.support.terminal import (
     DIM,

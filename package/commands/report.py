@@ -10,8 +10,8 @@ from integ_gym.eval.panel.calls import rewriting
 from integ_gym.eval.panel.checking.page import check_finished
 from integ_gym.eval.panel.model.files import FILE_NAME, read_panel
 from integ_gym.eval.panel.running.run_directory import MANIFEST
-from integ_gym.eval.report.page.page import write_report
-from integ_gym.eval.report.write_figures import STYLES, write_figures
+from integ_gym.eval.report.figures import STYLES, write_figures
+from integ_gym.eval.report.page import write_report
 from integ_gym.support.errors import InputError
 from integ_gym.support.options import CommandParser, run_place
 from integ_gym.support.storage import is_remote

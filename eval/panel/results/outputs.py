@@ -15,8 +15,8 @@ from integ_gym.support.processes import limit_threads
 from integ_gym.support.terminal import plural
 from integ_gym.train.policy_files.sidecar import policy_file
 
-from ...report.page.page import write_report
-from ...report.write_figures import write_figures
+from ...report.figures import write_figures
+from ...report.page import write_report
 from ...verdict import ALPHA, share_of_look
 from ..checking.sample import check_records
 from ..model.files import write_panel

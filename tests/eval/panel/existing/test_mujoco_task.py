@@ -15,7 +15,7 @@ from stable_baselines3 import PPO
 
 from integ_gym.cli import main
 from integ_gym.eval.panel.model.files import read_panel
-from integ_gym.eval.report.data.matrices import return_matrix
+from integ_gym.eval.report.matrices import return_matrix
 from integ_gym.evidence.store import EvidenceStore
 
 EPISODES = 4

@@ -18,8 +18,8 @@ from integ_gym.eval.panel.results.layout import PanelLayout
 from integ_gym.eval.panel.results.matrix import Matrix, Row
 from integ_gym.eval.panel.running.evaluation.achievability import Tried
 from integ_gym.eval.panel.specification.cells.cell import Cell, Perturbation
-from integ_gym.eval.report.data.forests import paired_success
-from integ_gym.eval.report.page.page import _headline
+from integ_gym.eval.report.forests import paired_success
+from integ_gym.eval.report.page import _headline
 from integ_gym.eval.verdict import Search
 
 HOME = Discretization("symplectic_euler", 0.05, 0.05)

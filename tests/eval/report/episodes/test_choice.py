@@ -12,7 +12,7 @@ from report_pages import panel_from, panel_of, raw_of
 from integ_gym.eval.panel.answer import finding_of
 from integ_gym.eval.panel.model.panel import Panel
 from integ_gym.eval.panel.model.part import Estimate
-from integ_gym.eval.report.episodes.choice import Outcomes, chosen, chosen_words
+from integ_gym.eval.report.episodes import Outcomes, chosen, chosen_words
 
 EPISODES = 4
 

@@ -11,11 +11,11 @@ from typing import Any, Final, TypeAlias
 from integ_gym.support.figures import DASHES, SeriesStyle, SeriesStyles
 from integ_gym.support.terminal import step
 
-from ...panel.model.matrix import Cell, Entry, Row
-from ...panel.model.panel import Panel
-from ...panel.model.part import Estimate
-from ...panel.specification.cells.sweeps import swept_name
-from ...scheme_style import styles_of
+from ..panel.model.matrix import Cell, Entry, Row
+from ..panel.model.panel import Panel
+from ..panel.model.part import Estimate
+from ..panel.specification.cells.sweeps import swept_name
+from ..scheme_style import styles_of
 from .forests import alike, close
 
 _LETTER: Final = 0.027  # width of a letter on the page, as a share of the axis

@@ -20,14 +20,31 @@ from integ_gym.support.terminal import (
     true_minus,
 )
 
-from ...film import LEAST_START
-from ...panel.model.conclusions import CellFinding, Failure, PolicyComparison, Verdict
-from ...panel.model.matrix import AppliedDiscretization, Entry
-from ...panel.model.panel import Panel
-from ...panel.model.part import Estimate
-from ...verdict import EQUIVALENCE_MARGIN, FAIL_MARGIN, LEARNED, MIN_SEEDS, p_text
-from ..data.forests import VERDICT_ORDER, Line, Mark, Tone
-from ..data.matrices import (
+from ..film import LEAST_START
+from ..panel.model.conclusions import (
+    CellFinding,
+    Failure,
+    PolicyComparison,
+    Verdict,
+)
+from ..panel.model.matrix import AppliedDiscretization, Entry
+from ..panel.model.panel import Panel
+from ..panel.model.part import Estimate
+from ..verdict import (
+    EQUIVALENCE_MARGIN,
+    FAIL_MARGIN,
+    LEARNED,
+    MIN_SEEDS,
+    p_text,
+)
+from .episodes import TaskWords, Told, chosen_words
+from .forests import (
+    VERDICT_ORDER,
+    Line,
+    Mark,
+    Tone,
+)
+from .matrices import (
     CLASS_WORDS,
     Matrix,
     difference_axis,
@@ -39,11 +56,8 @@ from ..data.matrices import (
     success_matrix,
     time_matrix,
 )
-from ..episodes.choice import chosen_words
-from ..episodes.packing import packed
-from ..episodes.told import Told
-from ..episodes.traces import TaskWords
-from .drawing import shading
+from .payload import packed
+from .placing import shading
 
 _PLAIN = re.compile(r"[\w@%+=:,./-]+", re.ASCII)
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from integ_gym.support.figures import MARKERS, ink_on, success_colour
 
-from ..data.ladders import Series
-from ..data.matrices import Axis, Shade
+from .ladders import Series
+from .matrices import Axis, Shade
 
 LEFT, TOP, RIGHT, BOTTOM = 36.0, 12.0, 286.0, 176.0
 """Edges of a ladder's axes, in a frame of 300 by 212."""

@@ -16,10 +16,10 @@ from integ_gym.support.terminal import (
     true_minus,
 )
 
-from ...panel.model.matrix import Cell, Entry, Row
-from ...panel.model.panel import Group, Panel
-from ...panel.model.part import Estimate
-from ...verdict import Achievability
+from ..panel.model.matrix import Cell, Entry, Row
+from ..panel.model.panel import Group, Panel
+from ..panel.model.part import Estimate
+from ..verdict import Achievability
 
 _FEW: Final = 5
 """Ticks that a narrow axis has room for."""

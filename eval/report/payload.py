@@ -18,11 +18,8 @@ from gymnasium import spaces
 
 from integ_gym.train.policy import MlpPolicy
 
-from ...panel.model.panel import Panel
-from .choice import LEDGER, Array
-from .live import Live
-from .told import Told
-from .traces import Trace
+from ..panel.model.panel import Panel
+from .episodes import LEDGER, Array, Live, Told, Trace
 
 UNKNOWN: Final = -32768
 """Stands for a ledger that is not known."""

@@ -18,27 +18,11 @@ from integ_gym.support.files import replace_file
 from integ_gym.support.pages import page_environment, page_parts
 from integ_gym.support.terminal import plural, seconds, true_minus
 
-from ... import verdict as rules
-from ...panel.answer import answer_lines, finding_of, next_step
-from ...panel.model.panel import Panel
-from ..data.findings import findings_of
-from ..data.forests import (
-    Trust,
-    check_forest,
-    costs_of,
-    gap_forest,
-    mixtures_of,
-    ordered_verdicts,
-    paired_return,
-    paired_success,
-    trust_of,
-)
-from ..data.ladders import ladder_plots, sweep_plots
-from ..data.matrices import RATE_AXIS, success_matrix
-from ..episodes.told import Told, told_by
-from ..episodes.traces import task_words
-from . import drawing
-from .payload import (
+from .. import verdict as rules
+from ..panel.answer import answer_lines, finding_of, next_step
+from ..panel.model.panel import Panel
+from . import placing as drawing
+from .cards import (
     LABEL_WORDS,
     applied_of,
     card_of,
@@ -51,6 +35,21 @@ from .payload import (
     settings_of,
     tally_of,
 )
+from .episodes import Told, task_words, told_by
+from .findings import findings_of
+from .forests import (
+    Trust,
+    check_forest,
+    costs_of,
+    gap_forest,
+    mixtures_of,
+    ordered_verdicts,
+    paired_return,
+    paired_success,
+    trust_of,
+)
+from .ladders import ladder_plots, sweep_plots
+from .matrices import RATE_AXIS, success_matrix
 
 
 def tiles_of(panel: Panel, trusts: Sequence[Trust]) -> list[tuple[str, str]]:

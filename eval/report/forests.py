@@ -8,16 +8,37 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Final, Literal, TypeAlias
 
-from integ_gym.support.terminal import NONE, compact, fixed, percent
+from integ_gym.support.terminal import (
+    NONE,
+    compact,
+    fixed,
+    percent,
+)
 
-from ...panel.model.conclusions import PairedEpisodes, Remedy, RemedyCell, TrainingCost, Verdict
-from ...panel.model.matrix import Cell, Entry, Row
-from ...panel.model.panel import Panel
-from ...panel.model.part import Estimate
-from ...panel.specification.cells.sweeps import swept_name
-from ...power import WITHOUT_VERDICT
-from ...verdict import ALPHA, EQUIVALENCE_MARGIN, FAIL_MARGIN, p_text
-from .matrices import RATE_AXIS, Axis, difference_axis, value_axis
+from ..panel.model.conclusions import (
+    PairedEpisodes,
+    Remedy,
+    RemedyCell,
+    TrainingCost,
+    Verdict,
+)
+from ..panel.model.matrix import Cell, Entry, Row
+from ..panel.model.panel import Panel
+from ..panel.model.part import Estimate
+from ..panel.specification.cells.sweeps import swept_name
+from ..power import WITHOUT_VERDICT
+from ..verdict import (
+    ALPHA,
+    EQUIVALENCE_MARGIN,
+    FAIL_MARGIN,
+    p_text,
+)
+from .matrices import (
+    RATE_AXIS,
+    Axis,
+    difference_axis,
+    value_axis,
+)
 
 Tone: TypeAlias = Literal["fails", "transfers", "inconclusive", "not_learned", "soft", "accent"]
 """Colour of a mark, by its name in :data:`integ_gym.support.figures.PALETTE`."""
