@@ -23,14 +23,12 @@ from .existing.evaluate import evaluate_existing
 from .existing.given import given_policy, is_reference
 from .existing.planning import plan
 from .existing.policy import read_existing
-from .model.panel import Panel
-from .results.ending import phases
-from .results.outputs import write_artefact
+from .outputs import phases, write_artefact
+from .plan import stages
+from .result import Panel
 from .running.panel import as_there, complete, opened
 from .running.run_directory import RunDirectory
-from .specification.growth import stages
-from .specification.panel_spec import PanelSpec
-from .specification.reading import BUILT_IN, built_in_spec, read_spec
+from .spec import BUILT_IN, PanelSpec, built_in_spec, read_spec
 
 
 def specified(spec: PanelSpec | str | os.PathLike[str]) -> PanelSpec:

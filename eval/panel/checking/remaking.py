@@ -10,13 +10,12 @@ from integ_gym.evidence.schema import Finding
 from integ_gym.support.errors import InputError
 from integ_gym.support.terminal import plural
 
+from ..artefact import differences
 from ..existing.facts import given_panel, other_facts
-from ..model.files import FILE_NAME
-from ..model.panel import Panel
-from ..results.comparing import differences
-from ..results.outputs import noted_call, panel_of, seen_now
+from ..outputs import noted_call, panel_of, seen_now
+from ..result import FILE_NAME, Panel
 from ..running.run_directory import MANIFEST, RunDirectory
-from ..specification.panel_spec import PanelSpec
+from ..spec import PanelSpec
 
 
 def deviations(

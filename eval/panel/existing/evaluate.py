@@ -13,20 +13,21 @@ from integ_gym.support.processes import check_spawning, cores
 from integ_gym.support.storage import Storage
 
 from ..checking.sample import check_records
-from ..model.panel import Panel
-from ..results.ending import (
+from ..outputs import (
     CHECKING,
     JUDGING,
     Begin,
+    call_of,
     phases,
+    write_outputs,
 )
-from ..results.outputs import call_of, write_outputs
+from ..result import Panel
 from ..running.evaluation.subjects import Subject
 from ..running.evaluation.units import all_seconds, evaluate_all
 from ..running.panel import as_there
 from ..running.run_directory import GIVEN, RunDirectory, Seen
 from ..running.units import baseline_of
-from ..specification.panel_spec import TRAINERS, PanelSpec
+from ..spec import TRAINERS, PanelSpec
 from .facts import facts_of, given_panel
 from .policy import Existing
 

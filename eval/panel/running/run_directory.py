@@ -36,7 +36,7 @@ from integ_gym.support.optional import installed_versions
 from integ_gym.support.storage import LOCK, Busy, Storage
 
 from ...verdict import Looks, Shares
-from ..specification.difference import GROWING, additions, contradictions
+from ..plan import GROWING, additions, contradictions
 
 MANIFEST = "run.json"
 PANEL_FILE = "panel.json"

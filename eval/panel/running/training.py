@@ -16,7 +16,7 @@ from integ_gym.train.fleet.worker import GIB_PER_WORKER, Workers, workers_of
 from integ_gym.train.policy_files.card import card_hash
 from integ_gym.train.policy_files.sidecar import TrainedPolicy
 
-from ..specification.panel_spec import PanelSpec
+from ..spec import PanelSpec
 from .division import waiting_chunks
 from .run_directory import WORK, RunDirectory
 from .units import Unit, is_there, trained_units, training_config, training_key

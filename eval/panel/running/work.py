@@ -15,7 +15,7 @@ from integ_gym.support.executors import Cluster, TaskPool
 from integ_gym.support.files import read_files
 from integ_gym.support.processes import ESTIMATE_LOOK, Progress, work_bar
 
-from ..specification.panel_spec import PanelSpec
+from ..spec import PanelSpec
 from .run_directory import RunDirectory
 
 
