@@ -26,10 +26,11 @@ from integ_gym.envs.settings import DISCRETIZATION, NATIVE, Discretization, Setu
 from integ_gym.envs.testbeds.making import find_testbed
 from integ_gym.envs.transition import LOSSES
 from integ_gym.evidence.record import EvidenceRecord
+from integ_gym.support.errors import InputError
 from integ_gym.support.optional import load, require
 from integ_gym.train.policy import Policy
 
-from .panel.specification.cells.cell import Cell
+from .panel.cells import Cell
 
 Asked: TypeAlias = Discretization | Mapping[str, Any] | str
 """A discretization; some of its parts; or its name, as panels write it."""
@@ -61,9 +62,9 @@ def parse_discretization(asked: Asked, like: Discretization, env_id: str) -> Dis
         try:
             parts |= {"dt": float(step.removeprefix("dt="))} if step else {}
         except ValueError:
-            raise ValueError(f"dt must be a number of seconds, got {step!r} in {asked!r}") from None
+            raise InputError(f"dt must be a number of seconds, got {step!r} in {asked!r}") from None
     if "integrator" not in parts or not set(parts) <= set(DISCRETIZATION):
-        raise ValueError(
+        raise InputError(
             f"a discretization is an integrator, and if need be its engine before it and dt=S "
             f"after it, such as 'explicit_euler dt=0.0125'; got {asked!r}"
         )
@@ -106,7 +107,7 @@ def check_filmed(env_id: str) -> None:
     remedy = f"of a record of {env_id} `integ-gym evidence show` prints the numbers"
     if env_id in gym.registry:
         remedy = f'{env_id} has pictures of its own, see render_mode="rgb_array" of gymnasium.make'
-    raise ValueError(f"films show {', '.join(ENVIRONMENTS)}; {remedy}")
+    raise InputError(f"films show {', '.join(ENVIRONMENTS)}; {remedy}")
 
 
 Array = npt.NDArray[np.float64]
@@ -260,7 +261,7 @@ def check_writable(path: Path) -> None:
         ModuleNotFoundError: if the extra is missing, with the command that installs it.
     """
     if path.suffix.lower() not in FORMATS:
-        raise ValueError(f"a film is written as {' or '.join(FORMATS)}, got {path.name!r}")
+        raise InputError(f"a film is written as {' or '.join(FORMATS)}, got {path.name!r}")
     require("render")
     if path.is_dir():
         raise IsADirectoryError(f"{path} is a folder; give another path for the film")
@@ -453,7 +454,7 @@ def show_film(film: Film) -> None:
     try:
         screen = open_screen(frames[0].get_size(), "integ-gym watch")
     except ValueError as error:
-        raise ValueError(f"{error}; write the film with --out film.gif or film.mp4") from None
+        raise InputError(f"{error}; write the film with --out film.gif or film.mp4") from None
     began, is_open = perf_counter(), True
     while is_open:
         passed = (perf_counter() - began) % (len(frames) / film.fps + _PAUSE)

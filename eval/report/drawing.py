@@ -33,7 +33,7 @@ from integ_gym.support.figures import (
 )
 from integ_gym.support.terminal import NONE, step
 
-from ..panel.model.panel import Group
+from ..panel.result import Group
 from ..verdict import EQUIVALENCE_MARGIN, FAIL_MARGIN
 from .forests import RATE_AXIS, Axis, Forest, Line
 from .ladders import LadderPlot, LadderPlots

@@ -8,8 +8,7 @@ from typing import Final, NamedTuple
 
 from integ_gym.support.terminal import NONE, fixed, plural
 
-from ..panel.model.matrix import Entry, Row
-from ..panel.model.panel import Panel
+from ..panel.result import Entry, Panel, Row
 from ..verdict import PASS, UNSOLVABLE
 from .forests import Trust
 

@@ -10,11 +10,19 @@ from typing import Final, Literal, TypeAlias
 
 from integ_gym.support.terminal import NONE, compact, fixed, percent
 
-from ..panel.model.conclusions import PairedEpisodes, Remedy, RemedyCell, TrainingCost, Verdict
-from ..panel.model.matrix import Cell, Entry, Row
-from ..panel.model.panel import Panel
-from ..panel.model.part import Estimate
-from ..panel.specification.cells.sweeps import swept_name
+from ..panel.cells import swept_name
+from ..panel.result import (
+    Cell,
+    Entry,
+    Estimate,
+    PairedEpisodes,
+    Panel,
+    Remedy,
+    RemedyCell,
+    Row,
+    TrainingCost,
+    Verdict,
+)
 from ..power import WITHOUT_VERDICT
 from ..verdict import ALPHA, EQUIVALENCE_MARGIN, FAIL_MARGIN, p_text
 

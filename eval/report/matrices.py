@@ -9,8 +9,7 @@ from typing import Final, Literal, TypeAlias
 from integ_gym.support.figures import ENERGY_FLOOR, ink_on, success_colour, symlog
 from integ_gym.support.terminal import NONE, compact, fixed, plural, true_minus
 
-from ..panel.model.matrix import Cell, Entry, Row
-from ..panel.model.panel import Group, Panel
+from ..panel.result import Cell, Entry, Group, Panel, Row
 from ..verdict import Achievability
 
 KIND_WORDS: Final = {

@@ -21,9 +21,8 @@ from integ_gym.support.pages import page_environment, page_parts
 from integ_gym.support.terminal import fixed, plural, seconds, together, true_minus
 
 from .. import verdict as rules
-from ..panel.answer import answer_lines, finding_of, next_step
-from ..panel.model.conclusions import Failure, PolicyComparison
-from ..panel.model.panel import Panel
+from ..panel.conclusions import answer_lines, finding_of, next_step
+from ..panel.result import Failure, Panel, PolicyComparison
 from .episodes import Episodes, read_episodes
 from .findings import findings_of
 from .forests import (

@@ -19,7 +19,7 @@ from integ_gym.support.figures import (
 )
 from integ_gym.support.terminal import NONE, step
 
-from ..panel.model.matrix import Cell
+from ..panel.result import Cell
 from .drawing import draw_axis, draw_box, draw_marks, draw_series, draw_shade, ladder_entries
 from .forests import RATE_AXIS, Forest
 from .ladders import LadderPlots, thin_ticks

@@ -22,9 +22,7 @@ from integ_gym.support.terminal import compact, fixed, percent, step, together
 from integ_gym.train.policy import MlpPolicy
 
 from ..film import LEAST_START
-from ..panel.model.matrix import Entry
-from ..panel.model.panel import Panel
-from ..panel.model.part import Estimate
+from ..panel.result import Entry, Estimate, Panel
 from .episodes import LEDGER, Array, Episodes, Trace, choice_words
 from .matrices import (
     Shade,

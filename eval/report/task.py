@@ -14,7 +14,7 @@ from integ_gym.envs.ops.ops import SCALAR
 from integ_gym.envs.settings import Setup
 from integ_gym.envs.testbeds.making import find_testbed
 
-from ..panel.model.panel import Panel
+from ..panel.result import Panel
 
 _FARTHEST: Final = {"rad": math.pi, "m": 10.0}
 """How far from zero the edge of the goal is sought, by a coordinate's unit."""
