@@ -20,7 +20,6 @@ from ..panel.result import (
     Remedy,
     RemedyCell,
     Row,
-    TrainingCost,
     Verdict,
 )
 from ..power import WITHOUT_VERDICT
@@ -309,47 +308,6 @@ def _remedy_line(own: Entry, rivals: list[Entry], cell: RemedyCell) -> Line:
         "; ".join(words),
         ", ".join(filter(None, notes)),
     )
-
-
-@dataclass(frozen=True)
-class Cost:
-    """Training decisions of one row until its training episodes succeeded.
-
-    Attributes:
-        row: the row.
-        training: what it took.
-        truth: what the row does on the reference in the end.
-    """
-
-    row: Row
-    training: TrainingCost
-    truth: Estimate | None
-
-    @property
-    def median(self) -> str:
-        """The median in words."""
-        median = self.training.median
-        known = None if median is None else median.estimate
-        return "not reached" if known is None else f"{round(known):,}"
-
-    @property
-    def interval(self) -> str:
-        """The interval in words."""
-        median = self.training.median
-        if median is None or median.low is None:
-            return NONE
-        end = "or more" if median.high is None else f"to {round(median.high):,}"
-        return f"{round(median.low):,} {end}"
-
-
-def costs_of(panel: Panel) -> list[Cost]:
-    """Training cost of every trained row that the panel tells it of."""
-    return [
-        Cost(row, panel.training_costs[row.name], truth and truth.success)
-        for row in panel.ordered_rows
-        if row.name in panel.training_costs
-        for truth in [panel.on_truth(row.name)]
-    ]
 
 
 _Compared = tuple[PairedEpisodes, Estimate, float]

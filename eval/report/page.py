@@ -36,7 +36,6 @@ from .forests import (
     Tone,
     Trust,
     check_forest,
-    costs_of,
     difference_axis,
     gap_forest,
     mixtures_of,
@@ -134,7 +133,11 @@ def render(panel: Panel, episodes: Episodes | None = None, seal: str | None = No
         paired=list(filter(None, (success, returns) if panel.truth else (returns, success))),
         remedies=mixtures_of(panel),
         engine_lines=sorted(panel.engine_agreement, key=lambda e: (e.map, e.engine, -e.dt)),
-        costs=costs_of(panel),
+        costs=[
+            (row, panel.training_costs[row.name], panel.on_truth(row.name))
+            for row in panel.ordered_rows
+            if row.name in panel.training_costs
+        ],
         ladders=ladder_plots(panel),
         sweeps=sweep_plots(panel),
         checks=check_forest(panel),

@@ -1,4 +1,4 @@
-"""Playing: what a change of discretization keeps, where the energy comes from, keys and pictures."""
+"""Playing: what a change keeps, where the energy comes from, keys in and pictures out."""
 
 from __future__ import annotations
 
