@@ -20,7 +20,8 @@ from integ_gym.support.executors import (
     open_cluster,
 )
 from integ_gym.support.files import read_files, write_files
-from integ_gym.support.processes import Progress, report_work, work_bar
+from integ_gym.support.processes import Progress, report_work
+from integ_gym.support.terminal import WorkBar
 
 from .config import TrainingError, TrainingEvidence
 from .policy_files.sidecar import TrainedPolicy, check_folder
@@ -81,7 +82,7 @@ def train_each(
             return train_in_processes(train, runs, places, cluster, bar, on_trained)
 
     def tell(steps: int, words: str) -> None:
-        bar.set_postfix_str(words, refresh=False)
+        bar.describe(words, draw=False)
         bar.update(steps)
         report_work(steps)
 
@@ -151,7 +152,7 @@ def train_in_processes(
                 made = _keep(runs[place], outcome) if cluster.remote else write(place, outcome)
                 trained[place] = made
                 on_trained(place, made)
-            bar.set_postfix_str(f"{len(trained)} of {len(runs)} policies", refresh=False)
+            bar.describe(f"{len(trained)} of {len(runs)} policies", draw=False)
     return [trained[place] for place in sorted(trained)]
 
 
@@ -226,4 +227,4 @@ def resolve_executor(
 def training_bar(decisions: int, policies: int, shown: bool) -> Any:
     """A bar over the decisions of all policies, on stderr."""
     label = f"PPO, {policies} {'policy' if policies == 1 else 'policies'}"
-    return work_bar(label, decisions, shown, unit=" steps", unit_scale=True)
+    return WorkBar(label, decisions, shown, unit=" steps")

@@ -12,7 +12,7 @@ from typing import Any
 
 from integ_gym.support.optional import package_version
 from integ_gym.support.processes import cores
-from integ_gym.support.terminal import print_aligned
+from integ_gym.support.terminal import print_columns
 
 
 def machine() -> dict[str, Any]:
@@ -32,7 +32,7 @@ def machine() -> dict[str, Any]:
 def print_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
     """Columns under their names, the first flush left."""
     right = [False, *(True for _ in header[1:])]
-    print_aligned(header, [list(row) for row in rows], sys.stdout, right)
+    print_columns(header, [list(row) for row in rows], sys.stdout, right)
 
 
 def interval(numbers: Sequence[float | None] | None) -> str:

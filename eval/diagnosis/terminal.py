@@ -6,9 +6,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, TextIO
 
 from integ_gym.support.terminal import (
-    beside,
-    print_aligned,
-    say,
+    hanging_indent,
+    print_columns,
+    print_wrapped,
     width_of,
 )
 
@@ -41,13 +41,13 @@ def _print_lines(lines: Sequence[Line], file: TextIO) -> None:
     """One table for every quantity."""
     for title, topic in topics(lines):
         print(file=file)
-        say(title, file)
+        print_wrapped(title, file)
         rows = [
             (line["integrator"], line["shown"], line["expected"], line["tolerance"],
              VERDICTS[line["holds"]])
             for line in topic
         ]  # fmt: skip
-        print_aligned(("integrator", "measured", "expected", "tolerance", "holds"), rows, file)
+        print_columns(("integrator", "measured", "expected", "tolerance", "holds"), rows, file)
 
 
 def topics(lines: Sequence[Line]) -> Iterable[tuple[str, list[Line]]]:
@@ -65,7 +65,7 @@ def topics(lines: Sequence[Line]) -> Iterable[tuple[str, list[Line]]]:
 def _print_identities(identities: Sequence[Mapping[str, Any]], file: TextIO) -> None:
     """What every integrator was measured to be."""
     print("What they are", file=file)
-    print_aligned(IDENTITY, [identity_cells(told) for told in identities], file)
+    print_columns(IDENTITY, [identity_cells(told) for told in identities], file)
 
 
 IDENTITY = (
@@ -98,7 +98,7 @@ def _print_counts(lines: Sequence[Line], file: TextIO) -> None:
     print("\nExpectations that hold, of those there are", file=file)
     rows = [(*owner, *(_count(asked, section, owner) for section in sections)) for owner in owners]
     rows.append(("all", "", *(_count(asked, section) for section in sections)))
-    print_aligned(("plant", "integrator", *sections), rows, file, keys=2)
+    print_columns(("plant", "integrator", *sections), rows, file)
 
 
 def _owner(line: Line) -> tuple[str, str]:
@@ -117,15 +117,17 @@ def _print_failures(lines: Sequence[Line], file: TextIO) -> None:
     print(f"\n{len(asked) - len(failed)} of {len(asked)} expectations hold.", file=file)
     if not failed:
         return
-    say("These do not hold for an integrator at this step on this plant:", file)
+    print_wrapped("These do not hold for an integrator at this step on this plant:", file)
     for title, topic in topics(failed):
         print(file=file)
-        say(title, file)
+        print_wrapped(title, file)
         for wanted, own in _by_expectation(topic):
-            say(f"expected {wanted}", file, indent="  ")
+            print_wrapped(f"expected {wanted}", file, indent="  ")
             for line in own:
                 print(
-                    beside(f"    {line['integrator']:<{_NAME}} ", line["shown"], width_of(file)),
+                    hanging_indent(
+                        f"    {line['integrator']:<{_NAME}} ", line["shown"], width_of(file)
+                    ),
                     file=file,
                 )
 

@@ -16,7 +16,7 @@ from integ_gym.support.executors import Resources, open_cluster
 from integ_gym.support.optional import require
 from integ_gym.support.processes import check_spawning
 from integ_gym.support.storage import Place, open_storage
-from integ_gym.support.terminal import say
+from integ_gym.support.terminal import print_wrapped
 from integ_gym.train.policy_files.sidecar import Stated
 
 from .existing.evaluate import evaluate_existing
@@ -156,7 +156,7 @@ def _resources(given: Resources | None, workers: int | None, memory_gib: float |
 
 def tell_doubt(doubt: str) -> None:
     """Say a sentence that casts doubt on a result on stderr."""
-    say(f"warning: {doubt}", sys.stderr)
+    print_wrapped(f"warning: {doubt}", sys.stderr)
 
 
 def evaluate(

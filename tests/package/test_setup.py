@@ -64,6 +64,6 @@ def test_a_panel_brings_neither_torch_nor_an_engine():
     assert brought("panel") == {
         "duckdb", "jax", "jinja2", "matplotlib", "msgspec", "portalocker",
         "pyarrow", "safetensors",
-        "scipy", "threadpoolctl", "tqdm",
+        "scipy", "threadpoolctl", "rich",
     }  # fmt: skip
     assert {"torch", "stable-baselines3"} <= brought("train")
