@@ -12,7 +12,7 @@ from integ_gym.envs.ops.jax_ops import jax, jnp
 from integ_gym.envs.ops.ops import Components
 from integ_gym.envs.transition import EnvState
 
-from ..sb3_model import Stack
+from .weights import Stack
 
 Array = Any
 

@@ -20,7 +20,6 @@ from integ_gym.envs.plants.interface import join_state
 from integ_gym.envs.transition import EnvState, Outcome, reset_info, step_info
 from integ_gym.evidence.record import Layout
 
-from ..sb3_model import Stack
 from .learning import (
     Adam,
     Algorithm,
@@ -38,6 +37,7 @@ from .learning import (
     split,
     update,
 )
+from .weights import Stack
 
 Array = Any
 

@@ -34,15 +34,14 @@ from ..config import TrainingEvidence
 from ..policy_files.card import LAST_EPISODES, episode_summary, make_card
 from ..policy_files.sidecar import TrainedPolicy, actor_of, write_actor
 from ..ppo import PPOConfig, model_arguments
-from ..sb3_model import can_save, import_ahead, initial_stack, state_dict, zip_of_weights
-from ..side_by_side import (
+from ..runs import (
     OnTrained,
     Run,
-    checked_runs,
+    check_runs,
+    no_op,
     resolve_executor,
     train_in_processes,
     training_bar,
-    unheard,
 )
 from .evidence import EpisodeAssembler
 from .learning import (
@@ -53,6 +52,7 @@ from .learning import (
 )
 from .planning import Chunk, Kind, kind_of, plan
 from .program import FleetProgram
+from .weights import can_save, import_ahead, initial_stack, state_dict, zip_of_weights
 from .worker import Device, fleet_workers, prepare_worker, workers_of
 
 Array = NDArray[Any]
@@ -81,14 +81,14 @@ def train_fleet(
     progress: bool = True,
     workers: int | None = None,
     force: bool = False,
-    on_trained: OnTrained = unheard,
+    on_trained: OnTrained = no_op,
     memory_gib: float | None = None,
     cache_dir: str | Path | None = None,
     executor: str | Cluster = "local",
     address: str | None = None,
     together: Sequence[Sequence[int]] | None = None,
 ) -> list[TrainedPolicy]:
-    """Train policies and write each as `integ_gym.train.ppo.train_ppo` does.
+    """Train policies and write each as `integ_gym.train.runs.train_ppo` does.
 
     `policy.zip` is written where stable-baselines3 is installed.
 
@@ -117,7 +117,7 @@ def train_fleet(
         TrainingError: if a worker fails or is killed; finished policies stay.
     """
     require("fleet")
-    runs = checked_runs(configs, out_dirs, evidence, force)
+    runs = check_runs(configs, out_dirs, evidence, force)
     here = workers == 0
     where = Cluster(0) if here else executor
     with resolve_executor(where, address, workers, memory_gib) as cluster:

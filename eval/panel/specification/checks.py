@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from integ_gym.envs.settings import DISCRETIZATION, Discretization
-from integ_gym.train.algorithms import ALGORITHMS
+from integ_gym.train.runs import ALGORITHMS
 
 from ...verdict import MIN_SEEDS
 from .cells.cell import environments_of, file_name

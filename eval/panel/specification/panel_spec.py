@@ -13,8 +13,8 @@ from integ_gym.envs.settings import WEIGHT, Discretization
 from integ_gym.envs.testbeds.interface import Testbed
 from integ_gym.envs.testbeds.making import find_testbed
 from integ_gym.support.optional import install_command, package_version
-from integ_gym.train.algorithms import ALGORITHMS, Algorithm
 from integ_gym.train.baselines.making import BASELINES
+from integ_gym.train.runs import ALGORITHMS, Algorithm
 
 from .cells.cell import (
     Cell,

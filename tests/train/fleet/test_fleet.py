@@ -46,17 +46,17 @@ from integ_gym.train.fleet.training import (
     train_in_stages,
     write_outcome,
 )
-from integ_gym.train.policy import ACTIVATIONS as POLICY_ACTIVATIONS
-from integ_gym.train.policy_files.limits import PolicyFileError
-from integ_gym.train.policy_files.safetensors_file import FORMAT, read_safetensors
-from integ_gym.train.policy_files.sidecar import read_trained
-from integ_gym.train.ppo import make_training_envs, model_arguments
-from integ_gym.train.sb3_model import (
+from integ_gym.train.fleet.weights import (
     Stack,
     initial_stack,
     orthogonal,
     state_dict,
 )
+from integ_gym.train.policy import ACTIVATIONS as POLICY_ACTIVATIONS
+from integ_gym.train.policy_files.limits import PolicyFileError
+from integ_gym.train.policy_files.safetensors_file import FORMAT, read_safetensors
+from integ_gym.train.policy_files.sidecar import read_trained
+from integ_gym.train.ppo import make_training_envs, model_arguments
 from integ_gym.train.vec_env import Sb3VecEnv, ScaledRewards
 
 

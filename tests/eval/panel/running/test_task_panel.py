@@ -14,7 +14,7 @@ from integ_gym.eval.panel.running.panel import check_spec
 from integ_gym.eval.panel.specification.reading import parse_spec
 from integ_gym.eval.panel.specification.values import SpecError
 from integ_gym.evidence.store import EvidenceStore
-from integ_gym.train.algorithms import ALGORITHMS
+from integ_gym.train.runs import ALGORITHMS
 
 TOML = """
 name = "a task"
