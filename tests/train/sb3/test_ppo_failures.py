@@ -70,7 +70,7 @@ def test_weights_that_overflow_are_told_with_the_remedy(
 ) -> None:
     """On the way, or in the last update, which nothing is computed from before it is written."""
     if last:
-        monkeypatch.setattr(ppo, "saved", _with_overflow)
+        monkeypatch.setattr(ppo, "model_to_bytes", _with_overflow)
     flags = [*FLAGS, "--learning-rate", "1e-3" if last else "1e6"]
     assert main([*flags, "--out", str(tmp_path), "--no-tensorboard", "--no-progress"]) == 2
     error = capsys.readouterr().err
