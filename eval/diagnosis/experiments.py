@@ -14,7 +14,7 @@ from integ_gym.envs.catalogue.lookup import environment_setup
 from integ_gym.envs.ops.ops import SCALAR
 from integ_gym.envs.plants.interface import split_state
 from integ_gym.envs.registries import TRUTH
-from integ_gym.train.baselines.making import has_handmade, make_baseline
+from integ_gym.train.baselines import has_handmade, make_baseline
 
 from ..verdict import EQUIVALENCE_MARGIN
 from .lines import Diagnosis, Expectation, undeclared

@@ -26,6 +26,7 @@ from .learning import (
     Batch,
     Knobs,
     Learner,
+    Stack,
     Trail,
     advantages_of,
     draw,
@@ -37,7 +38,6 @@ from .learning import (
     split,
     update,
 )
-from .weights import Stack
 
 Array = Any
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from integ_gym.envs.settings import Discretization
 from integ_gym.envs.testbeds.making import find_testbed
-from integ_gym.train.baselines.making import possible_baselines
+from integ_gym.train.baselines import possible_baselines
 
 from ..specification.cells.cell import environments_of, main_home
 from ..specification.cells.perturbations import standard_perturbations

@@ -10,7 +10,7 @@ from typing import Any
 
 from gymnasium import spaces
 
-from integ_gym.train.baselines.making import BASELINES
+from integ_gym.train.baselines import BASELINES
 from integ_gym.train.policy import Policy
 from integ_gym.train.policy_files.limits import PolicyFileError
 from integ_gym.train.policy_files.onnx import OnnxPolicy, onnx_card, onnx_data

@@ -15,7 +15,7 @@ from integ_gym.evidence.replaying import Acting
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.support.errors import InputError
 from integ_gym.support.files import read_object
-from integ_gym.train.baselines.making import BASELINES, make_baseline
+from integ_gym.train.baselines import BASELINES, make_baseline
 from integ_gym.train.policy import Policy
 
 from .policy import kept_policy, read_existing

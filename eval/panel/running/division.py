@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from integ_gym.support.files import read_object, write_json
-from integ_gym.train.fleet.worker import Workers
+from integ_gym.train.fleet.planning import Workers
 
 from ..specification.growth import stages
 from ..specification.panel_spec import PanelSpec

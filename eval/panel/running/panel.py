@@ -10,7 +10,7 @@ from pathlib import Path
 from integ_gym.support.executors import Cluster
 from integ_gym.support.processes import cores
 from integ_gym.support.storage import Storage
-from integ_gym.train.fleet.worker import workers_of
+from integ_gym.train.fleet.planning import workers_of
 from integ_gym.train.policy_files.sidecar import read_trained, readable_file
 
 from ..specification.difference import continued

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from integ_gym.train.baselines.making import make_baseline
+from integ_gym.train.baselines import make_baseline
 from integ_gym.train.config import TrainingConfig
 from integ_gym.train.policy import Policy
 from integ_gym.train.policy_files.card import card_hash

@@ -13,7 +13,7 @@ from integ_gym.envs.settings import WEIGHT, Discretization
 from integ_gym.envs.testbeds.interface import Testbed
 from integ_gym.envs.testbeds.making import find_testbed
 from integ_gym.support.optional import install_command, package_version
-from integ_gym.train.baselines.making import BASELINES
+from integ_gym.train.baselines import BASELINES
 from integ_gym.train.runs import ALGORITHMS, Algorithm
 
 from .cells.cell import (

@@ -11,7 +11,7 @@ from typing import Any
 
 from integ_gym.envs.testbeds.making import find_testbed
 from integ_gym.support.files import read_bounded
-from integ_gym.train.baselines.making import possible_baselines
+from integ_gym.train.baselines import possible_baselines
 
 from .cells.cell import nominal_setup
 from .cells.discretizations import asks_for_installed, evaluated, trained

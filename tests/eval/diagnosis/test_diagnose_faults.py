@@ -22,7 +22,7 @@ from integ_gym.eval.diagnosis import experiments as handmade
 from integ_gym.eval.diagnosis.sections import latency
 from integ_gym.eval.diagnosis.sections import plant as plant_section
 from integ_gym.eval.diagnosis.subject import subjects
-from integ_gym.train.baselines.making import make_baseline
+from integ_gym.train.baselines import make_baseline
 
 PLANT_FAULTS = [
     fault

@@ -33,9 +33,13 @@ from integ_gym.train.fleet.learning import (
     Algorithm,
     Batch,
     Knobs,
+    Stack,
+    initial_stack,
     log_prob_and_entropy,
+    orthogonal,
     outputs,
     permutations,
+    state_dict,
     update,
 )
 from integ_gym.train.fleet.planning import kind_of
@@ -45,12 +49,6 @@ from integ_gym.train.fleet.training import (
     train_fleet,
     train_in_stages,
     write_outcome,
-)
-from integ_gym.train.fleet.weights import (
-    Stack,
-    initial_stack,
-    orthogonal,
-    state_dict,
 )
 from integ_gym.train.policy import ACTIVATIONS as POLICY_ACTIVATIONS
 from integ_gym.train.policy_files.limits import PolicyFileError

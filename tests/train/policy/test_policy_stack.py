@@ -7,9 +7,9 @@ import pytest
 
 from integ_gym.envs.catalogue.lookup import environment_setup
 from integ_gym.envs.registries import ENVIRONMENTS
-from integ_gym.train.baselines.making import BASELINES, make_baseline
+from integ_gym.train.baselines import BASELINES, make_baseline
 from integ_gym.train.called_policy import PolicyStack
-from integ_gym.train.fleet.weights import initial_stack
+from integ_gym.train.fleet.learning import initial_stack
 from integ_gym.train.policy import (
     ACTIVATIONS,
     BoxActions,

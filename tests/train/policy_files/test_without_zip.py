@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from gymnasium import spaces
 
-from integ_gym.train.fleet.weights import initial_stack, state_dict
+from integ_gym.train.fleet.learning import initial_stack, state_dict
 from integ_gym.train.policy_files.card import hashed
 from integ_gym.train.policy_files.limits import PolicyFileError
 from integ_gym.train.policy_files.sidecar import (

@@ -19,7 +19,7 @@ from integ_gym.eval.panel.results.given import given_rows
 from integ_gym.eval.panel.results.layout import PanelLayout
 from integ_gym.eval.panel.results.matrix import Matrix
 from integ_gym.evidence.store import EvidenceStore
-from integ_gym.train.baselines.making import BASELINES
+from integ_gym.train.baselines import BASELINES
 from integ_gym.train.policy import BoxActions, DiscreteActions, MlpPolicy
 from integ_gym.train.policy_files.writing import save_policy, write_sidecar
 

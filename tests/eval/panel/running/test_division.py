@@ -9,7 +9,7 @@ from integ_gym.eval.panel.running.run_directory import RunDirectory
 from integ_gym.eval.panel.running.units import trained_units
 from integ_gym.eval.panel.specification.growth import grown
 from integ_gym.eval.panel.specification.reading import read_spec
-from integ_gym.train.fleet.worker import Workers
+from integ_gym.train.fleet.planning import Workers
 
 TWO, MANY = Workers(2, "cpu"), Workers(64, "cpu")
 

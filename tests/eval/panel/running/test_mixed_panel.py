@@ -28,7 +28,7 @@ from integ_gym.eval.panel.specification.panel_spec import PanelSpec
 from integ_gym.eval.panel.specification.reading import parse_spec
 from integ_gym.eval.panel.specification.values import SpecError
 from integ_gym.evidence.store import EvidenceStore
-from integ_gym.train.baselines.making import make_baseline
+from integ_gym.train.baselines import make_baseline
 from integ_gym.train.policy_files.card import hashed
 from integ_gym.train.policy_files.sidecar import read_sidecar
 

@@ -24,8 +24,8 @@ from integ_gym.eval.panel.specification.panel_spec import PanelSpec
 from integ_gym.eval.panel.specification.reading import built_in_spec
 from integ_gym.evidence.fields import VOLATILE_NAMES
 from integ_gym.evidence.store import EvidenceStore
-from integ_gym.train.baselines.making import BASELINES, make_baseline
-from integ_gym.train.fleet.weights import initial_stack
+from integ_gym.train.baselines import BASELINES, make_baseline
+from integ_gym.train.fleet.learning import initial_stack
 from integ_gym.train.policy import BoxActions, DiscreteActions, MlpPolicy
 
 CASES = {
