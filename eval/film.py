@@ -30,7 +30,7 @@ from integ_gym.support.errors import InputError
 from integ_gym.support.optional import load, require
 from integ_gym.train.policy import Policy
 
-from .panel.specification.cells.cell import Cell
+from .panel.cells import Cell
 
 Asked: TypeAlias = Discretization | Mapping[str, Any] | str
 """A discretization; some of its parts; or its name, as panels write it."""

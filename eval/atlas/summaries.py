@@ -24,8 +24,8 @@ from integ_gym.support.errors import InputError
 from integ_gym.support.files import read_bounded, replace_file
 from integ_gym.support.optional import package_version
 
-from ..panel.model.files import FILE_NAME, read_panel
-from ..panel.specification.cells.cell import Home
+from ..panel.cells import Home
+from ..panel.result import FILE_NAME, read_panel
 from ..statistics import Interval, mean_interval
 from ..verdict import LEARNED
 from .specification import Atlas, Block

@@ -21,15 +21,16 @@ from integ_gym.support.terminal import (
 )
 
 from ..film import LEAST_START
-from ..panel.model.conclusions import (
+from ..panel.result import (
+    AppliedDiscretization,
     CellFinding,
+    Entry,
+    Estimate,
     Failure,
+    Panel,
     PolicyComparison,
     Verdict,
 )
-from ..panel.model.matrix import AppliedDiscretization, Entry
-from ..panel.model.panel import Panel
-from ..panel.model.part import Estimate
 from ..verdict import (
     EQUIVALENCE_MARGIN,
     FAIL_MARGIN,

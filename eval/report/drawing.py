@@ -33,8 +33,7 @@ from integ_gym.support.figures import (
 )
 from integ_gym.support.terminal import NONE, step
 
-from ..panel.model.matrix import Cell
-from ..panel.model.panel import Group
+from ..panel.result import Cell, Group
 from ..verdict import EQUIVALENCE_MARGIN, FAIL_MARGIN
 from .forests import Forest, Line, Mark
 from .ladders import LadderPlot, LadderPlots, Series

@@ -29,9 +29,8 @@ from integ_gym.train.policy_files.limits import PolicyFileError
 from integ_gym.train.policy_files.reading import read_weights
 from integ_gym.train.policy_files.sidecar import WEIGHTS_FILE
 
-from ..panel.answer import finding_of
-from ..panel.model.matrix import Cell, Entry, Policy
-from ..panel.model.panel import Panel
+from ..panel.conclusions import finding_of
+from ..panel.result import Cell, Entry, Panel, Policy
 from ..power import WITHOUT_VERDICT
 from ..verdict import UNSOLVABLE
 from .forests import ordered_verdicts

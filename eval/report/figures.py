@@ -9,7 +9,7 @@ from typing import Any, Final
 from integ_gym.support.figures import FORMATS, write_figure
 from integ_gym.support.optional import load
 
-from ..panel.model.panel import Panel
+from ..panel.result import Panel
 from .drawing import draw_forest, draw_ladders, draw_matrix
 from .forests import (
     check_forest,

@@ -9,9 +9,7 @@ from typing import Final
 
 from integ_gym.support.terminal import NONE, fixed, plural
 
-from ..panel.model.conclusions import Verdict
-from ..panel.model.matrix import Entry, Row
-from ..panel.model.panel import Panel
+from ..panel.result import Entry, Panel, Row, Verdict
 from ..verdict import PASS, UNSOLVABLE
 from .forests import Trust
 from .matrices import CLASS_WORDS

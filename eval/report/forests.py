@@ -15,17 +15,19 @@ from integ_gym.support.terminal import (
     percent,
 )
 
-from ..panel.model.conclusions import (
+from ..panel.cells import swept_name
+from ..panel.result import (
+    Cell,
+    Entry,
+    Estimate,
     PairedEpisodes,
+    Panel,
     Remedy,
     RemedyCell,
+    Row,
     TrainingCost,
     Verdict,
 )
-from ..panel.model.matrix import Cell, Entry, Row
-from ..panel.model.panel import Panel
-from ..panel.model.part import Estimate
-from ..panel.specification.cells.sweeps import swept_name
 from ..power import WITHOUT_VERDICT
 from ..verdict import (
     ALPHA,

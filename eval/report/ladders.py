@@ -11,10 +11,8 @@ from typing import Any, Final, TypeAlias
 from integ_gym.support.figures import DASHES, SeriesStyle, SeriesStyles
 from integ_gym.support.terminal import step
 
-from ..panel.model.matrix import Cell, Entry, Row
-from ..panel.model.panel import Panel
-from ..panel.model.part import Estimate
-from ..panel.specification.cells.sweeps import swept_name
+from ..panel.cells import swept_name
+from ..panel.result import Cell, Entry, Estimate, Panel, Row
 from ..scheme_style import styles_of
 from .forests import alike, close
 

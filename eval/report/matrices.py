@@ -16,9 +16,7 @@ from integ_gym.support.terminal import (
     true_minus,
 )
 
-from ..panel.model.matrix import Cell, Entry, Row
-from ..panel.model.panel import Group, Panel
-from ..panel.model.part import Estimate
+from ..panel.result import Cell, Entry, Estimate, Group, Panel, Row
 from ..verdict import Achievability
 
 _FEW: Final = 5

@@ -19,8 +19,8 @@ from integ_gym.support.pages import page_environment, page_parts
 from integ_gym.support.terminal import plural, seconds, true_minus
 
 from .. import verdict as rules
-from ..panel.answer import answer_lines, finding_of, next_step
-from ..panel.model.panel import Panel
+from ..panel.conclusions import answer_lines, finding_of, next_step
+from ..panel.result import Panel
 from . import placing as drawing
 from .cards import (
     LABEL_WORDS,

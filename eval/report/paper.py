@@ -23,7 +23,7 @@ from integ_gym.support.figures import (
 )
 from integ_gym.support.terminal import NONE, step
 
-from ..panel.model.panel import Group
+from ..panel.result import Group
 from ..verdict import EQUIVALENCE_MARGIN, FAIL_MARGIN
 from .drawing import (
     draw_box,

@@ -18,7 +18,7 @@ from gymnasium import spaces
 
 from integ_gym.train.policy import MlpPolicy
 
-from ..panel.model.panel import Panel
+from ..panel.result import Panel
 from .episodes import LEDGER, Array, Live, Told, Trace
 
 UNKNOWN: Final = -32768

@@ -9,10 +9,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from integ_gym.eval.panel.calls import run_panel, specified
-from integ_gym.eval.panel.specification.growth import grown
-from integ_gym.eval.panel.specification.panel_spec import TRAINERS, PanelSpec
-from integ_gym.eval.panel.specification.reading import BUILT_IN
+from integ_gym.eval.panel.plan import grown
+from integ_gym.eval.panel.run import run_panel, specified
+from integ_gym.eval.panel.spec import BUILT_IN, TRAINERS, PanelSpec
 from integ_gym.eval.report.forests import ordered_verdicts
 from integ_gym.evidence.sealing import check_key, read_seal, sign
 from integ_gym.support.errors import InputError

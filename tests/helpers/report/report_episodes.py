@@ -6,7 +6,7 @@ import itertools
 
 import numpy as np
 
-from integ_gym.eval.panel.model.panel import Panel
+from integ_gym.eval.panel.result import Panel
 from integ_gym.eval.report.episodes import (
     MOST_POLICIES,
     Outcomes,

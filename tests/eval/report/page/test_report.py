@@ -17,7 +17,7 @@ import pytest
 import report_example as example
 from report_pages import Page, every_panel, page_of, panel_from, panel_of, raw_of
 
-from integ_gym.eval.panel.answer import answer_lines
+from integ_gym.eval.panel.conclusions import answer_lines
 from integ_gym.eval.report import page as report_page
 from integ_gym.eval.report.cards import LABEL_WORDS
 from integ_gym.eval.report.figures import write_figures
@@ -317,7 +317,7 @@ def test_neither_needs_more_than_its_own_package(tmp_path: Path) -> None:
     code = (
         "import sys; import integ_gym.eval.report.page, integ_gym.eval.report.figures; "
         "assert not {'matplotlib', 'jinja2'} & set(sys.modules); "
-        "from pathlib import Path; from integ_gym.eval.panel.model.files import read_panel; "
+        "from pathlib import Path; from integ_gym.eval.panel.result import read_panel; "
         "import integ_gym.eval.report.figures as f; "
         "f.write_figures(read_panel(Path('panel.json')), '.'); "
         "assert 'matplotlib.pyplot' not in sys.modules"
