@@ -19,21 +19,14 @@ from integ_gym.support.processes import Progress, work_bar
 
 from ..panel.running.run_directory import package_versions
 from .bench import Bench
+from .contact import diagnose_contact
+from .control import diagnose_actuation, diagnose_latency, diagnose_refinement
 from .figures import write_diagnosis_figures
+from .identity import diagnose_identity, diagnose_plant
 from .lines import Diagnosis
+from .oscillations import diagnose_free_motion, diagnose_stiffness
 from .page import write_page
-from .sections import (
-    actuation,
-    contact,
-    damping,
-    free_motion,
-    friction,
-    identity,
-    latency,
-    plant,
-    refinement,
-    stiffness,
-)
+from .resistances import diagnose_damping, diagnose_friction
 from .subject import Subject, check_integrator, subjects
 
 SCHEMA_VERSION = 1
@@ -42,16 +35,16 @@ SCHEMA_VERSION = 1
 RESULT = "diagnose.json"
 
 SECTIONS: dict[str, Callable[[Diagnosis], None]] = {
-    "plant": plant.diagnose_plant,
-    "integrator": identity.diagnose_identity,
-    "free motion": free_motion.diagnose_free_motion,
-    "stiffness": stiffness.diagnose_stiffness,
-    "damping": damping.diagnose_damping,
-    "friction": friction.diagnose_friction,
-    "contact": contact.diagnose_contact,
-    "actuation": actuation.diagnose_actuation,
-    "timestep refinement": refinement.diagnose_refinement,
-    "latency": latency.diagnose_latency,
+    "plant": diagnose_plant,
+    "integrator": diagnose_identity,
+    "free motion": diagnose_free_motion,
+    "stiffness": diagnose_stiffness,
+    "damping": diagnose_damping,
+    "friction": diagnose_friction,
+    "contact": diagnose_contact,
+    "actuation": diagnose_actuation,
+    "timestep refinement": diagnose_refinement,
+    "latency": diagnose_latency,
 }
 """Sections in the order in which they are shown."""
 

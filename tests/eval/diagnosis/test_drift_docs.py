@@ -15,7 +15,7 @@ from integ_gym.envs.numerics.energy import energies
 from integ_gym.envs.numerics.stepping import linear_map, stability_limit
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.registries import INTEGRATORS
-from integ_gym.eval.diagnosis.worked_example import (
+from integ_gym.eval.diagnosis.drift import (
     CART_POLE_DT,
     CART_POLE_INTEGRATORS,
     CART_POLE_TIMES,
