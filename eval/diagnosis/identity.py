@@ -46,36 +46,37 @@ def diagnose_plant(diagnosis: Diagnosis) -> None:
     resistances = subject.resistances("damping", "friction")
     plant = subject.varied(**dict.fromkeys(resistances, _RESISTANCE))
     states = states_around(subject.rest)
-    for quantity, defect, agree in (
-        (
-            "rate of energy − power of the control + dissipation, by the largest of them",
-            energy_defect(plant, states), "energy, accelerations and dissipation",
-        ),
-        (
-            "mass matrix × acceleration by a unit force − force",
-            mass_defect(plant, states), "mass matrix and accelerations",
-        ),
-        (
-            "Jacobian − differences of the accelerations, by the largest entry",
-            jacobian_defect(plant, states), "Jacobian and accelerations",
-        ),
-    ):  # fmt: skip
-        if defect is not None:
-            expectation = below(EXACT, (defect,), "", f"{agree} agree")
-            diagnosis.add(ANY, quantity, (defect,), "", expectation)
     q, _ = split_state(tuple(states.T))
     entries = [np.broadcast_to(x, STATES) for row in plant.mass_matrix(ARRAY, q) for x in row]
     change = float(np.ptp(np.array(entries), axis=1).max())
     constant = plant.constant_mass_matrix
-    expectation = Expectation(
+    declared = Expectation(
         "0: declared constant" if constant else "some: declared to depend on q",
         "exactly" if constant else "above 0",
         (change == 0.0) is constant,
     )
-    quantity = "change of the mass matrix between configurations"
-    diagnosis.add(ANY, quantity, (change,), "", expectation)
-    left = (rest_energy(plant, subject.rest),)
-    diagnosis.add(ANY, "energy at rest", left, "J", near(0.0, EXACT, left, "J"))
+    left, off = rest_energy(plant, subject.rest), jacobian_defect(plant, states)
+
+    def agree(defect: float, what: str) -> tuple[float, str, Expectation]:
+        return defect, "", below(EXACT, (defect,), "", f"{what} agree")
+
+    found = {
+        "rate of energy − power of the control + dissipation, by the largest of them": agree(
+            energy_defect(plant, states), "energy, accelerations and dissipation"
+        ),
+        "mass matrix × acceleration by a unit force − force": agree(
+            mass_defect(plant, states), "mass matrix and accelerations"
+        ),
+        "change of the mass matrix between configurations": (change, "", declared),
+        "Jacobian − differences of the accelerations, by the largest entry": (
+            None if off is None else agree(off, "Jacobian and accelerations")
+        ),
+        "energy at rest": (left, "J", near(0.0, EXACT, (left,), "J")),
+    }
+    for quantity, line in found.items():
+        if line is not None:
+            value, unit, expectation = line
+            diagnosis.add(ANY, quantity, (value,), unit, expectation)
 
 
 def states_around(rest: Array) -> Array:

@@ -8,19 +8,9 @@ import subprocess
 import sys
 from pathlib import Path
 
-import gymnasium as gym
-import numpy as np
 import pytest
 
 import integ_gym  # noqa: F401
-from integ_gym.evidence import episode_table as table
-from integ_gym.evidence import fields
-from integ_gym.evidence import fields as trace_fields
-from integ_gym.evidence import record as summary
-from integ_gym.evidence import schema as arrow_schema
-from integ_gym.evidence.context import EpisodeContext
-from integ_gym.evidence.recorder import RecordEvidence
-from integ_gym.evidence.store import EvidenceStore
 
 ROOT = Path(__file__).parent.parent.parent
 PAGE = (ROOT / "docs" / "how-to" / "adding.md").read_text(encoding="utf-8")
@@ -75,31 +65,3 @@ def test_parts_of_ones_own_need_the_users_door_alone():
     imported = re.findall(r"^(?:from|import) (integ_gym\S*)", "\n".join(_blocks("python")), re.M)
     assert imported
     assert set(imported) == {"integ_gym"}
-
-
-def test_the_page_names_folders_that_exist():
-    for path in re.findall(r"`((?:envs|train|eval)/[\w/]+\.py)`", PAGE):
-        example = Path(path).name in ("slider.py", "ralston.py", "settle.py")
-        assert (ROOT / path).parent.is_dir() if example else (ROOT / path).exists(), path
-
-
-def test_an_evidence_field_is_one_entry(monkeypatch, tmp_path):
-    """Both entries of the page, put into their tables, are recorded."""
-    field = eval(re.findall(r"^(_real\(.*\)),$", PAGE, re.MULTILINE)[0], vars(fields))
-    column = eval(re.findall(r"^(_column\(.*\)),$", PAGE, re.MULTILINE)[0], vars(trace_fields))
-    summaries = (*fields.SUMMARY_FIELDS, field)
-    for module in (fields, trace_fields, summary, table):
-        monkeypatch.setattr(module, "SUMMARY_FIELDS", summaries)
-    names = frozenset(one.name for one in summaries)
-    monkeypatch.setattr(arrow_schema, "_SUMMARY_NAMES", names)
-    monkeypatch.setattr(trace_fields, "COMMON_TRACE", (*trace_fields.COMMON_TRACE, column))
-    env = gym.make("IntegPendulum-v0", duration=0.5)
-    env = RecordEvidence(env, tmp_path, EpisodeContext("run", "cell"))
-    env.reset(seed=0)
-    for torque in 5 * (2.0, 0.0):
-        env.step(np.array([torque], dtype=np.float32))
-    env.close()
-    (record,) = EvidenceStore(tmp_path).records()
-    assert record[field.name] == record["energy"].max()
-    assert record[column.name].tolist() == 5 * [1, 0]
-    assert EvidenceStore(tmp_path).verify() == []

@@ -83,16 +83,6 @@ def test_type_checkers_are_told_what_the_users_door_offers():
         assert value is getattr(sys.modules[module], name), name
 
 
-def test_type_checkers_see_the_files_themselves():
-    """By links to all that is imported: a copy would be checked in their place."""
-    seen = {path.name: path for path in (ROOT / ".typing" / "integ_gym").iterdir()}
-    entries = {path.name for path in (ROOT / "package").iterdir()} - {"py.typed", "__pycache__"}
-    assert set(seen) == entries | set(FLOORS[:-1])
-    for name, path in seen.items():
-        assert path.is_symlink(), name
-        assert path.resolve() == (ROOT / ("" if name in FLOORS else "package") / name).resolve()
-
-
 def test_a_name_that_is_not_offered_is_refused():
     with pytest.raises(AttributeError, match="module 'integ_gym' has no attribute 'no_such'"):
         integ_gym.no_such  # noqa: B018

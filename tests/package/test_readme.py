@@ -72,11 +72,6 @@ def test_the_documented_integrator_has_its_order():
     assert np.log2(errors[0] / errors[1]) == pytest.approx(2.0, abs=0.1)
 
 
-def test_there_are_python_blocks_and_the_first_is_short():
-    first, *_ = _blocks("python")
-    assert len([line for line in first.splitlines() if line.strip()]) <= 8
-
-
 def test_the_example_prints_what_is_shown_below_it():
     found = re.search(
         r"^```python\n(.*?)^```\s+^```text\n(.*?)^```", README, re.DOTALL | re.MULTILINE
@@ -86,17 +81,6 @@ def test_the_example_prints_what_is_shown_below_it():
         [sys.executable, "-c", found[1]], capture_output=True, text=True, check=True
     )
     assert done.stdout == found[2]
-
-
-def test_the_first_screen_answers_and_says_what_to_type():
-    """A question, a picture and the command that judges a policy, in so few lines; no long read."""
-    lines = README.splitlines()
-    first = "\n".join(lines[:45])
-    assert "**Is your result physics, or an artefact of dt?**" in "\n".join(lines[:5])
-    for command in ("evaluate policy.zip", "check --integrator symplectic_euler --dt 0.05"):
-        assert f"\ninteg-gym {command}" in first
-    assert "watch-it-fail.gif" in first
-    assert len(README.split()) <= 1300
 
 
 def test_what_the_quick_panel_found_is_what_was_saved():

@@ -24,7 +24,8 @@ from integ_gym.envs.engines.interface import integrators_of
 from integ_gym.envs.numerics.stepping import one_step
 from integ_gym.envs.plants.pendulum import Pendulum
 from integ_gym.envs.registries import ENGINES
-from integ_gym.eval.census import run, words
+from integ_gym.eval.census import measuring as run
+from integ_gym.eval.census import page as words
 from integ_gym.eval.census.measuring import Line, measure
 from integ_gym.eval.census.page import render_census
 from integ_gym.eval.census.subjects import (
@@ -74,10 +75,6 @@ def gymnasium() -> dict[str, Line]:
     return {s.name: measure(s) for s in PUBLISHED.load("gymnasium")().subjects()}
 
 
-def test_every_library_has_its_expectation() -> None:
-    assert set(EXPECTED) == set(PUBLISHED.names())
-
-
 HERE = [name for name in PUBLISHED.names() if PUBLISHED.load(name).apart is None]
 """Libraries without an environment of their own: of others, the exchange is replayed elsewhere."""
 
@@ -119,12 +116,6 @@ def test_gymnasium_cuts_the_speed_before_the_angle_moves(gymnasium: dict[str, Li
     limit = gymnasium["CartPole-v1"].speed_limit
     assert limit is not None
     assert (limit.limit, limit.fastest) == (None, 40.0)
-
-
-def test_gymnasium_is_what_it_says(gymnasium: dict[str, Line]) -> None:
-    for line in gymnasium.values():
-        assert line.differences == ()
-        assert line.found.defect < 5e-8
 
 
 def test_the_energy_of_gymnasium_drifts_as_its_maps_do(gymnasium: dict[str, Line]) -> None:
@@ -327,20 +318,6 @@ def test_the_terminal_gets_a_table_and_what_is_not_as_said(
     assert "planted Planted-v0 (cart_pole): said to take 0.02 s" in out
 
 
-def test_a_narrow_terminal_is_told_the_same(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    given = ["census", "--published", "planted_library:PlantedLibrary", "--engine", "native"]
-    assert main([*given, "--out", str(tmp_path / "wide")]) == 0
-    wide = capsys.readouterr().out.replace(str(tmp_path / "wide"), "")
-    monkeypatch.setenv("COLUMNS", "80")
-    assert main([*given, "--out", str(tmp_path / "narrow")]) == 0
-    narrow = capsys.readouterr().out.replace(str(tmp_path / "narrow"), "")
-    assert max(map(len, wide.splitlines())) > 80
-    assert max(map(len, narrow.splitlines())) <= 80
-    assert set(wide.split()) - set(narrow.split()) <= {"source", *re.findall(r"-{3,}", wide)}
-
-
 def test_a_library_that_fails_is_named_and_the_others_are_looked_at(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -398,13 +375,6 @@ def test_the_published_result_is_what_is_measured(census: Path) -> None:
             rows = cells_with(f"| `{line['found']['map']}` |", f"native `{line['name']}`")
             row = rows[("pendulum", "cart_pole").index(line["plant"])]
             assert row[4] == end
-
-
-def test_every_library_is_in_the_published_result() -> None:
-    for library, environments in EXPECTED.items():
-        title = PUBLISHED.load(library).title
-        for name in environments:
-            assert cells_with(f"`{name}` | {title} "), (title, name)
 
 
 def test_the_documented_library_is_found_out(

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import re
-import shlex
 from pathlib import Path
 
-from integ_gym.commands.diagnose import parser
 from integ_gym.eval.diagnosis.run import SECTIONS
 
 PAGE = (Path(__file__).parents[3] / "docs" / "reference" / "diagnose.md").read_text(
@@ -31,15 +29,6 @@ def test_the_table_is_what_is_printed(diagnosis):
     assert len(checked) > 15
     for row in checked:
         assert row in rows
-
-
-def test_the_command_is_one(diagnosis):
-    command, query = _blocks("sh")
-    words = shlex.split(command)
-    assert words[:2] == ["integ-gym", "diagnose"]
-    given = parser().parse_args(words[2:])
-    assert set(given.integrator) <= set(diagnosis[1]["integrators"])
-    assert "evidence query" in query
 
 
 def test_every_section_is_explained():

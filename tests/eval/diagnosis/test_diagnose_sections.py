@@ -14,15 +14,13 @@ from integ_gym.envs.numerics import stepping
 from integ_gym.envs.numerics.accuracy import independent_motion
 from integ_gym.envs.numerics.stepping import advance
 from integ_gym.envs.registries import INTEGRATORS, PLANTS
-from integ_gym.eval.diagnosis import bench, control
+from integ_gym.eval.diagnosis import control
 from integ_gym.eval.diagnosis.contact import passive
 from integ_gym.eval.diagnosis.lines import (
     above,
     below,
     near,
     order_expected,
-    said,
-    shown,
 )
 from integ_gym.eval.diagnosis.oscillations import trend
 from integ_gym.eval.diagnosis.subject import subjects
@@ -91,24 +89,6 @@ def test_every_step_of_every_rollout_is_in_a_record(section, tmp_path, monkeypat
     examine(section, "pendulum", "implicit_midpoint", store=tmp_path)
     recorded = EvidenceStore(tmp_path).query("SELECT sum(length * substeps) AS n FROM records")
     assert sum(steps) - sum(probes) == recorded.to_pylist()[0]["n"] > 1000
-
-
-def test_one_lane_alone_moves_as_among_others(tmp_path):
-    (subject,) = subjects(None, "elastic_pendulum", [])
-    runner = bench.Bench(EvidenceStore(tmp_path), "test")
-    starts = np.stack([subject.start, subject.rest])
-    together = runner.open_loop(
-        "two", subject, "implicit_euler", 0.01, bench.Commands("sine", np.sin(np.arange(9.0))),
-        starts, duration=0.4,
-    )  # fmt: skip
-    alone = runner.open_loop(
-        "one", subject, "implicit_euler", 0.01, bench.Commands("sine", np.sin(np.arange(9.0))),
-        starts[:1], duration=0.4,
-    )  # fmt: skip
-    assert np.array_equal(alone.state[:, 0], together.state[:, 0])
-    assert set(alone.info) == set(together.info)
-    for name, column in alone.info.items():
-        assert np.array_equal(column[:, 0], together.info[name][:, 0]), name
 
 
 def test_a_plant_of_ones_own_goes_through_every_section(tmp_path):
@@ -228,12 +208,3 @@ def test_instants_are_whole_steps_and_close_enough(dt):
 )
 def test_where_an_impact_may_gain_energy(name, limit, holds):
     assert passive(name, limit).holds is holds
-
-
-def test_numbers_as_they_are_shown():
-    assert [shown(x) for x in (2.0, 0.0, -3.0, 0.06, 1e-9, math.inf, math.nan)] == [
-        "2", "0", "−3", "0.0600", "1.00·10⁻⁹", "unbounded", "diverged",
-    ]  # fmt: skip
-    assert [said(x, "J") for x in (0.05, 1e-9, 3e-13, 2000.0)] == [
-        "0.05 J", "10⁻⁹ J", "3·10⁻¹³ J", "2000 J",
-    ]  # fmt: skip
