@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from integ_gym.support.errors import InputError
 from integ_gym.support.figures import (
     INK,
     PAPER,
@@ -107,7 +108,7 @@ def publish(atlas: Atlas, summaries: Path, out: Path) -> list[Path]:
     """
     done = finished(atlas, summaries)
     if not done:
-        raise ValueError(f"no block of atlas {atlas.name!r} has a summary in {summaries}")
+        raise InputError(f"no block of atlas {atlas.name!r} has a summary in {summaries}")
     found = points(atlas, done, noted_in(summaries))
     make_folder(out)
     homes = [home.name for home in atlas.panel.train]

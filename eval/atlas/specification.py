@@ -16,9 +16,8 @@ from integ_gym.envs import numerics
 from integ_gym.envs.catalogue.lookup import environment_setup
 from integ_gym.envs.settings import Discretization
 
-from ..panel.specification.panel_spec import PanelSpec
-from ..panel.specification.reading import parse_spec, read_toml
-from ..panel.specification.values import SpecError
+from ..panel.cells import SpecError
+from ..panel.spec import PanelSpec, parse_spec, read_toml
 
 WIDEST = 1e4
 """Largest limit of the control that is tried, as a multiple of the smallest."""

@@ -19,11 +19,12 @@ import numpy.typing as npt
 
 from integ_gym.evidence.sealing import read_seal
 from integ_gym.evidence.store import open_run
+from integ_gym.support.errors import InputError
 from integ_gym.support.files import read_bounded, replace_file
 from integ_gym.support.optional import package_version
 
-from ..panel.model.files import FILE_NAME, read_panel
-from ..panel.specification.cells.cell import Home
+from ..panel.cells import Home
+from ..panel.result import FILE_NAME, read_panel
 from ..statistics import mean_interval
 from ..verdict import LEARNED
 from .specification import Atlas, Block
@@ -194,7 +195,7 @@ def read_summary(path: Path) -> Summary:
         table = pq.ParquetFile(source, pre_buffer=False).read(use_threads=False)
         origin = msgspec.json.decode((table.schema.metadata or {})[KEY], type=Origin)
     except (KeyError, msgspec.DecodeError, pa.ArrowException) as error:
-        raise ValueError(f"{path} is no summary of an atlas's block: {error}") from None
+        raise InputError(f"{path} is no summary of an atlas's block: {error}") from None
     return Summary(origin, table.replace_schema_metadata(None))
 
 
@@ -247,7 +248,7 @@ def compare(name: str, first: Summary, again: Summary) -> Agreement:
     if told is not None:
         whole = {_key(row) for row in before} == {_key(row) for row in after}
         if same_processor(first, again) or not whole:
-            raise ValueError(f"block {name}, {told} differ between code {' and '.join(codes)}")
+            raise InputError(f"block {name}, {told} differ between code {' and '.join(codes)}")
         difference = _difference_by_chance(name, _success(before), _success(after))
     policies = len({(row["home"], row["seed"]) for row in after})
     return Agreement(codes, name, policies, len(after), difference)
@@ -295,12 +296,12 @@ def _difference_by_chance(
     overall = mean_interval(np.mean(list(changes.values()), axis=0), 0.95)
     for home, found in intervals.items():
         if found is None or overall is None:
-            raise ValueError("one seed tells nothing of what another processor changes")
+            raise InputError("one seed tells nothing of what another processor changes")
         if found.low > 0.0 or found.high < 0.0:
-            raise ValueError(f"block {name}, success of {home} is another: by {found}")
+            raise InputError(f"block {name}, success of {home} is another: by {found}")
     assert overall is not None
     if max(-overall.low, overall.high) > MARGIN:
-        raise ValueError(f"block {name}, success may be another: by {overall}")
+        raise InputError(f"block {name}, success may be another: by {overall}")
     return overall.estimate, overall.low, overall.high
 
 
@@ -329,7 +330,7 @@ def check_agree(summaries: Sequence[Summary], agreements: Iterable[Agreement]) -
         reached |= grown
     apart = [code for code in codes if code not in reached]
     if apart:
-        raise ValueError(
+        raise InputError(
             f"summaries of code {codes[0]} and {apart[0]} were never held against each other; run "
             "a block again with `integ-gym atlas SPEC --again BLOCK`"
         )

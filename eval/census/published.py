@@ -22,6 +22,7 @@ from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.plants.interface import Plant, join_state, split_state
 from integ_gym.envs.plants.pendulum import Pendulum
 from integ_gym.envs.testbeds.making import find_testbed, make_checked
+from integ_gym.support.errors import InputError
 from integ_gym.support.isolated import APART, Apart
 from integ_gym.support.optional import package_version
 
@@ -160,7 +161,7 @@ def plant_of(model: Any) -> Plant:
         pull = expected @ np.array(made.acceleration(SCALAR, q, still, still))
         for got, wanted in ((mass, expected), (weight, pull)):
             if not np.allclose(got, wanted, rtol=AGREEMENT, atol=AGREEMENT):
-                raise ValueError(
+                raise InputError(
                     f"the MuJoCo model does not move as a {made.name} at q = {q}: "
                     f"{got.tolist()} for {wanted.tolist()}"
                 )

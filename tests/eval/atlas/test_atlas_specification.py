@@ -13,7 +13,7 @@ from integ_gym.eval.atlas.specification import (
     read_atlas,
     setup_of,
 )
-from integ_gym.eval.panel.specification.values import SpecError
+from integ_gym.eval.panel.cells import SpecError
 
 RK4 = Discretization("rk4", 0.05, 0.05)
 
