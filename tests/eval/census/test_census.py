@@ -168,33 +168,36 @@ def test_what_was_measured_is_let_go(monkeypatch: pytest.MonkeyPatch) -> None:
     assert alive == [1, 2] * 4
 
 
-def test_a_step_that_is_not_the_stated_one_is_found_out() -> None:
-    line = measure(planted.subject(one_step("symplectic_euler", planted.PENDULUM, 0.04)))
+LIMITED = Statement(0.05, max_speed=6.0)
+
+
+@pytest.mark.parametrize(
+    ("step", "stated", "found", "differences"),
+    [
+        (one_step("symplectic_euler", planted.PENDULUM, 0.04), None, ("symplectic_euler", 1, 0.04),
+         "said to take 0.05 s a control period, takes 0.04 s"),
+        (one_step("explicit_euler", planted.PENDULUM, 0.05), None, ("explicit_euler", 1, 0.05),
+         "said to be symplectic_euler, is explicit_euler"),
+        (planted.repeated(one_step("symplectic_euler", planted.PENDULUM, 0.0125), 4), None,
+         ("symplectic_euler", 4, 0.0125), "said to take 1 steps a control period, takes 4"),
+        (planted.repeated(one_step("rk4", planted.PENDULUM, 0.02), 2), Statement(0.05),
+         ("rk4", 2, 0.02), "said to take 0.05 s a control period, takes 0.04 s"),
+        (planted.limited(20.0, "cut"), None, ("symplectic_euler", 1, 0.05),
+         "cuts speeds at 20 without saying so"),
+        (one_step("rk4", planted.PENDULUM, 0.05), LIMITED, ("rk4", 1, 0.05),
+         "said to cut speeds at 6, does not"),
+        (planted.dragged, None, ("symplectic_euler", 1, 0.05),
+         "is slower than its map at high speeds"),
+    ],
+)  # fmt: skip
+def test_what_is_not_as_stated_is_found_out(
+    step: Any, stated: Statement | None, found: tuple[str, int, float], differences: str
+) -> None:
+    line = measure(planted.subject(step, *([stated] if stated else [])))
     assert line.found.identified
-    assert line.found.map == "symplectic_euler"
-    assert line.found.control_period == pytest.approx(0.04, rel=1e-9)
-    assert line.differences == ("said to take 0.05 s a control period, takes 0.04 s",)
-
-
-def test_another_integrator_is_found_out() -> None:
-    line = measure(planted.subject(one_step("explicit_euler", planted.PENDULUM, 0.05)))
-    assert line.found.map == "explicit_euler"
-    assert line.differences == ("said to be symplectic_euler, is explicit_euler",)
-
-
-def test_another_number_of_steps_is_found_out() -> None:
-    step = planted.repeated(one_step("symplectic_euler", planted.PENDULUM, 0.0125), 4)
-    line = measure(planted.subject(step))
-    assert (line.found.substeps, line.found.dt) == (4, pytest.approx(0.0125))
-    assert line.differences == ("said to take 1 steps a control period, takes 4",)
-
-
-def test_another_step_and_number_of_steps_are_found_out_together() -> None:
-    step = planted.repeated(one_step("rk4", planted.PENDULUM, 0.02), 2)
-    line = measure(planted.subject(step, Statement(0.05)))
-    assert line.found.identified
-    assert (line.found.map, line.found.substeps) == ("rk4", 2)
-    assert line.found.dt == pytest.approx(0.02, rel=1e-6)
+    assert (line.found.map, line.found.substeps) == found[:2]
+    assert line.found.dt == pytest.approx(found[2], rel=1e-6)
+    assert line.differences == (differences,)
 
 
 def test_an_unknown_map_is_not_given_a_name() -> None:
@@ -222,23 +225,6 @@ def test_a_speed_limit_is_found_with_what_moves_the_position(make: Any, moves_by
     assert line.speed_limit.limit == pytest.approx(6.0)
     assert line.speed_limit.moves_by == moves_by
     assert len(line.differences) == (moves_by == "uncut")
-
-
-def test_a_speed_limit_that_is_not_stated_is_found_out() -> None:
-    line = measure(planted.subject(planted.limited(20.0, "cut")))
-    assert line.differences == ("cuts speeds at 20 without saying so",)
-
-
-def test_a_speed_limit_that_does_not_act_is_found_out() -> None:
-    stated = Statement(0.05, max_speed=6.0)
-    line = measure(planted.subject(one_step("rk4", planted.PENDULUM, 0.05), stated))
-    assert line.differences == ("said to cut speeds at 6, does not",)
-
-
-def test_drag_at_high_speed_is_found_out() -> None:
-    line = measure(planted.subject(planted.dragged))
-    assert line.found.identified
-    assert line.differences == ("is slower than its map at high speeds",)
 
 
 def test_watched_episodes_say_the_same_as_states_that_are_set() -> None:
