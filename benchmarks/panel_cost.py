@@ -19,7 +19,6 @@ time.
 
 from __future__ import annotations
 
-import argparse
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -27,8 +26,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from bounds import print_judged
 from measuring import results, training_cost
-from measuring.bounds import print_judged
 from tqdm import tqdm
 
 from integ_gym.support.processes import cores
@@ -251,15 +250,12 @@ def count(parts: Sequence[str]) -> int:
 
 def main() -> None:
     """Print the tables; write JSON where asked."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = results.parser(__doc__, EXAMPLES, file=True)
     add = parser.add_argument
     add("--only", nargs="+", choices=list(PARTS), default=list(PARTS), metavar="PART")
     add("--policies", type=int, default=40, metavar="N", help="of the panel (default: 40)")
     add("--steps", type=int, default=100_000, metavar="N", help="of each policy (default: 100000)")
     add("--runs", type=int, default=2, metavar="N", help="of sb3 per process (default: 2)")
-    add("--json", type=Path, metavar="FILE", help="also write the numbers here")
     given = parser.parse_args()
     found, tables = {}, []
     with tqdm(total=count(given.only), unit="measurement") as bar:
