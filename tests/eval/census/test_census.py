@@ -9,7 +9,6 @@ import subprocess
 import sys
 import weakref
 from functools import partial
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +32,6 @@ from integ_gym.eval.census.subjects import (
     Statement,
     engine_subjects,
     installed,
-    nearest_turn,
 )
 
 DAMPED = "symplectic_euler_implicit_damping"
@@ -242,14 +240,6 @@ def test_damping_is_no_drift() -> None:
     assert line.drift is not None
     assert line.drift.exact_energies[-1] < 0.6
     assert line.drift.largest < 1e-4
-
-
-def test_angles_go_on_over_a_full_turn() -> None:
-    turns = [3.0, -3.1, -2.9]
-    unwrapped = [turns[0]]
-    for angle in turns[1:]:
-        unwrapped.append(nearest_turn(angle, unwrapped[-1]))
-    assert all(0.0 < b - a < 0.3 for a, b in pairwise(unwrapped))
 
 
 @pytest.fixture(scope="module")

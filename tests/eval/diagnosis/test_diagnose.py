@@ -92,16 +92,6 @@ def test_every_point_of_the_convergence_curve_has_its_record(diagnosis):
         assert set(curve["steps"]) <= recorded
 
 
-def test_claims_of_a_planted_integrator_are_refuted(diagnosis):
-    _, result, _ = diagnosis
-    for quantity in ("order of convergence", "symplectic, max", "reversible, ", "energy gained"):
-        (line,) = _lines(result, "planted:Boaster", quantity)
-        assert line["holds"] is False, quantity
-    (drift,) = _lines(result, "planted:Boaster", "energy change after")
-    assert drift["expected"] == "bounded"
-    assert drift["holds"] is False
-
-
 def test_an_integrator_that_says_nothing_is_told_what_it_is(diagnosis):
     _, result, printed = diagnosis
     (line,) = _lines(result, "planted:Silent", "order of convergence")
@@ -120,15 +110,6 @@ def test_an_integrator_that_says_nothing_is_told_what_it_is(diagnosis):
     }
     words = "pendulum planted:Silent 1.00 no no never: oscillations grow at every step"
     assert words in " ".join(printed.split())
-
-
-def test_built_in_integrator_keeps_its_promises(diagnosis):
-    _, result, _ = diagnosis
-    for quantity in ("order", "symplectic, ", "reversible, ", "energy gained", "stable up to"):
-        found = _lines(result, BUILT_IN, quantity)
-        assert found
-        for line in found:
-            assert line["holds"] is True, line
 
 
 def test_the_truth_holds_everywhere(diagnosis):
