@@ -9,22 +9,18 @@ import sys
 from pathlib import Path
 
 import pytest
+from house import page_blocks
 
 import integ_gym  # noqa: F401
 
-ROOT = Path(__file__).parent.parent.parent
-PAGE = (ROOT / "docs" / "how-to" / "adding.md").read_text(encoding="utf-8")
-
-
-def _blocks(language: str) -> list[str]:
-    return re.findall(rf"^```{language}\n(.*?)^```", PAGE, re.DOTALL | re.MULTILINE)
+PAGE = "docs/how-to/adding.md"
 
 
 @pytest.fixture(scope="module")
 def directory(tmp_path_factory) -> Path:
     """A directory with the page's files."""
     folder = tmp_path_factory.mktemp("adding")
-    for block in _blocks("python"):
+    for block in page_blocks(PAGE, "python"):
         (name,) = re.findall(r"\A# (\w+\.py)$", block, re.MULTILINE)
         (folder / name).write_text(block, encoding="utf-8")
     return folder
@@ -49,12 +45,12 @@ def test_the_task_runs(directory):
 
 
 def test_the_command_tells_the_integrator_what_it_is(directory):
-    (command,) = _blocks("sh")
+    (command,) = page_blocks(PAGE, "sh")
     words = shlex.split(command)
     assert words[0] == "integ-gym"
     printed = _run(directory, "-m", "integ_gym.cli", *words[1:], "--all", "--no-progress")
     rows = {" ".join(row.split()) for row in printed.splitlines()}
-    (told,) = [block for block in _blocks("text") if not block.startswith("integ-gym")]
+    (told,) = [block for block in page_blocks(PAGE, "text") if not block.startswith("integ-gym")]
     for row in told.splitlines():
         assert " ".join(row.split()) in rows
     assert "my_plant:Slider, plant: rate of energy" in printed
@@ -62,6 +58,8 @@ def test_the_command_tells_the_integrator_what_it_is(directory):
 
 
 def test_parts_of_ones_own_need_the_users_door_alone():
-    imported = re.findall(r"^(?:from|import) (integ_gym\S*)", "\n".join(_blocks("python")), re.M)
+    imported = re.findall(
+        r"^(?:from|import) (integ_gym\S*)", "\n".join(page_blocks(PAGE, "python")), re.M
+    )
     assert imported
     assert set(imported) == {"integ_gym"}

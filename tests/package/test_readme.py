@@ -8,24 +8,21 @@ import shlex
 import subprocess
 import sys
 import types
-from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
 import pytest
+from house import ROOT, page_blocks, page_text
 
 from integ_gym.cli import COMMANDS
 
-ROOT = Path(__file__).parent.parent.parent
 DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
-README = (ROOT / "README.md").read_text(encoding="utf-8")
+README = page_text("README.md")
 
 
-def _blocks(language: str) -> list[str]:
-    return re.findall(rf"^```{language}\n(.*?)^```", README, re.DOTALL | re.MULTILINE)
-
-
-@pytest.mark.parametrize("block", _blocks("python"), ids=lambda b: b.strip().splitlines()[-1][:40])
+@pytest.mark.parametrize(
+    "block", page_blocks("README.md", "python"), ids=lambda b: b.strip().splitlines()[-1][:40]
+)
 def test_python_blocks_run(block):
     done = subprocess.run(
         [sys.executable, "-W", "error", "-c", block], capture_output=True, text=True, check=False
@@ -36,8 +33,7 @@ def test_python_blocks_run(block):
 
 def _documented():
     """The page's examples: a mixture, compiled lanes, and an integrator of one's own."""
-    text = (ROOT / "docs" / "reference" / "environments.md").read_text(encoding="utf-8")
-    return re.findall(r"^```python\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
+    return page_blocks("docs/reference/environments.md", "python")
 
 
 def test_the_documented_mixture_draws_both_members(capsys):
@@ -100,7 +96,7 @@ def test_what_the_quick_panel_found_is_what_was_saved():
 
 
 def _commands() -> list[str]:
-    lines = "\n".join(_blocks("sh")).splitlines()
+    lines = "\n".join(page_blocks("README.md", "sh")).splitlines()
     return [line.split("  #")[0].strip() for line in lines if line.strip()]
 
 
