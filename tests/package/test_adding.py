@@ -11,8 +11,6 @@ from pathlib import Path
 import pytest
 from house import page_blocks
 
-import integ_gym  # noqa: F401
-
 PAGE = "docs/how-to/adding.md"
 
 
@@ -27,13 +25,8 @@ def directory(tmp_path_factory) -> Path:
 
 
 def _run(directory: Path, *words: str) -> str:
-    done = subprocess.run(
-        [sys.executable, "-W", "error", *words],
-        cwd=directory,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    command = [sys.executable, "-W", "error", *words]
+    done = subprocess.run(command, cwd=directory, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     return done.stdout
 
@@ -58,8 +51,7 @@ def test_the_command_tells_the_integrator_what_it_is(directory):
 
 
 def test_parts_of_ones_own_need_the_users_door_alone():
-    imported = re.findall(
-        r"^(?:from|import) (integ_gym\S*)", "\n".join(page_blocks(PAGE, "python")), re.M
-    )
+    code = "\n".join(page_blocks(PAGE, "python"))
+    imported = re.findall(r"^(?:from|import) (integ_gym\S*)", code, re.MULTILINE)
     assert imported
     assert set(imported) == {"integ_gym"}

@@ -20,9 +20,7 @@ DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 README = page_text("README.md")
 
 
-@pytest.mark.parametrize(
-    "block", page_blocks("README.md", "python"), ids=lambda b: b.strip().splitlines()[-1][:40]
-)
+@pytest.mark.parametrize("block", page_blocks("README.md", "python"))
 def test_python_blocks_run(block):
     done = subprocess.run(
         [sys.executable, "-W", "error", "-c", block], capture_output=True, text=True, check=False

@@ -16,6 +16,7 @@ import planted_library as planted
 import pytest
 from browsing import assert_fits
 from engine_cases import EVERY, lighter, needs
+from house import page_text
 
 from integ_gym.cli import main
 from integ_gym.envs import numerics
@@ -315,9 +316,7 @@ def test_unknown_names_are_refused(
     assert guess in capsys.readouterr().err
 
 
-DOCS = (Path(__file__).parents[3] / "docs" / "explanation" / "census.md").read_text(
-    encoding="utf-8"
-)
+DOCS = page_text("docs/explanation/census.md")
 
 
 def cells_with(*texts: str) -> list[list[str]]:

@@ -3,17 +3,12 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
+
+from house import page_blocks, page_text
 
 from integ_gym.eval.diagnosis.run import SECTIONS
 
-PAGE = (Path(__file__).parents[3] / "docs" / "reference" / "diagnose.md").read_text(
-    encoding="utf-8"
-)
-
-
-def _blocks(language: str) -> list[str]:
-    return re.findall(rf"^```{language}\n(.*?)^```", PAGE, re.DOTALL | re.MULTILINE)
+PAGE = page_text("docs/reference/diagnose.md")
 
 
 def _plain(row: str) -> str:
@@ -24,7 +19,7 @@ def _plain(row: str) -> str:
 def test_the_table_is_what_is_printed(diagnosis):
     _, _, printed = diagnosis
     rows = {_plain(row) for row in printed.splitlines()}
-    (block,) = _blocks("text")
+    (block,) = page_blocks("docs/reference/diagnose.md", "text")
     checked = [_plain(row) for row in block.splitlines() if row.strip("- ")]
     assert len(checked) > 15
     for row in checked:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
 from checks import POINT
+from house import page_text
 from stated import stated
 
 from integ_gym.envs.numerics.energy import energies
@@ -23,7 +23,7 @@ from integ_gym.eval.diagnosis.drift import (
     RELEASE,
 )
 
-TEXT = (Path(__file__).parents[3] / "docs" / "explanation" / "drift.md").read_text(encoding="utf-8")
+TEXT = page_text("docs/explanation/drift.md")
 ROUNDING = 1e-9
 """Percent."""
 
