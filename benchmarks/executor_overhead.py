@@ -63,17 +63,14 @@ def compute(seconds: float) -> float:
 def here(run: str, unit: str, seconds: float) -> float:
     """A unit of a local pool, which writes where its result belongs."""
     rate = compute(seconds)
-    write_once(Path(run) / "evidence" / f"{unit}.parquet", _result)
+    file = Path(run) / "evidence" / f"{unit}.parquet"
+    write_once(file, lambda path: path.write_bytes(bytes(RESULT)))
     return rate
 
 
 def elsewhere(run: str, unit: str, seconds: float) -> tuple[float, bytes]:
     """A unit of another executor, which returns what it writes."""
     return compute(seconds), bytes(RESULT)
-
-
-def _result(path: Path) -> None:
-    path.write_bytes(bytes(RESULT))
 
 
 def nothing(number: int) -> None:

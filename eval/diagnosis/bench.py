@@ -52,7 +52,7 @@ class CountingEngine(NativeEngine):
     batched: ClassVar[bool] = False
 
 
-def counted(env: IntegEnv) -> CountingSystem:
+def count_evaluations(env: IntegEnv) -> CountingSystem:
     """Put a counting engine into an environment; the motion stays the same bit by bit."""
     setup = env.setup
     stopped = setup.system.engine_stops is not None
@@ -214,7 +214,7 @@ class Bench:
         if len(starts) > 1:
             return self._lanes(cell, made(len(starts), **arguments), commands, starts)
         env = made.env_class(**arguments)
-        system = counted(env)
+        system = count_evaluations(env)
         rollout = self._recorded(RecordEvidence, made.__name__, cell, env, commands, starts[0])
         return replace(rollout, evaluations=system.evaluations)
 

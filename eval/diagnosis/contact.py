@@ -13,7 +13,7 @@ from integ_gym.envs.plants.interface import split_state
 from integ_gym.envs.registries import TRUTH
 
 from .bench import Commands, Rollout
-from .lines import NO_CONTROL, Diagnosis, Expectation, near, said, undeclared
+from .lines import NO_CONTROL, Diagnosis, Expectation, amount, near, undeclared
 from .subject import Array, Subject, theory_of
 
 SPEED = 1.0
@@ -265,5 +265,5 @@ def passive(integrator: str, limit: float) -> Expectation:
     if math.isinf(theory.oscillation_limit):
         return undeclared("no promise: an oscillator never grows")
     bound = 2.0 * theory.oscillation_limit or 1.0
-    why = f"an oscillator grows above {said(theory.oscillation_limit)}"
-    return Expectation(why, f"up to {said(bound)}", limit <= bound)
+    why = f"an oscillator grows above {amount(theory.oscillation_limit)}"
+    return Expectation(why, f"up to {amount(bound)}", limit <= bound)

@@ -16,7 +16,7 @@ from integ_gym.train.baselines.making import has_handmade, make_baseline
 
 from ..verdict import EQUIVALENCE_MARGIN
 from .bench import Commands, Rollout
-from .lines import Diagnosis, Expectation, near, said, undeclared
+from .lines import Diagnosis, Expectation, amount, near, undeclared
 from .subject import Array, Subject
 
 LEVELS = (3.0, 0.6, -3.0, -0.6)
@@ -87,10 +87,10 @@ def _add_applied(
     unit, steps = diagnosis.subject.plant.control_unit, tuple(rollouts)
     acted = [r.info["control"][1:, 0] for r in rollouts.values()]
     off = [_largest(np.abs(x - within)) for x in acted]
-    limit = f"{said(float(within.max()))} {unit}"
+    limit = f"{amount(float(within.max()))} {unit}"
     diagnosis.add(
         integrator,
-        f"largest |control − command|, commands up to {said(commands.max())} {unit} cut to {limit}",
+        f"largest |control − command|, commands up to {amount(commands.max())} {unit} cut to {limit}",
         off, unit, near(0.0, 0.0, off, unit), steps=steps,
     )  # fmt: skip
     counts = [float(np.nansum(r.info["saturated"][1:])) for r in rollouts.values()]
@@ -129,7 +129,7 @@ def _add_environment(diagnosis: Diagnosis, integrator: str, env_id: str, levels:
         integrator, f"{env_id}, decisions with a wrong control or count of saturation",
         (float(wrong),), "",
         Expectation(
-            f"0 of {lived.sum()}", f"{said(rounding, subject.plant.control_unit)} off",
+            f"0 of {lived.sum()}", f"{amount(rounding, subject.plant.control_unit)} off",
             bool(lived.any()) and wrong == 0,
         ),
         steps=(period,),

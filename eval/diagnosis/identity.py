@@ -19,7 +19,7 @@ from integ_gym.envs.plants.interface import (
 )
 from integ_gym.envs.registries import TRUTH
 
-from .lines import ANY, Diagnosis, Expectation, above, below, near, said, undeclared
+from .lines import ANY, Diagnosis, Expectation, above, amount, below, near, undeclared
 from .subject import Array, accelerations, theory_of
 
 STATES = 32
@@ -154,7 +154,7 @@ def diagnose_identity(diagnosis: Diagnosis) -> None:
         stable = f"hω = {limit:.4g}, dt = {limit / subject.frequency:.3g} s"
         if limit == 0.0:
             stable = "never: oscillations grow at every step"
-        diagnosis.told.append(
+        diagnosis.identities.append(
             {
                 "plant": subject.name,
                 "integrator": integrator,
@@ -175,7 +175,7 @@ def _add_claims(diagnosis: Diagnosis, integrator: str, found: numerics.Identity)
     claim, plant = numerics.declared(integrator), diagnosis.subject.plant
     expectation = undeclared()
     if found.order is None:
-        exact = Expectation("0: rounding", f"below {said(numerics.ROUNDING)} of the state", True)
+        exact = Expectation("0: rounding", f"below {amount(numerics.ROUNDING)} of the state", True)
         expectation = exact if integrator == TRUTH else undeclared("no error to measure it by")
     elif claim.order is not None:
         expectation = near(claim.order, numerics.ORDER_TOLERANCE, (found.order,))

@@ -41,8 +41,8 @@ def near(
 ) -> Expectation:
     """Every number within a tolerance of one value, infinity included; NaN is not."""
     holds = all(x == wanted or abs(x - wanted) <= tolerance for x in measured)
-    off = "exactly" if tolerance == 0.0 or math.isinf(wanted) else f"±{said(tolerance, unit)}"
-    return Expectation(_with_reason(said(wanted, unit), why), off, holds)
+    off = "exactly" if tolerance == 0.0 or math.isinf(wanted) else f"±{amount(tolerance, unit)}"
+    return Expectation(_with_reason(amount(wanted, unit), why), off, holds)
 
 
 def below(
@@ -50,13 +50,13 @@ def below(
 ) -> Expectation:
     """No number as large as a bound; NaN is."""
     holds = all(abs(x) < bound for x in measured)
-    return Expectation(_with_reason("0", why), f"below {said(bound, unit)}", holds)
+    return Expectation(_with_reason("0", why), f"below {amount(bound, unit)}", holds)
 
 
 def above(bound: float, measured: Sequence[float], unit: str = "", why: str = "") -> Expectation:
     """Every number above a bound; what diverged, and so is NaN, is."""
     holds = not any(x <= bound for x in measured)
-    return Expectation(why, f"above {said(bound, unit)}", holds)
+    return Expectation(why, f"above {amount(bound, unit)}", holds)
 
 
 def undeclared(why: str = "not declared") -> Expectation:
@@ -64,7 +64,7 @@ def undeclared(why: str = "not declared") -> Expectation:
     return Expectation(why, NOTHING, None)
 
 
-def shown(value: float) -> str:
+def rounded_number(value: float) -> str:
     """A number with three significant digits, a whole one as it is; infinity and NaN in words."""
     if math.isnan(value):
         return "diverged"
@@ -74,11 +74,11 @@ def shown(value: float) -> str:
     return f"{value:z.0f}".replace("-", "−") if whole else compact(value, 3)
 
 
-def said(value: float, unit: str = "") -> str:
+def amount(value: float, unit: str = "") -> str:
     """A number that somebody chose, without trailing zeros, with its unit."""
     if not math.isfinite(value):
-        return shown(value)
-    mantissa, power, exponent = shown(value).partition("·")
+        return rounded_number(value)
+    mantissa, power, exponent = rounded_number(value).partition("·")
     if "." in mantissa:
         mantissa = mantissa.rstrip("0").rstrip(".")
     number = exponent if power and mantissa == "1" else mantissa + power + exponent
@@ -131,7 +131,7 @@ class Finding:
 
     def words(self) -> str:
         """The measurement as shown in a table."""
-        numbers = ", ".join(map(shown, self.measured))
+        numbers = ", ".join(map(rounded_number, self.measured))
         unit = f" {self.unit}" if self.unit and any(map(math.isfinite, self.measured)) else ""
         order = ""
         if self.order_steps and self.order is None:
@@ -204,7 +204,7 @@ class Diagnosis:
         leads: whether it also says what does not depend on the plant.
         findings: the lines so far.
         curves: what the figures draw, by name of the figure.
-        told: what each integrator is on this plant.
+        identities: what each integrator is on this plant.
     """
 
     section: str
@@ -214,7 +214,7 @@ class Diagnosis:
     leads: bool = True
     findings: list[Finding] = field(default_factory=list)
     curves: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
-    told: list[dict[str, Any]] = field(default_factory=list)
+    identities: list[dict[str, Any]] = field(default_factory=list)
 
     def steps(self, integrator: str) -> tuple[float, ...]:
         """Steps to take, coarse to fine, s: the exact motion is the same at every step."""
@@ -383,7 +383,7 @@ class Diagnosis:
         if asked:
             expectation = Expectation(
                 "solved" if len(asked) == len(worst) else "solved where it does not grow",
-                f"residual up to {said(tolerance)} in {cap} iterations",
+                f"residual up to {amount(tolerance)} in {cap} iterations",
                 all(x <= tolerance for x in asked),
             )
             self.add(integrator, quantity, most, "", expectation, steps=steps)

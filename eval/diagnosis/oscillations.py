@@ -12,7 +12,7 @@ from integ_gym.envs.plants.interface import Plant, state_names, state_units
 from integ_gym.envs.registries import TRUTH
 
 from .bench import Rollout
-from .lines import EXACT, Diagnosis, Expectation, below, near, said, undeclared
+from .lines import EXACT, Diagnosis, Expectation, amount, below, near, undeclared
 from .subject import Array, theory_of
 
 PERIODS = 8
@@ -97,7 +97,7 @@ def _long_run(
         if not stable:
             return undeclared("nothing: every step is above its limit of stability")
         return Expectation(
-            "bounded" if len(stable) == len(changes) else f"bounded below dt = {said(limit)} s",
+            "bounded" if len(stable) == len(changes) else f"bounded below dt = {amount(limit)} s",
             f"drift of the mean up to {numerics.BOUNDED:g} of the ripple",
             all(numerics.energy_growth(1.0 + change).kind == "bounded" for change in stable),
         )
@@ -181,7 +181,7 @@ def diagnose_stiffness(diagnosis: Diagnosis) -> None:
         expectation = undeclared()
         if theory is not None:
             wanted = theory.oscillation_limit
-            why = "at any hω" if math.isinf(wanted) else f"hω = {said(wanted)}"
+            why = "at any hω" if math.isinf(wanted) else f"hω = {amount(wanted)}"
             off = _TOLERANCE * max(1.0, wanted) / rate
             expectation = near(wanted / rate, off, (limit / rate,), "s", why)
         quantity = f"one step, linearized at rest (ω = {rate:.4g} rad/s): stable up to a dt of"
@@ -216,7 +216,7 @@ def _add_growth(diagnosis: Diagnosis, integrator: str, rollouts: Sequence[Rollou
         radius = numerics.linear_map(integrator, z).spectral_radius if grows else math.inf
         if not radius ** (1.5 * STEPS) < 1.2 * GROWN:  # else the steps followed are too few
             right = right and has_grown(rollout) is grows
-    words = f"grows above hω = {said(limit)}"
+    words = f"grows above hω = {amount(limit)}"
     if limit == 0.0 or math.isinf(limit):
         words = "grows at every hω" if limit == 0.0 else "grows at no hω"
     at = ", ".join(f"{z:g}" for z in FOLLOWED)

@@ -21,7 +21,7 @@ DIAGNOSIS_PAGE: Final = "diagnose.html"
 IDENTITY: Final = (
     "plant", "integrator", "order", "symplectic", "reversible", "oscillations stable up to"
 )  # fmt: skip
-"""Names of what is told of an integrator on a plant."""
+"""Names of what is identity of an integrator on a plant."""
 
 _CAPTIONS: Final = {
     "energy": "Free motion: change of energy over time",
@@ -51,7 +51,7 @@ def print_diagnosis(result: Mapping[str, Any], file: TextIO, *, every_line: bool
     lines = result["findings"]
     asked, failed = _judged(lines)
     print("What they are", file=file)
-    print_aligned(IDENTITY, [_identity_cells(told) for told in result["identities"]], file)
+    print_aligned(IDENTITY, [_identity_cells(identity) for identity in result["identities"]], file)
     print(f"\n{len(asked) - len(failed)} of {len(asked)} expectations hold.", file=file)
     if failed:
         say("These do not hold for an integrator at this step on this plant:", file)
@@ -105,14 +105,14 @@ def _expectation(line: Line) -> str:
     return f"{line['expected']}{tolerance}"
 
 
-def _identity_cells(told: Mapping[str, Any]) -> tuple[str, ...]:
-    """What is told of an integrator on a plant, in words."""
-    answers, order = {True: "yes", False: "no"}, told["order"]
+def _identity_cells(identity: Mapping[str, Any]) -> tuple[str, ...]:
+    """What an integrator is on a plant, in words."""
+    answers, order = {True: "yes", False: "no"}, identity["order"]
     if not isinstance(order, str):
         order = "diverges" if order is None else f"{order:.2f}"
     return (
-        told["plant"], told["integrator"], order, answers[told["symplectic"]],
-        answers[told["reversible"]], told["stable"],
+        identity["plant"], identity["integrator"], order, answers[identity["symplectic"]],
+        answers[identity["reversible"]], identity["stable"],
     )  # fmt: skip
 
 
@@ -157,7 +157,7 @@ def write_page(result: Mapping[str, Any], directory: Path) -> Path:
         answer=_answer(result, asked, failed),
         tiles=tiles,
         identity=IDENTITY,
-        identities=[_identity_cells(told) for told in result["identities"]],
+        identities=[_identity_cells(identity) for identity in result["identities"]],
         failed=list(_topics(failed)),
         figures=_figures(directory / "figures"),
         sections=[
@@ -179,16 +179,16 @@ def _template() -> Any:
 
 
 def _answer(result: Mapping[str, Any], asked: Sequence[Line], failed: Sequence[Line]) -> str:
-    said = (
+    answer = (
         f"{len(asked) - len(failed)} of {plural(len(asked), 'expectation')} of "
         f"{plural(len(result['integrators']), 'integrator')} on "
         f"{plural(len(result['plants']), 'plant')} hold."
     )
     if not failed:
-        return said
+        return answer
     counts = Counter(line["integrator"] for line in failed).most_common()
-    told = ", ".join(f"{name} {count}" for name, count in counts)
-    return f"{said} What does not, by integrator: {told}."
+    by_name = ", ".join(f"{name} {count}" for name, count in counts)
+    return f"{answer} What does not, by integrator: {by_name}."
 
 
 def _figures(folder: Path) -> list[tuple[str, str, str]]:
@@ -198,6 +198,6 @@ def _figures(folder: Path) -> list[tuple[str, str, str]]:
         for path in sorted(folder.glob(f"{name}*.png")):
             plant = path.stem.removeprefix(name).strip("_").replace("_", " ")
             content = base64.b64encode(path.read_bytes()).decode()
-            said = f"{caption}, {plant}" if plant else caption
-            found.append((path.stem, said, f"data:image/png;base64,{content}"))
+            title = f"{caption}, {plant}" if plant else caption
+            found.append((path.stem, title, f"data:image/png;base64,{content}"))
     return found

@@ -14,7 +14,7 @@ from integ_gym.envs.ops.array_ops import ARRAY
 from integ_gym.envs.plants.interface import Plant, split_state, state_names, state_units
 
 from .bench import Rollout
-from .lines import Diagnosis, Expectation, near, said, undeclared
+from .lines import Diagnosis, Expectation, amount, near, undeclared
 from .oscillations import LARGEST, largest_stable, spectral_radii
 from .subject import RELEASE, Array, theory_of
 
@@ -154,7 +154,7 @@ def _add_creep(
         f"largest speed in the last quarter: worst of {', '.join(state_names(plant)[1::2])}",
         measured, unit,
         Expectation(
-            f"creeps{why}", f"below {said(most)} {unit}", all(x < most for x in measured)
+            f"creeps{why}", f"below {amount(most)} {unit}", all(x < most for x in measured)
         ),
         steps=tuple(rollouts),
     )  # fmt: skip

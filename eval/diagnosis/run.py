@@ -222,7 +222,7 @@ def _result(
             for s in plants
         ],
         "integrators": names,
-        "identities": [told for part in parts for told in part.told],
+        "identities": [one for part in parts for one in part.identities],
         "findings": [finding.row() for part in parts for finding in part.findings],
         "curves": plain(curves, _DIGITS),
     }
