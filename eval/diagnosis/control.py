@@ -87,10 +87,10 @@ def _add_applied(
     unit, steps = diagnosis.subject.plant.control_unit, tuple(rollouts)
     acted = [r.info["control"][1:, 0] for r in rollouts.values()]
     off = [_largest(np.abs(x - within)) for x in acted]
-    limit = f"{amount(float(within.max()))} {unit}"
+    limit, most = (amount(float(x.max()), unit) for x in (within, commands))
     diagnosis.add(
         integrator,
-        f"largest |control − command|, commands up to {amount(commands.max())} {unit} cut to {limit}",
+        f"largest |control − command|, commands up to {most} cut to {limit}",
         off, unit, near(0.0, 0.0, off, unit), steps=steps,
     )  # fmt: skip
     counts = [float(np.nansum(r.info["saturated"][1:])) for r in rollouts.values()]
