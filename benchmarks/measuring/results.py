@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 import platform
@@ -27,6 +28,22 @@ def machine() -> dict[str, Any]:
         "cores": cores(),
         "load": os.getloadavg()[0] if hasattr(os, "getloadavg") else None,
     }
+
+
+def parser(what: str | None, examples: str = "", file: bool = False) -> argparse.ArgumentParser:
+    """A benchmark's arguments, by its docstring.
+
+    Args:
+        what: the docstring.
+        examples: lines for the end of the help.
+        file: whether what was measured may be written to a file, ``--json``.
+    """
+    made = argparse.ArgumentParser(
+        description=what, epilog=examples, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    if file:
+        made.add_argument("--json", type=Path, metavar="FILE", help="also write the numbers here")
+    return made
 
 
 def print_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:

@@ -10,10 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from integ_gym.envs.registries import ENGINES
-from integ_gym.eval.census.page import render_census
-from integ_gym.eval.census.run import take_census
+from integ_gym.eval.census.measuring import take_census
+from integ_gym.eval.census.page import render_census, row
 from integ_gym.eval.census.subjects import PUBLISHED
-from integ_gym.eval.census.words import row
 from integ_gym.support.files import make_folder, replace_file
 from integ_gym.support.optional import require
 from integ_gym.support.options import CommandParser, told_command

@@ -8,10 +8,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from integ_gym.envs.registries import ENVIRONMENTS
-from integ_gym.eval.diagnosis.page import DIAGNOSIS_PAGE
+from integ_gym.eval.diagnosis.drift import drift_example
+from integ_gym.eval.diagnosis.page import DIAGNOSIS_PAGE, print_diagnosis
 from integ_gym.eval.diagnosis.run import Request, diagnose
-from integ_gym.eval.diagnosis.terminal import print_diagnosis
-from integ_gym.eval.diagnosis.worked_example import drift_example
 from integ_gym.support.errors import InputError
 from integ_gym.support.optional import require
 from integ_gym.support.options import CommandParser, refuse_unused, told_command
