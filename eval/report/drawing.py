@@ -74,11 +74,12 @@ def draw_forest(forest: Forest) -> Figure:
         for line in block.lines:
             middle = y + _PITCH / 2
             draw_marks(axes, line, forest.axis, middle, 0.5 * _PITCH)
-            for x, text, style in (
+            texts: list[tuple[float, str, dict[str, Any]]] = [
                 (_LEFT - 0.15, _who(line), {"size": size, "color": INK, "ha": "right"}),
                 (right, line.number, {"size": 8.5, "color": INK, "weight": "bold"}),
                 (right + 0.47, line.detail, {"size": 8, "color": SOFT}),
-            ):
+            ]
+            for x, text, style in texts:
                 canvas.text(x, _TOP + middle, text, va="center", **style)
             y += _PITCH
     return figure

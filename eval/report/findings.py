@@ -68,7 +68,7 @@ def _agreement(panel: Panel, trusts: Sequence[Trust]) -> Finding:
     judged = [entry for trust in trusts for entry in trust.judged]
     left = [cell.name for cell in panel.columns if cell.achievability in UNSOLVABLE]
     out = f" Left out: {_and(left, 'cells')}, which cannot be solved in time." if left else ""
-    counts = Counter(entry.reference_class for entry in judged)
+    counts: Counter[str | None] = Counter(entry.reference_class for entry in judged)
     parts = [
         plural(counts[kind], words, more)
         for kind, words, more in (

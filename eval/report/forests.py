@@ -411,7 +411,8 @@ def check_forest(panel: Panel) -> Forest | None:
 
 
 def _check_line(before: Entry | None, after: Entry) -> Line:
-    marks, was, loss = (Mark(after.success, "accent", down=0.35),), NONE, None
+    marks: tuple[Mark, ...] = (Mark(after.success, "accent", down=0.35),)
+    was, loss = NONE, None
     if before is not None:
         marks = (Mark(before.success, "soft", filled=False, down=-0.35), *marks)
         was = fixed(before.success.estimate)

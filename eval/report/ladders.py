@@ -106,7 +106,7 @@ def ladder_plots(panel: Panel) -> LadderPlots | None:
     groups = []
     for one in ladders:
         period = "" if one.control_period is None else f" at {step(one.control_period)} s"
-        truth = one.truth and one.truth.success
+        truth = one.truth.success if one.truth else None
         shown = (
             (f"control period fixed{period}", one.fixed, truth),
             ("control period follows the step", one.following, None),
@@ -147,20 +147,20 @@ def _ladder(panel: Panel, row: Row) -> Ladder | None:
             following.setdefault(cell.scheme, {}).setdefault(cell.dt, entry)
         if period is not None and are_close(cell.control_period, period) and not cell.reference:
             at_period.setdefault(cell.scheme, {}).setdefault(cell.dt, entry)
-    rungs = [
+    own, along = (
         {
             scheme: dict(sorted(entries.items(), reverse=True))
             for scheme, entries in schemes.items()
             if len(entries) > 1
         }
         for schemes in (at_period, following)
-    ]
-    if not any(rungs):
+    )
+    if not own and not along:
         return None
     references = (c for c in panel.cells if c.reference and period)
     same = (c for c in references if are_close(c.control_period, period or 0.0))
     truth = next(same, panel.truth)
-    return Ladder(row, period, *rungs, truth and panel.entry(row.name, truth.name))
+    return Ladder(row, period, own, along, truth and panel.entry(row.name, truth.name))
 
 
 def _ladder_plot(
@@ -259,7 +259,7 @@ def _row_styles(homes: Mapping[str, Cell | None]) -> SeriesStyles:
     of_scheme, styles = styles_of(schemes.values()), dict[str, SeriesStyle]()
     counts: Counter[str] = Counter()
     for row, scheme in schemes.items():
-        dashes = DASHES[counts[scheme] % len(DASHES)]
-        styles[row] = replace(of_scheme[scheme], **({"dashes": dashes} if counts[scheme] else {}))
+        style, count = of_scheme[scheme], counts[scheme]
+        styles[row] = replace(style, dashes=DASHES[count % len(DASHES)]) if count else style
         counts[scheme] += 1
     return styles

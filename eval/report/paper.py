@@ -122,8 +122,8 @@ def print_ladders(ladders: LadderPlots) -> Figure:
         axes = axes_at(figure, left, high - y - _ABOVE - _HEIGHT, unit - _GAP, _HEIGHT)
         axes.set(ylim=(-0.05, 1.08), xlim=(-0.12, 1.12))
         first = number % across == 0
-        words = [text if first else "" for _, text in RATE_AXIS.ticks]
-        axes.set_yticks([tick for tick, _ in RATE_AXIS.ticks], words)
+        rates = [text if first else "" for _, text in RATE_AXIS.ticks]
+        axes.set_yticks([tick for tick, _ in RATE_AXIS.ticks], rates)
         ticks = thin_ticks(plot.ticks, _LETTER / (unit - _GAP))
         axes.set_xticks([share for share, _ in ticks], [text for _, text in ticks])
         _label(axes, plot.along, "success" if first else "")
