@@ -244,7 +244,9 @@ def print_columns(
     console = console_of(file=file, width=width or 1 << 20, **plain)
     with console.capture() as captured:
         console.print(table)
-    print("\n".join(line.rstrip() for line in captured.get().splitlines()), file=file)
+    for line in captured.get().splitlines():
+        ruled = not line.strip("- ") and "-" in line
+        print((line.replace("- -", "  -") if ruled else line).rstrip(), file=file)
 
 
 def _print_lists(names: Sequence[str], rows: Rows, file: TextIO, width: int) -> None:
