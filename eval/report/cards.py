@@ -13,10 +13,10 @@ from integ_gym.support.optional import load
 from integ_gym.support.terminal import (
     compact,
     fixed,
+    nonbreaking,
     percent,
     plural,
     step,
-    together,
     true_minus,
 )
 
@@ -94,7 +94,7 @@ def naming_filters() -> dict[str, Filter]:
 
     @told
     def shown_text(context: Any, text: Any) -> Any:
-        return breakable(together(context["panel"].said(str(text))))
+        return breakable(nonbreaking(context["panel"].said(str(text))))
 
     @told
     def plain_text(context: Any, text: Any) -> Any:
@@ -394,7 +394,7 @@ def carried_by(
             if (found := matrix(panel)) is not None
         ],
     }
-    return packed(panel, told, head, lambda text: together(panel.said(text)))
+    return packed(panel, told, head, lambda text: nonbreaking(panel.said(text)))
 
 
 def _place(panel: Panel, entry: Entry) -> str:
@@ -432,7 +432,7 @@ def _entry(panel: Panel, entry: Entry) -> dict[str, Any]:
         query = readable(shlex.split(entry.query))
     except ValueError:
         query = entry.query
-    facts = [[name, together(panel.said(text))] for name, text in _facts(panel, entry) if text]
+    facts = [[name, nonbreaking(panel.said(text))] for name, text in _facts(panel, entry) if text]
     return {"facts": facts, "file": entry.file, "query": query}
 
 

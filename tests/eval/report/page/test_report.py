@@ -23,7 +23,7 @@ from integ_gym.eval.report.cards import LABEL_WORDS
 from integ_gym.eval.report.figures import write_figures
 from integ_gym.eval.report.page import render, write_report
 from integ_gym.evidence.fields import LABELS
-from integ_gym.support.terminal import fixed, together, true_minus
+from integ_gym.support.terminal import fixed, nonbreaking, true_minus
 
 SECTIONS = [
     "matrix", "paired", "verdicts", "conclude", "gaps", "remedy", "ladder", "checks", "failures",
@@ -199,7 +199,7 @@ def test_records_say_whether_their_cell_can_be_solved() -> None:
         cell = panel.cell(entry.cell)
         place = panel.anchor(entry.row, entry.cell)[1:].replace("c", "/")
         status = f"{cell.achievability.replace('_', ' ')}: {cell.achievability_reason}"
-        assert ["the cell", together(panel.said(status))] in head["entries"][place]["facts"]
+        assert ["the cell", nonbreaking(panel.said(status))] in head["entries"][place]["facts"]
 
 
 def test_every_failure_label_has_its_words() -> None:
