@@ -31,6 +31,7 @@ from integ_gym.envs.catalogue.lookup import environment_setup
 from integ_gym.envs.engines.interface import missing_modules
 from integ_gym.envs.plants.interface import split_state
 from integ_gym.envs.registries import ENGINES
+from integ_gym.support.optional import missing_package
 
 EXAMPLES = """\
 examples:

@@ -22,7 +22,7 @@ from integ_gym.support.options import (
 from integ_gym.support.terminal import print_wrapped
 
 from .printed import print_details, print_headline, print_next
-from .work_options import add_engine, add_work, resources_of, workers_of
+from .work_options import add_engine, add_work, page_location, resources_of, workers_of
 
 EXAMPLES = """\
 examples:

@@ -33,7 +33,7 @@ from .printed import (
     print_power,
     print_verdicts,
 )
-from .work_options import add_engine, add_work, resources_of, workers_of
+from .work_options import add_engine, add_work, page_location, resources_of, workers_of
 
 EXAMPLES = """\
 examples:
