@@ -152,8 +152,8 @@ def watch(
             :func:`~integ_gym.eval.watch.side_by_side`; by default what the policy was
             trained on, the record's own, and the truth.
         own_code: whether classes that the record names as ``"module:Class"`` may be loaded.
-        on_doubt: called where an episode, played again, ends otherwise than its record says, and why
-            episodes are left out that cannot be played again.
+        on_doubt: called where an episode, played again, ends otherwise than its record says, and
+            where episodes are left out that cannot be played again.
 
     Raises:
         EvidenceError: for a run or a record that is not there.
