@@ -17,8 +17,7 @@ from typing import Any
 from measuring import results
 from measuring.bounds import print_judged
 
-from integ_gym.envs.engines.native import NativeEngine
-from integ_gym.envs.mechanics import PlantSystem
+from integ_gym.envs.engines.stepping import NativeEngine, PlantSystem
 from integ_gym.envs.ops.compiling import compiled
 from integ_gym.envs.ops.dialects import SCALARS
 from integ_gym.envs.ops.ops import Component, Components, Ops

@@ -14,12 +14,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from gymnasium.experimental.functional import FuncEnv
 
-from .catalogue.lookup import environment_mixture, environment_setup
-from .environment import observation_space
+from .environment import environment_mixture, environment_setup, observation_space
 from .ops.jax_ops import JaxOps, jax, jnp
-from .ops.ops import Component, Components
-from .plants.interface import Plant, join_state, split_state
-from .settings import WEIGHT, Setup, Timing
+from .ops.ops import Component, Components, join_state, split_state
+from .plants.interface import Plant
+from .settings import WEIGHT, Setup
 from .starts import GivenNumbers
 from .transition import (
     EnvState,
@@ -149,28 +148,9 @@ def traced_setup(setup: Setup, params: Params) -> Setup:
     vars(plant).update({part: None for part in OPTIONAL if lacks(setup.plant, part)})
     _fill_caches(plant)
     _fill_caches(task)
-    timing = _TracedTiming(
-        dt=params.dt,
-        control_period=params.control_period,
-        substeps=params.substeps,
-        latency=setup.timing.latency,
-        sensor=params.sensor,
-        horizon=params.horizon,
-        known_delay=setup.timing.delay,
-    )
+    names = ("dt", "control_period", "substeps", "sensor", "horizon")
+    timing = replace(setup.timing, **{name: getattr(params, name) for name in names})
     return setup.with_values(plant, task, timing, params.max_speed)
-
-
-@dataclass(frozen=True)
-class _TracedTiming(Timing):
-    """Rates whose delay is known while those in seconds and sub-steps may be traced."""
-
-    known_delay: tuple[int, int] = (0, 0)
-
-    @property
-    def delay(self) -> tuple[int, int]:
-        """Latency as (whole decisions, sub-steps beyond them)."""
-        return self.known_delay
 
 
 def _fill_caches(part: Any) -> None:

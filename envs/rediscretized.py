@@ -35,7 +35,7 @@ from .foreign import (
     time_limit,
 )
 from .lanes import as_floats
-from .plants.interface import join_state
+from .ops.ops import join_state
 from .settings import Settings, Timing, check_divides
 from .transition import (
     DIVERGED,

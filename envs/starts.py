@@ -12,9 +12,16 @@ import numpy.typing as npt
 
 from integ_gym.support.parameters import unknown_name
 
-from .ops.array_ops import ARRAY, rows_of
-from .ops.ops import FLOAT32_MAX, Component, Components, leaves_of
-from .plants.interface import split_state, state_names
+from .ops.ops import (
+    ARRAY,
+    FLOAT32_MAX,
+    Component,
+    Components,
+    leaves_of,
+    rows_of,
+    split_state,
+)
+from .plants.interface import state_names
 from .settings import Setup
 from .transition import EnvState, initial_state, top_speed
 

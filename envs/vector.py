@@ -24,11 +24,22 @@ from .environment import (
     running_makers,
     with_horizon,
 )
-from .lanes import Array, as_floats, blank, check_lanes, lane_seeds, of_lanes, put, take, varied
-from .ops.array_ops import ARRAY, rows_of
-from .ops.ops import Components
-from .plants.interface import join_state, split_state
-from .sequential_vector import DiscretizedVectorEnv
+from .lanes import (
+    Array,
+    DiscretizedVectorEnv,
+    Info,
+    LaneInfo,
+    as_floats,
+    blank,
+    check_lanes,
+    kept,
+    lane_seeds,
+    of_lanes,
+    put,
+    take,
+    varied,
+)
+from .ops.ops import ARRAY, Components, join_state, rows_of, split_state
 from .settings import Mixture, Setup, make_mixture
 from .starts import (
     MEMBER,
@@ -40,14 +51,14 @@ from .starts import (
     numbers_per_start,
     stream_of_episode,
 )
-from .steps import RESULTS, LanesStep
+from .steps import LanesStep
 from .transition import (
+    RESULTS,
     EnvState,
     initial_state,
     quiet_status,
     sensed,
 )
-from .vector_info import Info, LaneInfo, kept
 
 _FLOATS = np.dtype(np.float64)
 

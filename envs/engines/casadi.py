@@ -13,11 +13,11 @@ import numpy as np
 from integ_gym.support.optional import load
 
 from ..integrators.interface import Step
-from ..mechanics import PlantSystem
 from ..ops.ops import Component, Components, Ops
 from ..registries import TRUTH
 from .rigid import Array
-from .stepping import MappedEngine, Run, guarded
+from .simulator import MappedEngine, Run, guarded
+from .stepping import PlantSystem
 
 TOLERANCE = 1e-12
 """Of Newton's defect and correction, and of the local error of an adaptive integrator."""

@@ -13,7 +13,7 @@ from integ_gym.support.optional import load
 from ..mechanics import Link
 from ..ops.ops import Components
 from .rigid import Array, RigidBodyEngine, moment
-from .stepping import Run, is_astray
+from .simulator import Run, is_astray
 
 _JOINTS = {"slide": ("Prismatic", (1.0, 0.0, 0.0)), "hinge": ("Revolute", (0.0, 1.0, 0.0))}
 

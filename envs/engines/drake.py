@@ -14,7 +14,7 @@ from integ_gym.support.optional import load
 from ..mechanics import Link
 from ..ops.ops import Components
 from .rigid import Array, RigidBodyEngine
-from .stepping import Run, is_astray
+from .simulator import Run, is_astray
 
 SPAN = 64
 """Steps on either side of time zero that a clock counts before it is set back."""

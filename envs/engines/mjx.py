@@ -9,7 +9,6 @@ import numpy as np
 
 from integ_gym.support.optional import load
 
-from ..mechanics import PlantSystem
 from ..ops.ops import (
     SCALAR,
     Component,
@@ -17,7 +16,8 @@ from ..ops.ops import (
     Ops,
 )
 from .rigid import MAPS, Array, LanesEngine, stop_law
-from .stepping import Run, quiet
+from .simulator import Run, quiet
+from .stepping import PlantSystem
 
 
 class MjxEngine(LanesEngine):

@@ -18,7 +18,7 @@ from .rigid import (
     mjcf,
     stop_law,
 )
-from .stepping import Run
+from .simulator import Run
 
 _TOLD_OF = ("INERTIA", "BADQPOS", "BADQVEL", "BADQACC")
 

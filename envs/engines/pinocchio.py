@@ -10,12 +10,12 @@ import numpy as np
 
 from integ_gym.support.optional import load
 
-from ..mechanics import Mechanism, PlantSystem
+from ..mechanics import Mechanism
 from ..ops.ops import Components, Ops
 from ..registries import INTEGRATORS
-from .native import NativeEngine
 from .rigid import Array, check_agreement, mechanism_of
-from .stepping import lacks_integrator, refuse_arrays
+from .simulator import lacks_integrator, refuse_arrays
+from .stepping import NativeEngine, PlantSystem
 
 Rows = tuple[Components, ...]
 

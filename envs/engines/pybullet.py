@@ -12,7 +12,7 @@ import numpy as np
 
 from ..ops.ops import Components
 from .rigid import Array, RigidBodyEngine, urdf
-from .stepping import Run, load_undisturbed
+from .simulator import Run, load_undisturbed
 
 UNCAPPED = 1e30
 """Joint speed at which Bullet clips, m/s or rad/s; 100 where it is not set."""

@@ -11,12 +11,19 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from ..integrators.interface import State, Step, along
-from ..mechanics import Link, Mechanism, PlantSystem, Stops
-from ..ops.ops import SCALAR, Component, Components, Ops
+from ..integrators.interface import State, Step
+from ..mechanics import Link, Mechanism, Stops
+from ..ops.ops import (
+    SCALAR,
+    Component,
+    Components,
+    Ops,
+    along,
+)
 from ..plants.interface import Plant
 from .maps import one_step_map
-from .stepping import ASTRAY, ForeignEngine, Run
+from .simulator import ASTRAY, ForeignEngine, Run
+from .stepping import PlantSystem
 
 Array = npt.NDArray[np.float64]
 

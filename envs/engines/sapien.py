@@ -12,7 +12,7 @@ import numpy as np
 from ..mechanics import Mechanism
 from ..ops.ops import SCALAR, Components
 from .rigid import PROBES, TOLERANCE, Array, HeldForce, RigidBodyEngine
-from .stepping import Run, load_undisturbed
+from .simulator import Run, load_undisturbed
 
 SOLVERS = {
     "tgs": {"position_iterations": 10, "velocity_iterations": 1},

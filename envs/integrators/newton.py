@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import ClassVar, NamedTuple, Protocol
 
-from ..ops.ops import Component, Components, Ops
-from .interface import System, along
+from ..ops.ops import Component, Components, Ops, along
+from .interface import System
 
 
 def time_of_kink(

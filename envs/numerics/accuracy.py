@@ -10,10 +10,9 @@ import numpy as np
 
 from integ_gym.support.optional import load
 
-from ..mechanics import PlantSystem
-from ..ops.array_ops import ARRAY
-from ..ops.ops import SCALAR
-from ..plants.interface import Plant, join_state, split_state
+from ..engines.stepping import PlantSystem
+from ..ops.ops import ARRAY, SCALAR, join_state, split_state
+from ..plants.interface import Plant
 from .stepping import (
     WIDTH,
     Advance,

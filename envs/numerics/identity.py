@@ -12,9 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ..engines.maps import map_names, one_step_map
-from ..mechanics import PlantSystem
-from ..ops.ops import SCALAR, Components
-from ..plants.interface import Plant, join_state
+from ..engines.stepping import PlantSystem
+from ..ops.ops import SCALAR, Components, join_state
+from ..plants.interface import Plant
 from ..plants.pendulum import Pendulum
 from ..registries import INTEGRATORS, PLANTS
 from .accuracy import (

@@ -10,7 +10,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from .ops import SCALAR
+from .ops import SCALAR, NotTraceable, Unusual
 
 
 class Syntax(Protocol):
@@ -148,10 +148,6 @@ JAVASCRIPT_SYNTAX: Syntax = JavaScript()
 def tuple_of(names: Any) -> str:
     """Names in nested tuples, as Python writes them."""
     return PYTHON_SYNTAX.together([tuple_of(x) if isinstance(x, tuple) else x for x in names])
-
-
-class Unusual(ArithmeticError):
-    """What a traced function took for granted does not hold; ask the plain one."""
 
 
 @dataclass(frozen=True)
@@ -320,7 +316,3 @@ def target(syntax: Syntax, value: Any) -> str:
     if isinstance(value, tuple):
         return syntax.together([target(syntax, part) for part in value])
     return str(value.name)
-
-
-class NotTraceable(TypeError):
-    """A function that needs to know the value of a component while it is traced."""

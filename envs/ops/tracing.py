@@ -11,8 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from .dialects import Dialect, NotTraceable, called
-from .ops import SCALAR, Carry, leaves_of, rebuilt
+from .dialects import Dialect, called
+from .ops import (
+    SCALAR,
+    Carry,
+    NotTraceable,
+    leaves_of,
+    rebuilt,
+)
 
 Operator = Callable[["Symbol", Any], Any]
 

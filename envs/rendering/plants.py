@@ -11,8 +11,7 @@ import numpy as np
 from ..ops.ops import SCALAR
 from ..plants.interface import state_names, state_units
 from ..settings import Setup
-from ..tasks.elastic_pendulum_quiet import NEAR_PLUMB
-from ..tasks.pendulum_swing_up import NEAR_UPRIGHT, wrapped
+from ..tasks import NEAR_PLUMB, NEAR_UPRIGHT, wrapped
 from .canvas import (
     BLUE,
     FAINT,

@@ -17,8 +17,7 @@ from integ_gym.support.optional import check_versions, load
 from integ_gym.support.parameters import unknown_name
 
 from ..settings import Discretization
-from .gym_testbed import GymTestbed
-from .interface import Applied, split_period
+from .gym_testbed import Applied, GymTestbed, split_period
 
 
 class StatePassing(gym.Env[NDArray[np.float32], NDArray[np.float32]]):

@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 from integ_gym.support.isolated import APART, Apart, Worker
 
 from ..settings import Discretization
-from .gym_testbed import GymTestbed
-from .interface import Applied, split_period
+from .gym_testbed import Applied, GymTestbed, split_period
 
 STARTING = 900.0
 """Time in which a library is imported and a task made, its programs compiled, s."""

@@ -11,9 +11,9 @@ import numpy as np
 
 from integ_gym.envs import numerics
 from integ_gym.envs.engines.maps import map_names
-from integ_gym.envs.mechanics import PlantSystem
-from integ_gym.envs.ops.ops import SCALAR
-from integ_gym.envs.plants.interface import Plant, join_state
+from integ_gym.envs.engines.stepping import PlantSystem
+from integ_gym.envs.ops.ops import SCALAR, join_state
+from integ_gym.envs.plants.interface import Plant
 from integ_gym.envs.registries import TRUTH
 from integ_gym.evidence.record import plain
 

@@ -8,8 +8,8 @@ from datetime import UTC, datetime
 from functools import partial
 from typing import Any
 
-from integ_gym.envs.engines.interface import integrators_of, missing_modules
 from integ_gym.envs.engines.maps import map_names, one_step_map
+from integ_gym.envs.engines.stepping import integrators_of, missing_modules
 from integ_gym.envs.registries import TRUTH
 from integ_gym.support.errors import describe_exception
 from integ_gym.support.optional import install_command, installed_versions

@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.envs.catalogue.lookup import environment_setup
-from integ_gym.envs.ops.ops import SCALAR
-from integ_gym.envs.plants.interface import split_state
+from integ_gym.envs.environment import environment_setup
+from integ_gym.envs.ops.ops import SCALAR, split_state
 from integ_gym.envs.registries import TRUTH
 from integ_gym.train.baselines.making import has_handmade, make_baseline
 

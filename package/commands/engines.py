@@ -11,8 +11,7 @@ from operator import itemgetter
 from typing import Any, TextIO
 
 from integ_gym.envs import numerics
-from integ_gym.envs.engines.interface import integrators_of, missing_modules
-from integ_gym.envs.engines.stepping import CONSTRAINT_VIOLATION
+from integ_gym.envs.engines.stepping import CONSTRAINT_VIOLATION, integrators_of, missing_modules
 from integ_gym.envs.registries import ENGINES
 from integ_gym.envs.settings import NATIVE
 from integ_gym.support.optional import install_command

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.settings import Setup
-from integ_gym.envs.tasks.cart_pole_balance import CartPoleBalance
+from integ_gym.envs.tasks import CartPoleBalance
 
 from .handmade import HandMade, held, linearized, lqr_gain
 

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from integ_gym.envs.ops.array_ops import ARRAY
+from integ_gym.envs.ops.ops import ARRAY
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.settings import Setup
-from integ_gym.envs.tasks.cart_pole_swing_up import CartPoleSwingUp
+from integ_gym.envs.tasks import CartPoleSwingUp
 
 from .handmade import HandMade, caught, held, linearized, lqr
 

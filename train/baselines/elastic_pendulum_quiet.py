@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from integ_gym.envs.plants.elastic_pendulum import ElasticPendulum
 from integ_gym.envs.settings import Setup
-from integ_gym.envs.tasks.elastic_pendulum_quiet import NEAR_PLUMB
+from integ_gym.envs.tasks import NEAR_PLUMB
 
 from .handmade import HandMade, held, linearized, lqr_gain
 

@@ -10,11 +10,9 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from integ_gym.envs.engines.native import NativeEngine
-from integ_gym.envs.mechanics import PlantSystem
-from integ_gym.envs.ops.array_ops import ARRAY
-from integ_gym.envs.ops.ops import SCALAR
-from integ_gym.envs.plants.interface import Plant, join_state, split_state
+from integ_gym.envs.engines.stepping import NativeEngine, PlantSystem
+from integ_gym.envs.ops.ops import ARRAY, SCALAR, join_state, split_state
+from integ_gym.envs.plants.interface import Plant
 from integ_gym.envs.settings import Setup
 from integ_gym.support.optional import load
 

@@ -9,8 +9,7 @@ import gymnasium
 import numpy as np
 
 from integ_gym.envs import numerics
-from integ_gym.envs.ops.ops import Components
-from integ_gym.envs.plants.interface import join_state, split_state
+from integ_gym.envs.ops.ops import Components, join_state, split_state
 
 from ..subjects import Subject
 from .interface import Library

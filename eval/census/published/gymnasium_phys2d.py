@@ -7,7 +7,7 @@ from importlib import import_module
 from typing import Any
 
 from integ_gym.envs import numerics
-from integ_gym.envs.plants.interface import join_state, split_state
+from integ_gym.envs.ops.ops import join_state, split_state
 
 from ..subjects import Subject
 from .interface import Library, jax_step

@@ -7,8 +7,8 @@ import math
 import numpy as np
 
 from integ_gym.envs import numerics
-from integ_gym.envs.catalogue.lookup import environment_setup
-from integ_gym.envs.tasks.interface import FLOAT32_ROUNDING
+from integ_gym.envs.environment import environment_setup
+from integ_gym.envs.tasks import FLOAT32_ROUNDING
 
 from ..bench import Array as Array
 from ..bench import Commands, Rollout

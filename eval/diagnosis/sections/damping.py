@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from integ_gym.envs import numerics
-from integ_gym.envs.mechanics import PlantSystem
-from integ_gym.envs.ops.array_ops import ARRAY
-from integ_gym.envs.plants.interface import Plant, split_state
+from integ_gym.envs.engines.stepping import PlantSystem
+from integ_gym.envs.ops.ops import ARRAY, split_state
+from integ_gym.envs.plants.interface import Plant
 
 from ..bench import Array as Array
 from ..lines import Diagnosis, booked_line, ledger_line, near, undeclared

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from integ_gym.envs import numerics
-from integ_gym.envs.mechanics import PlantSystem
-from integ_gym.envs.ops.array_ops import ARRAY
-from integ_gym.envs.plants.interface import Plant, join_state, split_state
+from integ_gym.envs.engines.stepping import PlantSystem
+from integ_gym.envs.ops.ops import ARRAY, join_state, split_state
+from integ_gym.envs.plants.interface import Plant
 
 from ..bench import Array as Array
 from ..lines import ANY, Diagnosis, Expectation, below, near

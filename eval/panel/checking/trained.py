@@ -16,7 +16,7 @@ from typing import Any
 import gymnasium as gym
 from gymnasium import spaces
 
-from integ_gym.envs.catalogue.lookup import is_integ_environment
+from integ_gym.envs.environment import is_integ_environment
 from integ_gym.envs.settings import DISCRETIZATION, NATIVE, Mixture
 from integ_gym.evidence.schema import Finding
 from integ_gym.evidence.store import EvidenceStore

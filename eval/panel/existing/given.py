@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from integ_gym.envs.sequential_vector import DiscretizedVectorEnv
+from integ_gym.envs.lanes import DiscretizedVectorEnv
 from integ_gym.envs.testbeds.making import make_training_environments
 from integ_gym.train.called_policy import CalledPolicy, behaviour_hash
 from integ_gym.train.monitoring import RawModel

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from integ_gym.envs.catalogue.lookup import environment_setup
+from integ_gym.envs.environment import environment_setup
 from integ_gym.envs.testbeds.making import find_testbed
 from integ_gym.evidence.record import EvidenceRecord, argument_values
 from integ_gym.evidence.replaying import Acting

@@ -11,10 +11,10 @@ import pytest
 from gymnasium.vector import AutoresetMode
 from variants import VARIANTS
 
-from integ_gym.envs.catalogue.lookup import environment_setup
-from integ_gym.envs.ops.array_ops import rows_of
+from integ_gym.envs.environment import environment_setup
 from integ_gym.envs.ops.compiling import looped, repeated
-from integ_gym.envs.ops.dialects import ARRAYS, NotTraceable, Unusual
+from integ_gym.envs.ops.dialects import ARRAYS
+from integ_gym.envs.ops.ops import NotTraceable, Unusual, rows_of
 from integ_gym.envs.registries import ENVIRONMENTS, INTEGRATORS
 from integ_gym.envs.steps import compiled_array_step
 

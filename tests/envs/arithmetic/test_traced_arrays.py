@@ -9,19 +9,13 @@ import numpy as np
 import pytest
 from variants import VARIANTS
 
-from integ_gym.envs.catalogue.lookup import environment_setup
-from integ_gym.envs.ops.array_ops import ARRAY
+from integ_gym.envs.environment import environment_setup
 from integ_gym.envs.ops.compiling import compiled, repeated
-from integ_gym.envs.ops.dialects import ARRAYS, NotTraceable, Unusual
-from integ_gym.envs.ops.ops import leaves_of
+from integ_gym.envs.ops.dialects import ARRAYS
+from integ_gym.envs.ops.ops import ARRAY, NotTraceable, Unusual, leaves_of
 from integ_gym.envs.registries import ENVIRONMENTS, INTEGRATORS
-from integ_gym.envs.steps import (
-    WARM_UP,
-    LanesStep,
-    plain_array_step,
-    traced_array_step,
-)
-from integ_gym.envs.transition import DIVERGED, EnvState, initial_state
+from integ_gym.envs.steps import WARM_UP, LanesStep, plain_array_step, traced
+from integ_gym.envs.transition import DIVERGED, EnvState, array_step, initial_state
 
 LANES = 6
 
@@ -56,16 +50,16 @@ def _assert_same(found, expected):
 @pytest.mark.parametrize("integrator", INTEGRATORS.names())
 def test_traced_equals_plain(env_id, integrator, variant):
     setup = environment_setup(env_id, {"integrator": integrator, **VARIANTS[variant]})
-    plain, traced = plain_array_step(setup), traced_array_step(setup)
-    assert traced is not None
+    plain, step = plain_array_step(setup), traced(setup, array_step)
+    assert step is not None
     state, rng = _start(setup), np.random.default_rng(2)
-    taken = traced.first(state)
+    taken = step.first(state)
     for _ in range(12):
         actions = _actions(setup, rng)
         with np.errstate(all="ignore"):
             expected = plain(state, actions)
-            *found, told, taken = traced.step(state, taken, actions)
-        _assert_same((*found, {**told, **traced.alike}), expected)
+            *found, told, taken = step.step(state, taken, actions)
+        _assert_same((*found, {**told, **step.alike}), expected)
         state = EnvState._make(found[0])
 
 
@@ -75,9 +69,9 @@ def test_one_action_that_is_not_finite_is_the_plain_steps_affair(wrong):
     actions = np.zeros(LANES)
     actions[2] = wrong
     state = _start(setup)
-    traced = traced_array_step(setup)
+    step = traced(setup, array_step)
     with pytest.raises(Unusual):
-        traced.step(state, traced.first(state), actions)
+        step.step(state, step.first(state), actions)
     _, _, told = _warm(setup, state)(state, actions)
     assert told["fallback_used"].tolist() == [lane == 2 for lane in range(LANES)]
 
@@ -88,9 +82,9 @@ def test_one_lane_that_diverges_is_the_plain_steps_affair():
     state.v[0][3] = 999.9
     actions = np.full(LANES, 2.0)
     state.q[0][3] = 1.5
-    traced = traced_array_step(setup)
+    step = traced(setup, array_step)
     with pytest.raises(Unusual), np.errstate(all="ignore"):
-        traced.step(state, traced.first(state), actions)
+        step.step(state, step.first(state), actions)
     after, _, told = _warm(setup, state)(state, actions)
     assert (told["solver_status"] == DIVERGED).tolist() == [lane == 3 for lane in range(LANES)]
     assert after.v[0][3] == 999.9
@@ -285,7 +279,7 @@ def test_operations_with_zero_and_one_are_not_done_on_lanes(operation, result):
 
 def test_parameters_that_differ_between_lanes_are_not_traced():
     setup = environment_setup("IntegPendulum-v0", {"mass": np.array([1.0, 2.0])})
-    assert traced_array_step(setup) is None
+    assert traced(setup, array_step) is None
     with pytest.raises(NotTraceable):
         compiled(ARRAYS, lambda ops, x: np.ones(2) * x, False)
 

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 
 import gymnasium as gym
 import numpy as np
 import pytest
 from variants import VARIANTS
 
-from integ_gym.envs.catalogue.lookup import environment_setup
-from integ_gym.envs.integrators.interface import Step, along
+from integ_gym.envs.environment import environment_setup
+from integ_gym.envs.integrators.interface import Step
 from integ_gym.envs.ops.compiling import compiled
-from integ_gym.envs.ops.dialects import SCALARS, NotTraceable, Unusual
-from integ_gym.envs.ops.ops import SCALAR
+from integ_gym.envs.ops.dialects import SCALARS
+from integ_gym.envs.ops.ops import SCALAR, NotTraceable, Unusual, along
 from integ_gym.envs.registries import ENVIRONMENTS, INTEGRATORS
-from integ_gym.envs.steps import WARM_UP, plain_step, traced_step
-from integ_gym.envs.transition import DIVERGED, EnvState, initial_state
+from integ_gym.envs.steps import WARM_UP, traced
+from integ_gym.envs.transition import DIVERGED, EnvState, initial_state, scalar_step
 
 
 def _start(setup, seed):
@@ -38,16 +39,16 @@ def _actions(setup, rng):
 @pytest.mark.parametrize("integrator", INTEGRATORS.names())
 def test_traced_steps_equal_plain_ones_to_the_bit(env_id, integrator, variant):
     setup = environment_setup(env_id, {"integrator": integrator, **VARIANTS[variant]})
-    plain, traced = plain_step(setup), traced_step(setup)
-    assert traced is not None
+    plain, step = partial(scalar_step, setup, SCALAR), traced(setup, scalar_step)
+    assert step is not None
     state = _start(setup, 1)
     for action in _actions(setup, np.random.default_rng(2)):
         expected = plain(state, action)
         if math.isfinite(action):
-            assert repr(traced(state, action)) == repr(expected)
+            assert repr(step(state, action)) == repr(expected)
         else:
             with pytest.raises(Unusual):
-                traced(state, action)
+                step(state, action)
         state = EnvState._make(expected[0])
 
 
@@ -75,12 +76,12 @@ def _run(env):
 def test_a_motion_that_diverges_does_so_in_both(integrator, speed):
     setup = environment_setup("IntegCartPole-v0", {"integrator": integrator, "dt": 0.5})
     state = initial_state(SCALAR, setup, (0.0, 1.0), (0.0, speed))
-    plain, traced = plain_step(setup), traced_step(setup)
+    plain, step = partial(scalar_step, setup, SCALAR), traced(setup, scalar_step)
     statuses = []
     for _ in range(4):
         expected = plain(state, 1.0)
         try:
-            found = traced(state, 1.0)
+            found = step(state, 1.0)
         except (ArithmeticError, ValueError):
             found = expected
         assert repr(found) == repr(expected)
@@ -102,7 +103,7 @@ class Hesitant:
 def test_what_cannot_be_traced_runs_as_it_is_written():
     own = gym.make("IntegPendulum-v0", integrator=f"{__name__}:Hesitant")
     euler = gym.make("IntegPendulum-v0", integrator="explicit_euler")
-    assert traced_step(own.unwrapped.setup) is None
+    assert traced(own.unwrapped.setup, scalar_step) is None
     own.reset(seed=0)
     euler.reset(seed=0)
     for _ in range(WARM_UP + 5):
@@ -214,7 +215,7 @@ class Tableau:
 def test_constants_of_numpy_are_traced_as_numbers():
     own = gym.make("IntegPendulum-v0", integrator=f"{__name__}:Tableau")
     euler = gym.make("IntegPendulum-v0", integrator="explicit_euler")
-    assert traced_step(own.unwrapped.setup) is not None
+    assert traced(own.unwrapped.setup, scalar_step) is not None
     own.reset(seed=0)
     euler.reset(seed=0)
     for _ in range(WARM_UP + 5):

@@ -10,7 +10,7 @@ import pytest
 from house import FLOORS, ROOT
 
 import integ_gym
-from integ_gym.envs.catalogue.lookup import environment_class, environment_setup
+from integ_gym.envs.environment import environment_class, environment_setup
 
 TEXTS = [
     path

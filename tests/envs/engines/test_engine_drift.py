@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from engine_cases import CASES, FOREIGN, lighter, needs
 
-from integ_gym.envs.mechanics import PlantSystem
+from integ_gym.envs.engines.stepping import PlantSystem
 from integ_gym.envs.numerics.stepping import engine_of
 from integ_gym.envs.ops.ops import SCALAR
 from integ_gym.envs.plants.pendulum import Pendulum

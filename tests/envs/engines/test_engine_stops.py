@@ -23,10 +23,10 @@ from engine_cases import (
 from engine_checks import new_setup
 
 import integ_gym  # noqa: F401
-from integ_gym.envs.catalogue.lookup import environment_setup
 from integ_gym.envs.engines.maps import one_step_map
 from integ_gym.envs.engines.newton import FEATHERSTONE
 from integ_gym.envs.engines.rigid import HeldForce
+from integ_gym.envs.environment import environment_setup
 from integ_gym.envs.ops.ops import SCALAR
 
 SWING_UP = "IntegCartPoleSwingUp-v0"

@@ -10,7 +10,7 @@ import pytest
 from engine_cases import FIRST, needs
 
 import integ_gym
-from integ_gym.envs.mechanics import PlantSystem
+from integ_gym.envs.engines.stepping import PlantSystem
 from integ_gym.envs.numerics.stepping import engine_of
 from integ_gym.envs.plants.pendulum import Pendulum
 from integ_gym.envs.registries import ENGINES

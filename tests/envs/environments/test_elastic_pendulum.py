@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from checks import APPROXIMATE, POINT
 
-from integ_gym.envs.engines.native import NativeEngine
-from integ_gym.envs.mechanics import PlantSystem
+from integ_gym.envs.engines.stepping import NativeEngine, PlantSystem
 from integ_gym.envs.numerics.accuracy import symplecticity_defect
 from integ_gym.envs.numerics.identity import declared
 from integ_gym.envs.ops.ops import SCALAR

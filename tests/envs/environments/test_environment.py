@@ -14,7 +14,7 @@ from motions import ALL
 
 import integ_gym
 from integ_gym.envs.catalogue.pendulum import IntegPendulumEnv
-from integ_gym.envs.engines.interface import DIVERGENCE_SPEED
+from integ_gym.envs.engines.stepping import DIVERGENCE_SPEED
 from integ_gym.envs.ops.ops import SCALAR
 
 IDS = tuple(integ_gym.ENVIRONMENTS)
@@ -126,7 +126,8 @@ class LeapFrog:
     """A user's own integrator: drift with the old velocity, kick at the new position."""
 
     def step(self, ops, system, q, v, losses, control, dt):
-        from integ_gym.envs.integrators.interface import Step, along
+        from integ_gym.envs.integrators.interface import Step
+        from integ_gym.envs.ops.ops import along
 
         moved = along(q, dt, v)
         acceleration, loss_rates = system.rates(ops, moved, v, control)

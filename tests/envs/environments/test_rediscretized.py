@@ -14,7 +14,7 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.wrappers import DiscretizeAction, RescaleAction, TimeLimit
 
 import integ_gym
-from integ_gym.envs.sequential_vector import SequentialVectorEnv
+from integ_gym.envs.foreign import SequentialVectorEnv
 
 TASKS = ("HalfCheetah-v5", "Hopper-v5", "InvertedPendulum-v5", "Swimmer-v5", "Ant-v5")
 

@@ -14,7 +14,7 @@ from gymnasium.wrappers import TimeAwareObservation, TimeLimit
 from sb3_contrib.common.wrappers import TimeFeatureWrapper
 
 import integ_gym
-from integ_gym.envs.catalogue.lookup import environment_setup
+from integ_gym.envs.environment import environment_setup
 from integ_gym.evidence.context import EpisodeContext
 from integ_gym.evidence.recorder import RecordEvidence
 from integ_gym.evidence.store import EvidenceStore

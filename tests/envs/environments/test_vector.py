@@ -15,8 +15,8 @@ from sameness import assert_same
 import integ_gym
 from integ_gym.envs.catalogue.pendulum import IntegPendulumEnv
 from integ_gym.envs.environment import make_setup
-from integ_gym.envs.ops.array_ops import ARRAY
 from integ_gym.envs.ops.jax_ops import JaxOps
+from integ_gym.envs.ops.ops import ARRAY
 from integ_gym.envs.transition import initial_state, transition
 
 LANES = 5

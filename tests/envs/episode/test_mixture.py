@@ -13,7 +13,7 @@ from gymnasium.vector import AutoresetMode
 from motions import ALL
 
 from integ_gym.envs import functional
-from integ_gym.envs.catalogue.lookup import environment_mixture
+from integ_gym.envs.environment import environment_mixture
 from integ_gym.envs.registries import ENVIRONMENTS
 
 PERIOD = 0.04

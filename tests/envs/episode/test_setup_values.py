@@ -10,7 +10,7 @@ import pytest
 from engine_cases import STOPPED, lighter, needs
 
 import integ_gym  # noqa: F401
-from integ_gym.envs.catalogue.lookup import environment_setup
+from integ_gym.envs.environment import environment_setup
 from integ_gym.envs.functional import params_of, traced_setup
 from integ_gym.envs.lanes import of_lanes
 from integ_gym.envs.registries import ENGINES

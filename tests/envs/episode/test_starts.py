@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
-from integ_gym.envs.catalogue.lookup import environment_setup
+from integ_gym.envs.environment import environment_setup
 from integ_gym.envs.registries import ENVIRONMENTS
 from integ_gym.envs.starts import AT_ONCE, GivenNumbers, LaneStarts, numbers_per_start
-from integ_gym.envs.tasks.pendulum_swing_up import PendulumSwingUp
+from integ_gym.envs.tasks import PendulumSwingUp
 
 LANES = 3
 SIZES = {

@@ -20,7 +20,7 @@ from integ_gym.envs.engines.maps import (
     map_names,
     one_step_map,
 )
-from integ_gym.envs.mechanics import PlantSystem
+from integ_gym.envs.engines.stepping import PlantSystem
 from integ_gym.envs.numerics.identity import declared
 from integ_gym.envs.numerics.stepping import advance
 from integ_gym.envs.ops.ops import SCALAR

@@ -16,13 +16,12 @@ from sameness import assert_same
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from integ_gym.envs.engines.native import NativeEngine
-from integ_gym.envs.mechanics import PlantSystem, Stops
+from integ_gym.envs.engines.stepping import NativeEngine, PlantSystem
+from integ_gym.envs.mechanics import Stops
 from integ_gym.envs.numerics.energy import ledger
 from integ_gym.envs.numerics.identity import declared
-from integ_gym.envs.ops.array_ops import ARRAY
 from integ_gym.envs.ops.jax_ops import JaxOps
-from integ_gym.envs.ops.ops import SCALAR
+from integ_gym.envs.ops.ops import ARRAY, SCALAR
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.plants.pendulum import Pendulum
 from integ_gym.envs.transition import initial_state, transition

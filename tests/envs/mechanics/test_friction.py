@@ -9,10 +9,8 @@ import numpy as np
 import pytest
 from motions import ALL
 
-from integ_gym.envs.engines.native import NativeEngine
-from integ_gym.envs.mechanics import PlantSystem
-from integ_gym.envs.ops.array_ops import ARRAY
-from integ_gym.envs.ops.ops import SCALAR
+from integ_gym.envs.engines.stepping import NativeEngine, PlantSystem
+from integ_gym.envs.ops.ops import ARRAY, SCALAR
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.plants.pendulum import Pendulum
 

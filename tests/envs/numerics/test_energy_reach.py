@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from integ_gym.envs import numerics
-from integ_gym.envs.catalogue.lookup import environment_setup
+from integ_gym.envs.environment import environment_setup
 from integ_gym.envs.settings import Setup
 
 HANGING = np.array([math.pi, 0.0])

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from integ_gym.envs.integrators.interface import Step, along
+from integ_gym.envs.integrators.interface import Step
 from integ_gym.envs.numerics.accuracy import (
     convergence,
     independent_motion,
@@ -27,6 +27,7 @@ from integ_gym.envs.numerics.stepping import (
     probe_state,
     stability_limit,
 )
+from integ_gym.envs.ops.ops import along
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.plants.elastic_pendulum import ElasticPendulum
 from integ_gym.envs.plants.pendulum import Pendulum

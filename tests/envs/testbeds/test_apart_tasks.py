@@ -13,7 +13,7 @@ from exchanges import replayed
 from integ_gym.envs.settings import Discretization
 from integ_gym.envs.testbeds import making
 from integ_gym.envs.testbeds import remote as tasks
-from integ_gym.envs.testbeds.interface import Applied
+from integ_gym.envs.testbeds.gym_testbed import Applied
 from integ_gym.envs.testbeds.making import make_checked
 from integ_gym.support.isolated import APART, Apart, Worker, WorkerError
 

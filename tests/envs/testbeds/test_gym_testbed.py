@@ -15,7 +15,12 @@ from gymnasium.wrappers import RescaleAction, TimeLimit, TransformObservation, T
 from house import ROOT
 from mountain_car import MountainCar, ScaledMountainCar, swing
 
-from integ_gym.envs.foreign import Repeated, StatedEnv, time_limit, wrappers_of
+from integ_gym.envs.foreign import (
+    Repeated,
+    StatedEnv,
+    time_limit,
+    wrappers_of,
+)
 from integ_gym.envs.settings import Discretization
 from integ_gym.envs.testbeds.gym_testbed import CLASSIC, GymTestbed
 from integ_gym.envs.testbeds.making import find_testbed, make_checked

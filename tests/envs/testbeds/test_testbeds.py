@@ -13,8 +13,7 @@ from engine_cases import needs
 import integ_gym
 from integ_gym.envs.foreign import SURVIVAL, Repeated
 from integ_gym.envs.settings import Discretization
-from integ_gym.envs.testbeds.gym_testbed import CLASSIC
-from integ_gym.envs.testbeds.interface import Applied
+from integ_gym.envs.testbeds.gym_testbed import CLASSIC, Applied
 from integ_gym.envs.testbeds.jax_tasks import BraxTask, Playground
 from integ_gym.envs.testbeds.making import (
     IntegTestbed,

@@ -11,7 +11,7 @@ from engine_cases import COMPILING, FOREIGN, needs
 
 from integ_gym.cli import main
 from integ_gym.envs import numerics
-from integ_gym.envs.engines.interface import missing_modules
+from integ_gym.envs.engines.stepping import missing_modules
 from integ_gym.envs.numerics.identity import fingerprint
 from integ_gym.envs.registries import ENGINES
 

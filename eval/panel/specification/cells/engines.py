@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from integ_gym.envs.engines.interface import missing_modules
 from integ_gym.envs.engines.maps import map_names
+from integ_gym.envs.engines.stepping import missing_modules
 from integ_gym.envs.registries import ENGINES
 from integ_gym.envs.settings import NATIVE, Discretization
 from integ_gym.support.isolated import APART

@@ -13,7 +13,7 @@ from own_plants import CentralSpring
 
 from integ_gym.envs.engines import casadi as _casadi_engine
 from integ_gym.envs.engines.maps import one_step_map
-from integ_gym.envs.mechanics import PlantSystem
+from integ_gym.envs.engines.stepping import PlantSystem
 from integ_gym.envs.numerics.identity import fingerprint
 from integ_gym.envs.ops.ops import SCALAR
 from integ_gym.envs.registries import ENGINES

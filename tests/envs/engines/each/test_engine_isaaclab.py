@@ -15,9 +15,9 @@ from house import ROOT
 
 from integ_gym.cli import main
 from integ_gym.envs.engines import isaaclab
-from integ_gym.envs.engines.interface import missing_modules
 from integ_gym.envs.engines.isaaclab import LEAST_INERTIA, usd
 from integ_gym.envs.engines.maps import one_step_map
+from integ_gym.envs.engines.stepping import missing_modules
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.plants.pendulum import Pendulum
 from integ_gym.envs.registries import ENGINES

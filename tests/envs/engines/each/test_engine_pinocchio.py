@@ -12,7 +12,8 @@ from integ_gym.envs.integrators import newton as _newton
 from integ_gym.envs.ops.ops import SCALAR
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.registries import INTEGRATORS
-from integ_gym.envs.steps import traced_step
+from integ_gym.envs.steps import traced
+from integ_gym.envs.transition import scalar_step
 
 pytestmark = pytest.mark.usefixtures("pinocchio")
 
@@ -78,7 +79,7 @@ def test_friction_and_stops_act_as_in_the_native_engine(integrator):
 
 @pytest.mark.parametrize("integrator", INTEGRATORS.names())
 def test_its_steps_are_traced(integrator):
-    assert traced_step(setup_of("pinocchio", integrator, "IntegCartPole-v0")) is not None
+    assert traced(setup_of("pinocchio", integrator, "IntegCartPole-v0"), scalar_step) is not None
 
 
 def test_more_lanes_than_its_parallel_algorithm_survives():

@@ -9,7 +9,7 @@ import pytest
 from engine_cases import DAMPING, IDS, needs, one_step, setup_of, states
 from engine_checks import defect, new_setup, told_by_an_episode
 
-from integ_gym.envs.engines.stepping import load_undisturbed
+from integ_gym.envs.engines.simulator import load_undisturbed
 
 ENGINE = ("pybullet", "semi_implicit_euler")
 STOPPED = {"env_id": "IntegCartPoleSwingUp-v0", "contact": "engine", "dt": 0.001}

@@ -8,7 +8,7 @@ from engine_cases import DAMPING, IDS, TOLERANCE, needs, one_step, setup_of, sta
 from engine_checks import defect, new_setup, told_by_an_episode
 
 from integ_gym.envs.engines import sapien as _sapien
-from integ_gym.envs.engines.stepping import load_undisturbed
+from integ_gym.envs.engines.simulator import load_undisturbed
 from integ_gym.envs.ops.ops import SCALAR
 from integ_gym.envs.registries import ENGINES, MAPS
 

@@ -10,10 +10,9 @@ import pytest
 from engine_cases import DAMPING, IDS, TOLERANCE, needs, one_of_each, one_step, setup_of, states
 from engine_checks import defect, new_setup, told_by_an_episode
 
-from integ_gym.envs.engines import mujoco_warp
+from integ_gym.envs.engines import warp as mujoco_warp
 from integ_gym.envs.engines.newton import FEATHERSTONE, NewtonEngine
-from integ_gym.envs.ops.array_ops import ARRAY
-from integ_gym.envs.ops.ops import SCALAR
+from integ_gym.envs.ops.ops import ARRAY, SCALAR
 from integ_gym.envs.registries import ENGINES
 
 CASES = [

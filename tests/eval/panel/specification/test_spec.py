@@ -10,7 +10,7 @@ import pytest
 from small_panel import small_data
 
 import integ_gym.eval
-from integ_gym.envs.engines.native import NativeEngine
+from integ_gym.envs.engines.stepping import NativeEngine
 from integ_gym.eval.panel.running.panel import check_spec
 from integ_gym.eval.panel.running.units import units_of
 from integ_gym.eval.panel.specification.growth import inputs

@@ -12,7 +12,7 @@ from engines_panel import trained_units
 from small_panel import small_data
 
 from integ_gym.cli import main
-from integ_gym.envs.engines.interface import missing_modules
+from integ_gym.envs.engines.stepping import missing_modules
 from integ_gym.envs.registries import ENGINES
 from integ_gym.eval.panel.running.panel import check_spec
 from integ_gym.eval.panel.running.units import training_config, training_key
