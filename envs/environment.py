@@ -27,13 +27,7 @@ from .lanes import Array
 from .ops.ops import SCALAR, Components, split_state
 from .registries import ENVIRONMENTS, PLANTS, TASKS
 from .settings import Mixture, Setup, build_setup, make_mixture
-from .starts import (
-    NOISE,
-    check_starts,
-    checked_episodes,
-    draw_start,
-    stream_of_episode,
-)
+from .starts import NOISE, check_starts, checked_episodes, draw_start, stream_of_episode
 from .steps import WARM_UP, traced
 from .tasks import FLOAT32_ROUNDING
 from .transition import (

@@ -20,14 +20,7 @@ from .ops.ops import Component, Components, join_state, split_state
 from .plants.interface import Plant
 from .settings import WEIGHT, Setup
 from .starts import GivenNumbers
-from .transition import (
-    EnvState,
-    Outcome,
-    initial_state,
-    sensed,
-    step_info,
-    transition,
-)
+from .transition import EnvState, Outcome, initial_state, sensed, step_info, transition
 
 OPTIONAL = ("stops", "dry_friction")
 """Parts of a plant that it may lack, which decides the program."""

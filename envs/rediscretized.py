@@ -37,12 +37,7 @@ from .foreign import (
 from .lanes import as_floats
 from .ops.ops import join_state
 from .settings import Settings, Timing, check_divides
-from .transition import (
-    DIVERGED,
-    NOT_CONVERGED,
-    OK,
-    STATUS_NAMES,
-)
+from .transition import DIVERGED, NOT_CONVERGED, OK, STATUS_NAMES
 
 _HEADLESS = ("egl", "osmesa")
 """Values of `MUJOCO_GL` that need no display."""

@@ -12,15 +12,7 @@ import numpy.typing as npt
 
 from integ_gym.support.parameters import unknown_name
 
-from .ops.ops import (
-    ARRAY,
-    FLOAT32_MAX,
-    Component,
-    Components,
-    leaves_of,
-    rows_of,
-    split_state,
-)
+from .ops.ops import ARRAY, FLOAT32_MAX, Component, Components, leaves_of, rows_of, split_state
 from .plants.interface import state_names
 from .settings import Setup
 from .transition import EnvState, initial_state, top_speed

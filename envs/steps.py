@@ -21,14 +21,7 @@ from .ops.ops import (
 )
 from .settings import Setup
 from .starts import Begun
-from .transition import (
-    EnvState,
-    array_step,
-    initial_state,
-    scalar_start,
-    scalar_step,
-    transition,
-)
+from .transition import EnvState, array_step, initial_state, scalar_start, scalar_step, transition
 
 OBSERVED = 1
 """Place of the observation in what an array step returns."""

@@ -52,13 +52,7 @@ from .starts import (
     stream_of_episode,
 )
 from .steps import LanesStep
-from .transition import (
-    RESULTS,
-    EnvState,
-    initial_state,
-    quiet_status,
-    sensed,
-)
+from .transition import RESULTS, EnvState, initial_state, quiet_status, sensed
 
 _FLOATS = np.dtype(np.float64)
 

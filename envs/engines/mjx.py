@@ -9,12 +9,7 @@ import numpy as np
 
 from integ_gym.support.optional import load
 
-from ..ops.ops import (
-    SCALAR,
-    Component,
-    Components,
-    Ops,
-)
+from ..ops.ops import SCALAR, Component, Components, Ops
 from .rigid import MAPS, Array, LanesEngine, stop_law
 from .simulator import Run, quiet
 from .stepping import PlantSystem

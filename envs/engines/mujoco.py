@@ -9,15 +9,7 @@ from typing import Any, ClassVar
 from integ_gym.support.optional import load
 
 from ..ops.ops import Components
-from .rigid import (
-    LEAST_INERTIA,
-    MAPS,
-    Array,
-    RigidBodyEngine,
-    mass_matrix,
-    mjcf,
-    stop_law,
-)
+from .rigid import LEAST_INERTIA, MAPS, Array, RigidBodyEngine, mass_matrix, mjcf, stop_law
 from .simulator import Run
 
 _TOLD_OF = ("INERTIA", "BADQPOS", "BADQVEL", "BADQACC")

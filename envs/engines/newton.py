@@ -13,13 +13,7 @@ from integ_gym.support.optional import load
 from ..mechanics import Mechanism
 from ..ops.ops import Components
 from .rigid import LEAST_INERTIA, MAPS, Array, moment
-from .warp import (
-    ROWS,
-    WarpEngine,
-    Worlds,
-    constraint_solver,
-    forces_at_rest,
-)
+from .warp import ROWS, WarpEngine, Worlds, constraint_solver, forces_at_rest
 
 FEATHERSTONE = "featherstone"
 

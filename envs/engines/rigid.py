@@ -13,13 +13,7 @@ import numpy.typing as npt
 
 from ..integrators.interface import State, Step
 from ..mechanics import Link, Mechanism, Stops
-from ..ops.ops import (
-    SCALAR,
-    Component,
-    Components,
-    Ops,
-    along,
-)
+from ..ops.ops import SCALAR, Component, Components, Ops, along
 from ..plants.interface import Plant
 from .maps import one_step_map
 from .simulator import ASTRAY, ForeignEngine, Run

@@ -11,12 +11,7 @@ from integ_gym.support.optional import absent, check_versions, running_version
 
 from ..integrators.interface import Step
 from ..mechanics import Friction, Stops
-from ..ops.ops import (
-    FLOAT32_MAX,
-    Component,
-    Components,
-    Ops,
-)
+from ..ops.ops import FLOAT32_MAX, Component, Components, Ops
 from ..plants.interface import Plant
 from ..registries import ENGINES, INTEGRATORS, TRUTH
 

@@ -16,15 +16,7 @@ from integ_gym.support.optional import load
 
 from ..mechanics import Mechanism
 from ..ops.ops import Components
-from .rigid import (
-    LEAST_INERTIA,
-    MAPS,
-    Array,
-    LanesEngine,
-    mass_matrix,
-    mjcf,
-    stop_law,
-)
+from .rigid import LEAST_INERTIA, MAPS, Array, LanesEngine, mass_matrix, mjcf, stop_law
 from .simulator import Run, quiet
 
 FEWEST = 16

@@ -7,12 +7,7 @@ from operator import itemgetter, mul
 from typing import Any, ClassVar, TypeAlias
 
 from ..ops.ops import Component, Components, Ops
-from .interface import (
-    UNLIMITED,
-    LinearTheory,
-    Step,
-    System,
-)
+from .interface import UNLIMITED, LinearTheory, Step, System
 from .newton import time_of_kink
 
 Row: TypeAlias = tuple[tuple[int, float], ...]

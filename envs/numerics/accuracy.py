@@ -13,15 +13,7 @@ from integ_gym.support.optional import load
 from ..engines.stepping import PlantSystem
 from ..ops.ops import ARRAY, SCALAR, join_state, split_state
 from ..plants.interface import Plant
-from .stepping import (
-    WIDTH,
-    Advance,
-    Array,
-    State,
-    advance,
-    advance_lanes,
-    jacobian,
-)
+from .stepping import WIDTH, Advance, Array, State, advance, advance_lanes, jacobian
 
 HALVINGS = (4, 5, 6, 7, 8, 9)
 """Steps are duration / 2**k."""

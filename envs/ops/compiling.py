@@ -15,22 +15,8 @@ from integ_gym.support.optional import load
 
 from .dialects import ARRAYS, ONE_LANE, PYTHON_SYNTAX, Dialect, called, target, tuple_of
 from .ops import NotTraceable, Unusual, leaves_of, map_leaves, rebuilt
-from .tracing import (
-    Block,
-    Loop,
-    Symbol,
-    SymbolicOps,
-    Trace,
-    symbols_in,
-)
-from .writing import (
-    Writer,
-    carried,
-    executed,
-    in_lanes,
-    live_items,
-    needed,
-)
+from .tracing import Block, Loop, Symbol, SymbolicOps, Trace, symbols_in
+from .writing import Writer, carried, executed, in_lanes, live_items, needed
 
 
 class Filled(NamedTuple):

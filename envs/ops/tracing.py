@@ -12,13 +12,7 @@ from typing import Any
 import numpy as np
 
 from .dialects import Dialect, called
-from .ops import (
-    SCALAR,
-    Carry,
-    NotTraceable,
-    leaves_of,
-    rebuilt,
-)
+from .ops import SCALAR, Carry, NotTraceable, leaves_of, rebuilt
 
 Operator = Callable[["Symbol", Any], Any]
 

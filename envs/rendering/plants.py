@@ -12,19 +12,7 @@ from ..ops.ops import SCALAR
 from ..plants.interface import state_names, state_units
 from ..settings import Setup
 from ..tasks import NEAR_PLUMB, NEAR_UPRIGHT, wrapped
-from .canvas import (
-    BLUE,
-    FAINT,
-    GREEN,
-    INK,
-    MUTED,
-    VERMILION,
-    WHITE,
-    Canvas,
-    Point,
-    polar,
-    tint,
-)
+from .canvas import BLUE, FAINT, GREEN, INK, MUTED, VERMILION, WHITE, Canvas, Point, polar, tint
 
 _TRAIL = 0.1
 """How much of the past motion the trail behind a moving tip shows, s."""

@@ -11,14 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..settings import Setup
-from .canvas import (
-    INK,
-    MUTED,
-    WHITE,
-    Canvas,
-    load_pygame,
-    open_screen,
-)
+from .canvas import INK, MUTED, WHITE, Canvas, load_pygame, open_screen
 from .plants import drawing, signed
 
 _MAX_FPS = 60

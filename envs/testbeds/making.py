@@ -20,12 +20,7 @@ from ..environment import OTHER_TESTBEDS, environment_class, environment_setup, 
 from ..lanes import DiscretizedVectorEnv
 from ..rediscretized import RediscretizedEnv, integrator_numbers, rediscretize
 from ..registries import ENGINES, ENVIRONMENTS, TESTBEDS, TRUTH
-from ..settings import (
-    DISCRETIZATION,
-    Discretization,
-    agrees,
-    dividing_step,
-)
+from ..settings import DISCRETIZATION, Discretization, agrees, dividing_step
 from .gym_testbed import (
     CLASSIC,
     REFINEMENTS,

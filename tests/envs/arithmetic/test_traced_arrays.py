@@ -10,7 +10,7 @@ import pytest
 from variants import VARIANTS
 
 from integ_gym.envs.environment import environment_setup
-from integ_gym.envs.ops.compiling import compiled, repeated
+from integ_gym.envs.ops.compiling import compiled
 from integ_gym.envs.ops.dialects import ARRAYS
 from integ_gym.envs.ops.ops import ARRAY, NotTraceable, Unusual, leaves_of
 from integ_gym.envs.registries import ENVIRONMENTS, INTEGRATORS
@@ -137,10 +137,6 @@ def test_logic_of_lanes_and_constants():
     assert below.tolist() == [-1.5, 0.5, 1.0]
 
 
-def test_what_is_known_not_to_hold_is_no_expectation():
-    assert compiled(ARRAYS, lambda ops, x: ops.where(ops.usually(False), x, -x), False)(2.0) == -2.0
-
-
 @pytest.mark.parametrize(
     ("x", "holds"),
     [
@@ -161,14 +157,6 @@ def test_a_bound_is_kept_whatever_the_sum_of_squares(x, holds):
         return
     with pytest.raises(Unusual), np.errstate(over="ignore"):
         made(np.array(x))
-
-
-def test_other_expectations_are_looked_at_lane_by_lane():
-    made = compiled(ARRAYS, lambda ops, x: ops.where(ops.usually(x > 1.0), x, 0.0), False)
-    assert "dot" not in made.__doc__
-    assert made(np.array([2.0, 3.0])).tolist() == [2.0, 3.0]
-    with pytest.raises(Unusual):
-        made(np.array([2.0, 0.5]))
 
 
 def test_what_is_wanted_in_rare_lanes_is_computed_where_there_are_some():
@@ -201,63 +189,6 @@ def test_arithmetic_on_truth_values_alone_is_not_traced(operation):
     """A sum of two is 2 of floats, True of arrays."""
     with pytest.raises(NotTraceable, match="not the same for floats and arrays"):
         compiled(ARRAYS, lambda ops, x: operation(ops, x > 1.0, x > 0.0), False)
-
-
-def test_a_product_of_truth_values_is_a_truth_value():
-    made = compiled(ARRAYS, lambda ops, x: 0.5 * ((x > 0.0) * (x < 2.0)), False)
-    assert made(np.array([-1.0, 1.0, 3.0])).tolist() == [0.0, 0.5, 0.0]
-
-
-@pytest.mark.parametrize("held", [[1.0, 2.0], [2.0, 1.0]])
-def test_a_choice_of_two_numbers(held):
-    made = compiled(ARRAYS, lambda ops, x: ops.where(x > 0.0, *held), False)
-    assert made(np.array([1.0, -1.0])).tolist() == held
-
-
-def test_values_are_put_into_the_arrays_of_some_lanes():
-    """Of a constant and of what was given they are made; what is there twice is written once."""
-
-    def function(ops, state, push):
-        (x, kept), *_ = state
-        after = x + ops.sin(x) * push
-        return ((after, kept), False, after), {"sine": ops.sin(after), "one": 1.0}
-
-    made = repeated(ARRAYS, function, ((False, False), True, False), False)
-    assert made.alike == {"one": 1.0}
-    x = np.array([0.1, 0.2, 0.3])
-    state = (x, 5.0), True, x
-    state, _, taken = made.step(state, made.first(state), 1.0)
-    before = state[0][0]
-    lanes, values = np.array([0, 2]), (np.array([7.0, 8.0]), 9.0, True, np.array([7.0, 8.0]), -1.0)
-    ((x, kept), flag, twice), (sine,) = made.put(state, taken, lanes, values)
-    assert x is twice is before
-    assert x.tolist() == [7.0, before[1], 8.0]
-    assert kept.tolist() == [9.0, 5.0, 9.0]
-    assert flag.tolist() == [True, False, True]
-    assert sine.tolist() == [-1.0, math.sin(before[1]), -1.0]
-
-
-def test_what_is_known_of_the_next_state_is_passed_on():
-    """sin(x) is computed once per call, of the new state, and what nobody needs is not."""
-
-    def function(ops, state, push):
-        x, v = state
-        after = x + v, v + push * ops.sin(x)
-        unused = ops.cos(x) + ops.cos(after[0])
-        assert unused is not None
-        return after, {"height": ops.sin(after[0]), "speed": after[1]}
-
-    made = repeated(ARRAYS, function, (False, False), False)
-    assert made.step.__doc__.count("sin") == made.first.__doc__.count("sin") == 1
-    assert "cos" not in made.step.__doc__
-    state, push = (np.array([0.1, 0.2]), np.array([1.0, -1.0])), np.array([0.5, 0.5])
-    plain, taken = state, made.first(state)
-    for _ in range(3):
-        state, told, taken = made.step(state, taken, push)
-        plain, expected = function(ARRAY, plain, push)
-        np.testing.assert_array_equal(state, plain)
-        np.testing.assert_array_equal(told["height"], expected["height"])
-    assert told["speed"] is not state[1]
 
 
 @pytest.mark.parametrize(

@@ -8,10 +8,9 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from apart_scenarios import SCENARIOS
-from engine_cases import DAMPING, ELSEWHERE, IDS, TOLERANCE, mapped, one_step, states
+from engine_cases import DAMPING, IDS, TOLERANCE, mapped, one_step, states
 from engine_checks import new_setup
 from exchanges import replayed
-from house import ROOT
 
 from integ_gym.cli import main
 from integ_gym.envs.engines import isaaclab
@@ -42,12 +41,6 @@ def setup():
         yield new_setup("isaaclab", "euler", "IntegCartPole-v0")
 
 
-def test_engines_that_live_elsewhere_have_a_recording():
-    assert ELSEWHERE == ("isaaclab",)
-    for engine in ELSEWHERE:
-        assert f"{engine}_engine" in SCENARIOS
-
-
 def test_every_integrator_is_the_map_that_it_is_said_to_be():
     """Of both plants, damped and undamped, in what Isaac Lab answered when it was recorded."""
     with replayed(RECORDED):
@@ -67,14 +60,6 @@ def test_no_other_kind_of_symplectic_euler_would_do(integrator):
             known = one_step_map(name)
             expected = [mapped(known, setup, *case) for case in states(setup, 8)]
             assert np.abs(np.array(ends) - expected).max() > 1e-4
-
-
-def test_what_it_says_of_itself(setup):
-    told = setup.engine.describe()
-    assert told["map"] == "symplectic_euler_implicit_damping"
-    assert told["width"] == 32
-    assert told["versions"]["isaaclab"] == "3.0.0"
-    assert set(told["versions"]) == {"isaaclab", "newton", "warp-lang", "mujoco-warp"}
 
 
 def test_a_model_that_is_not_the_plant_is_refused(monkeypatch):
@@ -101,30 +86,6 @@ def test_a_process_that_is_lost_is_an_error_and_no_motion(setup):
     assert engine._worker not in isaaclab._idle
 
 
-def test_what_was_not_recorded_is_not_made_up(setup):
-    with pytest.raises(WorkerError, match="not in the recording"):
-        one_step(setup, (0.0, 0.0), (0.0, 0.0), 0.5)
-
-
-def test_a_process_is_used_again_by_the_next_engine(monkeypatch):
-    with replayed(RECORDED):
-        first = new_setup("isaaclab", "euler", "IntegPendulum-v0")
-    process = first.engine._worker
-    made = []
-    monkeypatch.setattr(
-        isaaclab.IsaaclabEngine, "_make", lambda engine, lanes: made.append(engine._worker)
-    )
-    monkeypatch.setattr(isaaclab.IsaaclabEngine, "_check", lambda engine: None)
-    del first
-    new_setup("isaaclab", "euler", "IntegPendulum-v0")
-    assert made == [process]
-
-
-def test_its_stops_are_refused():
-    with pytest.raises(ValueError, match="engine 'isaaclab' has no joint stops of its own"):
-        gym.make("IntegCartPoleSwingUp-v0", engine="isaaclab", integrator="euler", contact="engine")
-
-
 def test_without_its_environment_one_sentence_says_what_sets_it_up(capsys, tmp_path):
     assert missing_modules("isaaclab") == ["isaaclab"]
     with pytest.raises(ModuleNotFoundError, match="run: make isaaclab ") as told:
@@ -145,16 +106,3 @@ def test_a_mechanism_is_told_without_loss():
     light = usd(Pendulum(mass_distribution="point", mass=1e-6).mechanism)
     assert f"diagonalInertia = ({LEAST_INERTIA!r}, " in light
     assert text.count("{") == text.count("}")
-
-
-def test_the_served_file_imports_nothing_of_ours():
-    """It is run by another interpreter, which has no integ-gym."""
-    served = [
-        *ROOT.glob("envs/**/*served*.py"),
-        ROOT / "support" / "isolated_serving.py",
-    ]
-    assert len(served) == 4
-    for path in served:
-        text = path.read_text(encoding="utf-8")
-        assert "integ_gym" not in text
-        assert "from ." not in text
