@@ -8,7 +8,6 @@ from dataclasses import dataclass, fields, replace
 from fractions import Fraction
 from functools import cached_property
 from itertools import accumulate, pairwise, repeat
-from types import NoneType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,7 +16,6 @@ from gymnasium.experimental.functional import FuncEnv
 from .environment import environment_mixture, environment_setup, observation_space
 from .ops.jax_ops import JaxOps, jax, jnp
 from .ops.ops import Component, Components, join_state, split_state
-from .plants.interface import Plant
 from .settings import WEIGHT, Setup
 from .starts import GivenNumbers
 from .transition import EnvState, Outcome, initial_state, sensed, step_info, transition
@@ -28,21 +26,16 @@ OPTIONAL = ("stops", "dry_friction")
 __all__ = ["FunctionalEnv", "Params", "make", "start_range"]
 
 
-@dataclass(frozen=True)
-class Structure:
-    """What decides the program: environments with equal structure can share a compiled one.
-
-    Attributes:
-        env_id: environment.
-        dtype: float type of the physics.
-        choices: arguments that are no numbers, and the presence of those that may be None.
-        delay: action latency as (whole decisions, sub-steps beyond them).
-    """
+class Structure(NamedTuple):
+    """What decides the program: environments with equal structure can share a compiled one."""
 
     env_id: str
     dtype: str
+    """Float type of the physics."""
     choices: tuple[tuple[str, Any], ...]
+    """Arguments that are no numbers, and the presence of those that may be None."""
     delay: tuple[int, int]
+    """Action latency as (whole decisions, sub-steps beyond them)."""
 
 
 def structure_of(env_id: str, setup: Setup, dtype: str) -> Structure:
@@ -56,14 +49,9 @@ def structure_of(env_id: str, setup: Setup, dtype: str) -> Structure:
         "sensor_period": setup.timing.sensor is not None,
         "max_speed": setup.settings.max_speed is not None,
         "observation_noise": setup.settings.observation_noise > 0.0,
-        **{part: not lacks(setup.plant, part) for part in OPTIONAL},
+        **{part: getattr(setup.plant, part, None) is not None for part in OPTIONAL},
     }
     return Structure(env_id, dtype, tuple({**choices, **present}.items()), setup.timing.delay)
-
-
-def lacks(plant: Plant, part: str) -> bool:
-    """Whether a plant has no such part."""
-    return getattr(plant, part, None) is None
 
 
 class Params(NamedTuple):
@@ -101,7 +89,13 @@ def params_of(setup: Setup, dtype: str) -> Params:
     """A setup's own values, floats in the type ``dtype``."""
     settings, timing = setup.settings, setup.timing
     number = np.dtype(dtype).type
-    low, high = start_range(setup)
+
+    def numbers(part: Any) -> dict[str, Component]:
+        """Numeric fields of a plant or task."""
+        values = {f.name: getattr(part, f.name) for f in fields(part)}
+        return {k: number(x) for k, x in values.items() if not isinstance(x, str | bool | None)}
+
+    low, high = (tuple(map(number, end)) for end in start_range(setup))
     return Params(
         dt=number(timing.dt),
         control_period=number(timing.control_period),
@@ -110,17 +104,11 @@ def params_of(setup: Setup, dtype: str) -> Params:
         sensor=None if timing.sensor is None else np.int32(timing.sensor),
         max_speed=None if settings.max_speed is None else number(settings.max_speed),
         observation_noise=number(settings.observation_noise),
-        start_low=tuple(number(x) for x in low),
-        start_high=tuple(number(x) for x in high),
-        plant={name: number(x) for name, x in _numbers(setup.plant).items()},
-        task={name: number(x) for name, x in _numbers(setup.task).items()},
+        start_low=low,
+        start_high=high,
+        plant=numbers(setup.plant),
+        task=numbers(setup.task),
     )
-
-
-def _numbers(part: Any) -> dict[str, Component]:
-    """Numeric fields of a plant or task."""
-    values = {f.name: getattr(part, f.name) for f in fields(part)}
-    return {k: x for k, x in values.items() if not isinstance(x, (str, bool, NoneType))}
 
 
 def start_range(setup: Setup) -> tuple[Components, Components]:
@@ -138,19 +126,14 @@ def traced_setup(setup: Setup, params: Params) -> Setup:
     """``setup`` with these values."""
     plant = replace(setup.plant, **params.plant)  # type: ignore[type-var]
     task = replace(setup.task, **params.task)  # type: ignore[type-var]
-    vars(plant).update({part: None for part in OPTIONAL if lacks(setup.plant, part)})
-    _fill_caches(plant)
-    _fill_caches(task)
+    vars(plant).update({x: None for x in OPTIONAL if getattr(setup.plant, x, None) is None})
+    for part in (plant, task):  # so that no cached property is first computed inside a loop
+        for name in dir(type(part)):
+            if isinstance(getattr(type(part), name, None), cached_property):
+                getattr(part, name)
     names = ("dt", "control_period", "substeps", "sensor", "horizon")
     timing = replace(setup.timing, **{name: getattr(params, name) for name in names})
     return setup.with_values(plant, task, timing, params.max_speed)
-
-
-def _fill_caches(part: Any) -> None:
-    """Compute cached properties now, so that none is first computed, and kept, inside a loop."""
-    for name in dir(type(part)):
-        if isinstance(getattr(type(part), name, None), cached_property):
-            getattr(part, name)
 
 
 DTYPES = ("float32", "float64")
@@ -273,11 +256,7 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
         return joined._replace(substeps=params[0].substeps)
 
     def check_lanes(self, count: int) -> None:
-        """Check that so many lanes can be advanced together.
-
-        Raises:
-            ValueError: if a mixture cannot share them out.
-        """
+        """Check that so many lanes can be advanced together; a mixture may refuse."""
 
     def initial(
         self, rng: Any, params: Params | None = None, lanes: tuple[int, ...] = ()
@@ -345,7 +324,7 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
         """Episodes that start in ``start``, in state order, components of one shape."""
         q, v = split_state(start)
         fresh = initial_state(self._ops, self.setup_of(params), q, v)
-        return self._typed(fresh, jnp.shape(q[0]))  # type: ignore[no-any-return]
+        return self._cast(fresh, jnp.shape(q[0]))  # type: ignore[no-any-return]
 
     def advance(
         self, env: EnvState, control: Component, params: Params
@@ -358,7 +337,7 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
             params: values that broadcast against it.
         """
         after = transition(self._ops, self.setup_of(params), env, control)
-        return self._typed(after, jnp.shape(env.q[0]))  # type: ignore[no-any-return]
+        return self._cast(after, jnp.shape(env.q[0]))  # type: ignore[no-any-return]
 
     def observe(self, env: EnvState, noise: Components, params: Any) -> Components:
         """The last sensor sample, one float32 component per observation.
@@ -492,15 +471,15 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
         values = jnp.asarray(action, self._dtype)
         return values if self.setup.task.discrete is not None else values[..., 0]
 
-    def _typed(self, tree: Any, shape: tuple[int, ...]) -> Any:
+    def _cast(self, tree: Any, shape: tuple[int, ...]) -> Any:
         """All entries with one shape: floats in the environment's type, whole numbers int32."""
 
-        def typed(value: Any) -> Any:
+        def cast(value: Any) -> Any:
             array = jnp.broadcast_to(jnp.asarray(value), shape)
             kind = array.dtype.kind
             return array if kind == "b" else array.astype("int32" if kind in "iu" else self._dtype)
 
-        return jax.tree.map(typed, tree)
+        return jax.tree.map(cast, tree)
 
 
 _DRAWN = ("dt", "substeps", "sensor")
@@ -524,24 +503,15 @@ class _Group:
         env: that of the first member.
         members: their places in the mixture.
         params: of each member.
-        shares: of each member in the whole mixture.
+        share: of the group in the mixture.
+        bounds: where in [0, 1) one member's part of the group ends and the next one's begins.
     """
 
     env: FunctionalEnv
     members: tuple[int, ...]
     params: tuple[Params, ...]
-    shares: tuple[Fraction, ...]
-
-    @property
-    def share(self) -> Fraction:
-        """Of the group in the mixture."""
-        return sum(self.shares, Fraction(0))
-
-    @property
-    def bounds(self) -> tuple[float, ...]:
-        """Where one member's part of the group ends and the next one's begins."""
-        *bounds, total = accumulate(self.shares)
-        return tuple(float(bound / total) for bound in bounds)
+    share: Fraction
+    bounds: tuple[float, ...]
 
 
 class FunctionalMixture(FunctionalEnv):
@@ -577,7 +547,7 @@ class FunctionalMixture(FunctionalEnv):
     ) -> None:
         drawn = environment_mixture(env_id, {**arguments, "mixture": mixture})
         self._given = {**arguments, "mixture": mixture}
-        self._groups = _grouped(env_id, dtype, self._given, drawn.shares)
+        self._groups = _group_members(env_id, dtype, self._given, drawn.shares)
         super().__init__(env_id, dtype=dtype, **_member_arguments(arguments, mixture[0]))
         self.setups, self.shares = drawn.setups, drawn.shares
         self.start_size += 1
@@ -597,7 +567,7 @@ class FunctionalMixture(FunctionalEnv):
         if arguments:
             given = {**self._given, **arguments}
             shares = environment_mixture(self.env_id, given).shares
-            groups = _grouped(self.env_id, self._dtype, given, shares)
+            groups = _group_members(self.env_id, self._dtype, given, shares)
             self._check_structure(_structure_of(groups))
         return MixtureParams(
             tuple(group.params for group in groups), tuple(group.bounds for group in groups)
@@ -711,7 +681,7 @@ def make(
     return FunctionalMixture(env_id, mixture, dtype=dtype, **arguments)
 
 
-def _grouped(
+def _group_members(
     env_id: str, dtype: str, arguments: Mapping[str, Any], shares: Sequence[Fraction]
 ) -> tuple[_Group, ...]:
     """Members that share a program, by the order of their first."""
@@ -722,15 +692,13 @@ def _grouped(
     places: dict[Hashable, list[int]] = {}
     for place, env in enumerate(envs):
         places.setdefault(env.structure, []).append(place)
-    return tuple(
-        _Group(
-            envs[members[0]],
-            tuple(members),
-            tuple(envs[k].params() for k in members),
-            tuple(shares[k] for k in members),
-        )
-        for members in places.values()
-    )
+    groups = []
+    for members in places.values():
+        *bounds, total = accumulate(shares[k] for k in members)
+        ends = tuple(float(bound / total) for bound in bounds)
+        params = tuple(envs[k].params() for k in members)
+        groups.append(_Group(envs[members[0]], tuple(members), params, total, ends))
+    return tuple(groups)
 
 
 def _member_arguments(arguments: Mapping[str, Any], member: Mapping[str, Any]) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""What to say where MuJoCo has no OpenGL context to draw in."""
+"""Gymnasium's MuJoCo tasks with another integrator and timestep, and their ledger of energy."""
 
 from __future__ import annotations
 
@@ -43,14 +43,8 @@ _HEADLESS = ("egl", "osmesa")
 """Values of `MUJOCO_GL` that need no display."""
 
 
-def is_of_opengl(error: Exception) -> bool:
-    """Whether an error of a renderer is that there is no context to draw in."""
-    words = f"{type(error).__module__} {type(error).__name__} {error}".lower()
-    return any(word in words for word in ("opengl", "egl", "osmesa", "glfw", "x11", "display"))
-
-
 def no_context(chosen: str | None) -> str:
-    """The remedy.
+    """What to do where MuJoCo has no OpenGL context to draw in.
 
     Args:
         chosen: the environment variable `MUJOCO_GL`.
@@ -96,28 +90,10 @@ class Choice:
     def __post_init__(self) -> None:
         check_values(Choice, {name: x for name, x in vars(self).items() if x is not None})
 
-    def step_of(self, model: Any, period: float) -> float:
-        """The timestep, s.
 
-        Raises:
-            ValueError: if the control period ``period``, s, is no whole multiple of it.
-        """
-        step = float(model.opt.timestep) if self.dt is None else float(self.dt)
-        check_divides("dt", step, "the control period", period)
-        return step
-
-    def integrator_of(self, model: Any) -> str:
-        """MuJoCo's name of the integrator.
-
-        Raises:
-            ValueError: for one that MuJoCo lacks, with those it has.
-        """
-        known = integrator_numbers()
-        if self.integrator is None:
-            return next(own for own, number in known.items() if number == model.opt.integrator)
-        if self.integrator not in known:
-            raise ValueError(unknown_name("integrator of MuJoCo", self.integrator, known))
-        return self.integrator
+def integrator_of(model: Any) -> str:
+    """MuJoCo's name of a model's integrator."""
+    return next(n for n, number in integrator_numbers().items() if number == model.opt.integrator)
 
 
 def integrator_numbers() -> dict[str, int]:
@@ -299,8 +275,7 @@ class Ledger:
 
 def is_lost(data: Any) -> bool:
     """Whether the motion has diverged."""
-    finite = np.isfinite(data.qpos).all()
-    return not (finite and bool((np.abs(data.qvel) <= FASTEST).all()))
+    return not (np.isfinite(data.qpos).all() and (np.abs(data.qvel) <= FASTEST).all())
 
 
 def _accounted(model: Any, integrator: str) -> bool:
@@ -430,8 +405,11 @@ class RediscretizedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstruc
     @property
     def applied(self) -> tuple[str, float, int]:
         """Integrator, timestep (s) and timesteps per decision, read from the compiled model."""
-        integrator = Choice().integrator_of(self._model)
-        return integrator, float(self._model.opt.timestep), int(self._inner.frame_skip)
+        return (
+            integrator_of(self._model),
+            float(self._model.opt.timestep),
+            int(self._inner.frame_skip),
+        )
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -501,7 +479,9 @@ class RediscretizedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstruc
         try:
             return self.env.render()
         except Exception as error:
-            if not is_of_opengl(error):
+            words = f"{type(error).__module__} {type(error).__name__} {error}".lower()
+            parts = ("opengl", "egl", "osmesa", "glfw", "x11", "display")
+            if not any(part in words for part in parts):
                 raise
             raise RuntimeError(no_context(os.environ.get("MUJOCO_GL"))) from error
 
@@ -585,12 +565,16 @@ class RediscretizedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstruc
         """Put the discretization into the model, and say what it is."""
         model, inner, mujoco = self._model, self._inner, self._mujoco
         period = float(inner.dt)
-        step, chosen = choice.step_of(model, period), choice.integrator_of(model)
+        step = float(model.opt.timestep) if choice.dt is None else float(choice.dt)
+        check_divides("dt", step, "the control period", period)
+        chosen, known = choice.integrator or integrator_of(model), integrator_numbers()
+        if chosen not in known:
+            raise ValueError(unknown_name("integrator of MuJoCo", chosen, known))
         limit = time_limit(self)
         horizon = 1000 if limit is None else limit
         timing = Timing.of(step, period, 0.0, None, horizon * period)
         model.opt.timestep = step
-        model.opt.integrator = integrator_numbers()[chosen]
+        model.opt.integrator = known[chosen]
         model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
         inner.frame_skip = timing.substeps
         size = int(np.prod(self.observation_space.shape or (1,)))
