@@ -21,6 +21,7 @@ from gymnasium import spaces
 from gymnasium.envs import registration
 from gymnasium.envs.registration import EnvSpec, load_env_creator
 
+from integ_gym.support.errors import InputError, InputTypeError
 from integ_gym.support.parameters import unknown_name
 
 from .lanes import Array
@@ -80,13 +81,13 @@ class IntegEnv(gym.Env[Observation, Any]):
     def __init__(self, *, render_mode: str | None = None, **arguments: Any) -> None:
         for name in _OF_LANES:
             if name in arguments:
-                raise TypeError(
+                raise InputTypeError(
                     f"`{name}` is for many environments; give it to gym.make_vec, without a "
                     "`vectorization_mode`"
                 )
         for name, value in arguments.items():
             if isinstance(value, np.ndarray) and value.ndim:
-                raise ValueError(
+                raise InputError(
                     f"`{name}` must be one value, got an array; give arrays to gym.make_vec"
                 )
         self.setup = make_setup(type(self), arguments)
@@ -390,7 +391,7 @@ def checked_render_mode(render_mode: str | None, modes: list[str]) -> str | None
         ValueError: otherwise, with the valid modes.
     """
     if render_mode is not None and render_mode not in modes:
-        raise ValueError(f"`render_mode` must be one of {modes} or None, got {render_mode!r}")
+        raise InputError(f"`render_mode` must be one of {modes} or None, got {render_mode!r}")
     return render_mode
 
 
@@ -425,7 +426,7 @@ def box_action(action: Any) -> float:
     except OverflowError:
         return math.inf
     except (TypeError, ValueError):
-        raise ValueError(
+        raise InputError(
             f"action must have shape (1,), got {shown(action)} of shape {np.shape(action)}"
         ) from None
 
@@ -444,7 +445,7 @@ def discrete_action(action: Any, count: int) -> float:
         return math.nan
     if value not in range(count):
         choices = ", ".join(map(str, range(count)))
-        raise ValueError(f"action must be one of {choices}, got {shown(action)}")
+        raise InputError(f"action must be one of {choices}, got {shown(action)}")
     return value
 
 
@@ -493,8 +494,8 @@ def environment_class(env_id: str) -> type[IntegEnv]:
     if own is None:
         if ":" not in env_id and env_id not in gym.registry:
             unknown = unknown_name("environment", env_id, ENVIRONMENTS)
-            raise ValueError(f"{unknown}, or {OWN_ENVIRONMENT}")
-        raise ValueError(
+            raise InputError(f"{unknown}, or {OWN_ENVIRONMENT}")
+        raise InputError(
             f"{env_id!r} does not give its equations of motion, which are needed here; give "
             f"{', '.join(sorted(ENVIRONMENTS))}, or {OWN_ENVIRONMENT}"
         )
@@ -511,12 +512,12 @@ def _own_class(env_id: str) -> type[IntegEnv] | None:
     try:
         importlib.import_module(module)
     except Exception as error:  # whatever the user's module does while it is imported
-        raise ValueError(
+        raise InputError(
             f"cannot import {module!r} of {env_id!r}: {type(error).__name__}: {error}; start where "
             "its file lies, or put its folder on PYTHONPATH"
         ) from error
     if name not in gym.registry:
-        raise ValueError(
+        raise InputError(
             f"{module!r} registers no environment {name!r}; call gymnasium.register in it"
         )
     entry = gym.registry[name].entry_point

@@ -8,6 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from integ_gym.support.errors import InputError
+
 from .ops.ops import (
     ARRAY,
     SCALAR,
@@ -78,7 +80,7 @@ def compiled_array_step(setup: Setup) -> Any:
         except NotTraceable as error:
             found = error
     settings = setup.settings
-    raise ValueError(
+    raise InputError(
         f"`compiled` cannot be had of integrator {settings.integrator!r} on engine "
         f"{settings.engine!r}: {found}; leave it out"
     )

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from math import inf, isfinite, pi
 from typing import Any, ClassVar, NamedTuple, Protocol
 
+from integ_gym.support.errors import InputError
 from integ_gym.support.parameters import boolean, parameter, positive
 
 from .ops.ops import Component, Components, Ops
@@ -125,7 +126,7 @@ def number(options: Mapping[str, Any], name: str, default: float) -> float:
     try:
         return float(value)
     except (TypeError, ValueError, OverflowError) as error:
-        raise ValueError(f"reset option `{name}` must be a number, got {value!r:.60}") from error
+        raise InputError(f"reset option `{name}` must be a number, got {value!r:.60}") from error
 
 
 def uniform(rng: Any, options: Mapping[str, Any], size: int, half_width: float) -> Components:
@@ -140,7 +141,7 @@ def uniform(rng: Any, options: Mapping[str, Any], size: int, half_width: float) 
     """
     low, high = number(options, "low", -half_width), number(options, "high", half_width)
     if not (isfinite(high - low) and low <= high):
-        raise ValueError(f"reset option `low`={low} must be finite and at most `high`={high}")
+        raise InputError(f"reset option `low`={low} must be finite and at most `high`={high}")
     return tuple(rng.uniform(low=low, high=high, size=(size,)))
 
 
@@ -214,7 +215,7 @@ class PendulumSwingUp(BoxTask):
         x = number(options, "x_init", x_default)
         y = number(options, "y_init", y_default)
         if not (isfinite(2.0 * x) and isfinite(2.0 * y) and x >= 0.0 and y >= 0.0):
-            raise ValueError(
+            raise InputError(
                 f"reset options `x_init` and `y_init` must be finite and 0 or above, got {x}, {y}"
             )
         theta, theta_dot = rng.uniform(low=[-x, -y], high=[x, y])
@@ -423,6 +424,6 @@ class ElasticPendulumQuiet(BoxTask):
         """At the resting place, with ẋ from push/2 to push and |ẏ| up to push/10, push 3 m/s."""
         push = number(options, "push", 3.0)
         if not (isfinite(push) and push >= 0.0):
-            raise ValueError(f"reset option `push` must be finite and 0 or above, got {push}")
+            raise InputError(f"reset option `push` must be finite and 0 or above, got {push}")
         x_dot, y_dot = rng.uniform(low=[0.5 * push, -0.1 * push], high=[push, 0.1 * push])
         return 0.0, x_dot, 0.0, y_dot

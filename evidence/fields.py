@@ -12,6 +12,7 @@ import numpy as np
 
 from integ_gym.envs.plants.interface import state_names, state_units
 from integ_gym.envs.transition import STATUS_NAMES
+from integ_gym.support.errors import InputError
 from integ_gym.support.processes import host
 
 from .descriptions import (
@@ -563,7 +564,7 @@ def record_fields(plant: Any, task: Any) -> tuple[Field, ...]:
     names = [field.name for field in fields]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
-        raise ValueError(
+        raise InputError(
             f"{plant.name}: evidence would have two columns named {', '.join(twice)}; "
             "rename the plant's or the task's component"
         )

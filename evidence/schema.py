@@ -9,13 +9,14 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from integ_gym.support.errors import IntegGymError
 from integ_gym.support.optional import load
 from integ_gym.support.terminal import visible
 
 from .fields import COMMON_TRACE, CONTACT_TRACE, SCHEMA_VERSION, SUMMARY_FIELDS, Field
 
 
-class EvidenceError(ValueError):
+class EvidenceError(IntegGymError, ValueError):
     """One sentence that says what is wrong with the evidence and what helps."""
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
+from integ_gym.support.errors import InputError
 from integ_gym.support.files import remove_leftovers, write_once
 from integ_gym.support.optional import load
 from integ_gym.support.processes import ahead
@@ -375,7 +376,7 @@ class EvidenceStore:
 
 def _check_name(name: str) -> None:
     if not _NAME.fullmatch(name):
-        raise ValueError(
+        raise InputError(
             f"a batch name has up to 181 letters, digits, '.', '_' or '-' and begins with a "
             f"letter or digit, got {name!r}"
         )

@@ -15,6 +15,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from integ_gym.support.errors import InputError
 from integ_gym.support.optional import load
 from integ_gym.support.parameters import suggestion
 
@@ -51,7 +52,7 @@ class MappedEngine(SteppedEngine):
         refuse_arrays(self.name, system)
         if system.engine_stops is not None and integrator in self.stopless:
             others = ", ".join(name for name in self.maps if name not in self.stopless)
-            raise ValueError(
+            raise InputError(
                 f"integrator {integrator!r} of engine {self.name!r} ignores joint stops; use "
                 f"`integrator`: {others}, or `contact`='compliant', the same law in every engine"
             )
@@ -72,7 +73,7 @@ class MappedEngine(SteppedEngine):
         return {}
 
 
-def lacks_integrator(engine: str, integrator: str, maps: Mapping[str, str]) -> ValueError:
+def lacks_integrator(engine: str, integrator: str, maps: Mapping[str, str]) -> InputError:
     """The error for an integrator that is none of an engine's, or that has another name there."""
     alike = [name for name, applied in maps.items() if applied == integrator]
     remedy = (
@@ -80,7 +81,7 @@ def lacks_integrator(engine: str, integrator: str, maps: Mapping[str, str]) -> V
         if alike
         else f"give `integrator`. {suggestion(integrator, maps)}"
     )
-    return ValueError(f"engine {engine!r} has no integrator {integrator!r}; {remedy}")
+    return InputError(f"engine {engine!r} has no integrator {integrator!r}; {remedy}")
 
 
 def refuse_arrays(engine: str, system: PlantSystem) -> None:
@@ -91,7 +92,7 @@ def refuse_arrays(engine: str, system: PlantSystem) -> None:
     """
     for name, value in vars(system.plant).items():
         if isinstance(value, np.ndarray):
-            raise ValueError(
+            raise InputError(
                 f"engine {engine!r} takes one value of `{name}` for all environments, got an "
                 "array; give a number, or use engine 'native'"
             )

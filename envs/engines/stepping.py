@@ -7,6 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from typing import Any, ClassVar, NamedTuple, Protocol, Self
 
+from integ_gym.support.errors import InputError, InputTypeError
 from integ_gym.support.optional import absent, check_versions, running_version
 
 from ..integrators.interface import Step
@@ -295,7 +296,7 @@ class SteppedEngine(ABC):
 
     def __init__(self, system: PlantSystem, dt: Component) -> None:
         if system.engine_stops is not None and not self.own_stops:
-            raise ValueError(
+            raise InputError(
                 f"engine {self.name!r} has no joint stops of its own; use one that has "
                 f"({', '.join(engines_with_stops())}), or `contact`='compliant', the same law in "
                 "every engine"
@@ -443,7 +444,7 @@ class NativeEngine(SteppedEngine):
         """One step of the integrator."""
         step: Step = self.integrator.step(ops, self.system, q, v, losses, control, self.dt)
         if not isinstance(step, tuple) or len(step) != len(Step._fields):
-            raise TypeError(
+            raise InputTypeError(
                 f"{type(self.integrator).__name__}.step must return an integ_gym.Step, got "
                 f"{step!r:.60}; docs/how-to/adding.md has an example"
             )

@@ -9,6 +9,8 @@ from typing import Any, Protocol, TypeAlias, TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from integ_gym.support.errors import IntegGymError
+
 Component: TypeAlias = Any
 """One state variable: ``float``, ``numpy.ndarray`` or ``jax.Array``, of shape () or (lanes,)."""
 
@@ -281,5 +283,5 @@ class Unusual(ArithmeticError):
     """What a traced function took for granted does not hold; ask the plain one."""
 
 
-class NotTraceable(TypeError):
+class NotTraceable(IntegGymError, TypeError):
     """A function that needs to know the value of a component while it is traced."""

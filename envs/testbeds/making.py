@@ -12,7 +12,12 @@ from typing import Any
 import gymnasium as gym
 from gymnasium.vector import AutoresetMode
 
-from integ_gym.support.errors import describe_exception, translate_errors
+from integ_gym.support.errors import (
+    InputError,
+    InputTypeError,
+    describe_exception,
+    translate_errors,
+)
 from integ_gym.support.optional import check_versions, load
 from integ_gym.support.parameters import suggestion
 
@@ -109,7 +114,7 @@ def stock_task(env_id: str, arguments: Mapping[str, Any]) -> gym.Env[Any, Any]:
     except gym.error.Error as error:
         own = suggestion(env_id, ENVIRONMENTS)
         meant = "" if own.startswith("Did you mean") else f" {error}"
-        raise ValueError(
+        raise InputError(
             f"unknown environment: {env_id!r}.{meant} {own}, {OTHER_TESTBEDS}"
         ) from error
     check_versions("robotics" if module else "mujoco")
@@ -120,13 +125,13 @@ def stock_task(env_id: str, arguments: Mapping[str, Any]) -> gym.Env[Any, Any]:
     try:
         env = gym.make(name, **arguments)
     except Exception as error:  # whatever the task's constructor raises
-        raise ValueError(
+        raise InputError(
             f"Gymnasium cannot make {env_id!r}: {describe_exception(error)}; {possible}"
         ) from error
     if not isinstance(env.unwrapped, MujocoEnv):
-        raise ValueError(f"{env_id!r} is no MuJoCo task; {possible}")
+        raise InputError(f"{env_id!r} is no MuJoCo task; {possible}")
     if env.spec is None or env.spec.max_episode_steps is None:
-        raise ValueError(
+        raise InputError(
             f"{env_id!r} has no time limit, so its episodes may never end; register it with "
             "`max_episode_steps`"
         )
@@ -247,7 +252,7 @@ def _complete(testbed: Testbed, env_id: str) -> Testbed:
     """
     missing = [name for name in _MEMBERS if not _has(testbed, name)]
     if missing:
-        raise ValueError(
+        raise InputError(
             f"the testbed {env_id!r} lacks {', '.join(missing)}; docs/how-to/testbeds.md says what "
             "a testbed has"
         )
@@ -290,13 +295,15 @@ def make_checked(
 def _check(asked: Discretization, applied: Applied) -> None:
     """Hold what was asked for against what is applied, sub-steps included."""
     if not isinstance(applied, Applied):
-        raise TypeError(f"a testbed must tell what is applied by an Applied, got {applied!r:.60}")
+        raise InputTypeError(
+            f"a testbed must tell what is applied by an Applied, got {applied!r:.60}"
+        )
     found = applied.discretization
     whole = replace(found, control_period=applied.substeps * found.dt)
     for made in (found.arguments(), whole.arguments()):
         for name, wanted in asked.arguments().items():
             if not agrees({name: wanted}, made):
-                raise ValueError(
+                raise InputError(
                     f"`{name}`={wanted} was asked for, but the environment applies {made[name]}; "
                     "ask for what it can apply"
                 )

@@ -1,0 +1,260 @@
+"""What casts doubt on the evaluation of a policy, each in a sentence with its remedy."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from integ_gym.envs.foreign import SURVIVAL
+from integ_gym.evidence.store import EvidenceStore
+from integ_gym.support.terminal import percent
+from integ_gym.train.policy_files.sidecar import HOW_TO_STATE
+from integ_gym.train.policy_files.state_dict import STATE_DICT_ENDINGS
+
+from ..verdict import ALPHA, FAIL_MARGIN, p_text
+from .findings import paired_episodes
+from .matrix import (
+    Matrix,
+    PanelLayout,
+    compares_success,
+    home_cell,
+    reward_doubts,
+)
+from .policies import Existing
+from .result import Estimate, PairedEpisodes
+from .spec import PanelSpec
+
+FEWEST, ENOUGH = 6, 20
+"""Paired episodes below which not even a sign test can show anything at 5 %, and those that do."""
+
+
+def doubts_of(
+    existing: Existing,
+    spec: PanelSpec,
+    layout: PanelLayout,
+    matrix: Matrix,
+    records: EvidenceStore,
+) -> tuple[str, ...]:
+    """All doubts, the gravest first."""
+    return (
+        *_unscaled(existing),
+        *(_overridden(existing) or _limited_otherwise(existing)),
+        *_not_finite(existing, spec, records),
+        *_homeless(existing),
+        *_no_better(existing, spec, layout, matrix),
+        *_cannot_fail(spec, records),
+        *reward_doubts(spec.env_id, records),
+    )
+
+
+def _unscaled(existing: Existing) -> list[str]:
+    """Doubt where the observations that it learned from were of another scale."""
+    if not existing.unscaled:
+        return []
+    if any(Path(name).suffix in STATE_DICT_ENDINGS for name in existing.files):
+        return [
+            f"{existing.policy.policy_id} has the actor of CleanRL's ppo_continuous_action, which "
+            "learns from normalized observations and saves no statistics, and was judged without "
+            "them, so nothing here need be what it does with them; write its side-car again with "
+            'obs_stats={"mean": …, "var": …}, or with obs_stats=False if it saw observations as '
+            "they are"
+        ]
+    remedy = "pass --obs-stats vecnormalize.pkl, also of one with norm_obs=False, which says so"
+    if not existing.files:
+        remedy = "load it with env=VecNormalize.load(path, venv)"
+    return [
+        f"{existing.policy.policy_id} was trained inside VecNormalize, which scales observations, "
+        "and was judged without its statistics, so nothing here need be what it does with them; "
+        f"{remedy}"
+    ]
+
+
+def _overridden(existing: Existing) -> list[str]:
+    """Doubt where the environment is not that of the training, as far as that is told."""
+    known = existing.provenance
+    return [
+        f"{existing.policy.policy_id} was trained with {name}={value} ({known.origin}) and was "
+        f"judged with {name}={known.environment[name]}; leave out --env-arg {name}, unless another "
+        "environment is meant"
+        for name, value in known.overridden.items()
+    ]
+
+
+def _limited_otherwise(existing: Existing) -> list[str]:
+    """Doubt where the policy's actions have other bounds than the environment's."""
+    own, space = getattr(existing.policy, "bounds", None), existing.action_space
+    if own is None or not isinstance(space, spaces.Box):
+        return []
+    taken = (space.low.ravel(), space.high.ravel())
+    if np.allclose(own, taken, rtol=1e-5, atol=0.0):
+        return []
+    return [
+        f"{existing.policy.policy_id} gives actions within {_within(*own)}, and the environment "
+        f"takes {_within(*taken)}: was it trained with another limit? give the arguments of its "
+        "training's environment with --env-arg"
+    ]
+
+
+def _within(low: NDArray[Any], high: NDArray[Any]) -> str:
+    """Bounds in a few words: `±2`, `0 to 1`, or one after another."""
+    told = [f"±{b:g}" if a == -b else f"{a:g} to {b:g}" for a, b in zip(low, high, strict=True)]
+    return ", ".join(told) if len(set(told)) > 1 else told[0]
+
+
+def _not_finite(existing: Existing, spec: PanelSpec, records: EvidenceStore) -> list[str]:
+    """Doubt where the fallback acted in place of the policy, and not before its first command."""
+    name = existing.policy.policy_id
+    periods, rest = spec.nominal.timing.delay
+    late = periods + bool(rest)
+    counted = records.query(
+        f"SELECT policy_id, sum(greatest(fallback_count - {late}, 0)) AS fallbacks, "
+        "sum(length) AS length FROM records "
+        "WHERE phase = 'evaluation' AND perturbation IS NULL GROUP BY policy_id"
+    ).to_pylist()
+    shares = {row["policy_id"]: float(row["fallbacks"] / row["length"]) for row in counted}
+    share = shares.get(name)
+    if not share:
+        return []
+    return [
+        f"in {_share(share)} of control periods the fallback acted, for an action of {name} was no "
+        "finite number, so this is not what the policy does alone; find out which observations "
+        "it answers so, and mend it"
+    ]
+
+
+def _share(share: float) -> str:
+    return "less than 1 %" if share < 0.005 else percent(share)
+
+
+def _homeless(existing: Existing) -> list[str]:
+    """What is not known where the home is not."""
+    if existing.home is not None:
+        return []
+    return [
+        f"the home of {existing.policy.policy_id} is unknown, so nothing is held against it and "
+        f"no failure is put down to the discretization; {HOW_TO_STATE}"
+    ]
+
+
+def _no_better(
+    existing: Existing, spec: PanelSpec, layout: PanelLayout, matrix: Matrix
+) -> list[str]:
+    """Doubt where the policy is no better than random at home, or anywhere without a home.
+
+    Where it does far better elsewhere, the doubt is about its home.
+    """
+    home, elsewhere = home_cell(existing.home), _far_better(existing, spec, layout, matrix)
+    row = existing.policy.policy_id
+    cells = [cell.name for cell in spec.columns()] if home is None else [home]
+    leads = {cell: _lead(matrix, row, cell) for cell in cells}
+    if any(lead > 2.0 * error for lead, error in leads.values()):
+        return [f"{row} {elsewhere}"] if elsewhere else []
+    best = max(cells, key=lambda cell: leads[cell][0])
+    own, chance = (matrix.values(name, best, "return")[0] for name in (row, "random"))
+    compared = f"{own.mean():.1f} over {len(own)} episodes"
+    few = ""
+    if len(own) < FEWEST:
+        few = (
+            f"{len(own)} episodes are too few to show anything, give --episodes {ENOUGH} or more; "
+        )
+    if home is None:
+        return [
+            f"on no discretization is the policy shown to be better than random: it comes nearest "
+            f"on {best}, with a return of {compared} where random's is {chance.mean():.1f}; "
+            f"{few}{_remedy(existing)}"
+        ]
+    better = "no better than" if leads[best][0] <= 0 else "not shown to be better than"
+    why = f"it {elsewhere}" if elsewhere else _remedy(existing)
+    return [
+        f"on its home discretization ({home}) the policy's return {compared} is {better} "
+        f"random's {chance.mean():.1f}; {few}{why}"
+    ]
+
+
+def _far_better(
+    existing: Existing, spec: PanelSpec, layout: PanelLayout, matrix: Matrix
+) -> str | None:
+    """That the policy does far better on a discretization than at home, in a clause; or None.
+
+    Far is a success that is shown to be higher by more than verdicts let pass; of returns, a lead
+    over random that is shown and more than twice that at home.
+    """
+    row, home = existing.policy.policy_id, home_cell(existing.home)
+    if home is None:
+        return None
+    success = compares_success(spec, matrix, row)
+    columns = {cell.name for cell in spec.columns()}
+    found = []
+    for one in paired_episodes(layout, matrix):
+        if one.cell not in columns:
+            continue
+        lost, p = _lost(one, success)
+        far = max(lost.ends) < -FAIL_MARGIN if success else _leads(matrix, row, one.cell, home)
+        if p < ALPHA and lost.estimate < 0.0 and far:
+            found.append((lost.estimate, one.cell, p))
+    if not found:
+        return None
+    _, cell, p = min(found)
+    kind, digits = ("success", 2) if success else ("return", 1)
+    there, here = (matrix.values(row, name, kind)[0].mean() for name in (cell, home))
+    stated = existing.provenance.origin.startswith("stated")
+    return (
+        f"does far better on {cell} than at its stated home ({home}), with a mean {kind} of "
+        f"{there:.{digits}f} where that gives {here:.{digits}f} (adjusted {p_text(p)}): is "
+        f"{'--home' if stated else 'the side-car'} right?"
+    )
+
+
+def _lost(one: PairedEpisodes, success: bool) -> tuple[Estimate, float]:
+    """What is lost in a cell beside home, and the adjusted p-value; nothing where not known."""
+    if success:
+        return one.success, one.p_success_adjusted
+    if one.returns is None or one.p_return_adjusted is None:
+        return Estimate(0.0), 1.0
+    return one.returns, one.p_return_adjusted
+
+
+def _leads(matrix: Matrix, row: str, cell: str, home: str) -> bool:
+    """Whether random is beaten in a cell, by more than twice as much as at home."""
+    lead, error = _lead(matrix, row, cell)
+    return lead > 2.0 * error and lead > 2.0 * _lead(matrix, row, home)[0]
+
+
+def _lead(matrix: Matrix, row: str, cell: str) -> tuple[float, float]:
+    """By how much the policy's mean return exceeds random's, and the standard error of that."""
+    own, chance = (matrix.values(name, cell, "return")[0] for name in (row, "random"))
+    difference = own - chance
+    error = float(difference.std(ddof=1)) / math.sqrt(len(difference)) if len(own) > 1 else 0.0
+    return float(difference.mean()), error
+
+
+def _remedy(existing: Existing) -> str:
+    if existing.unscaled:
+        return "the missing statistics would explain it"
+    if not existing.files:
+        return "does it take this environment's observations, and give its actions?"
+    if getattr(existing.policy, "statistics", None) is not None:
+        return "was it trained for long enough?"
+    long = "" if existing.seed is None else "was it trained for long enough? "
+    return f"{long}trained with VecNormalize? pass --obs-stats vecnormalize.pkl"
+
+
+def _cannot_fail(spec: PanelSpec, records: EvidenceStore) -> list[str]:
+    """Doubt where success is survival, and everybody survives."""
+    success = spec.testbed.success
+    if success.parameter is None or success.goal != SURVIVAL:
+        return []
+    ended = "SELECT record_id FROM records WHERE phase = 'evaluation' AND terminated LIMIT 1"
+    if records.query(ended).num_rows:
+        return []
+    solved, flag = success.suggested, f"--{success.parameter.replace('_', '-')} R"
+    suggestion = "" if solved is None else f" (Gymnasium calls the task solved at {solved:g})"
+    return [
+        "no episode of any row ends before its time limit, so success, which is survival, tells "
+        f"nothing here: compare returns, or give {flag}{suggestion}"
+    ]

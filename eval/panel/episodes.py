@@ -1,0 +1,514 @@
+"""Episodes of policies in cells from paired starts, and what they say of each other's failures."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from gymnasium.vector import VectorEnv
+
+from integ_gym.envs.lanes import DiscretizedVectorEnv
+from integ_gym.envs.settings import Discretization, Settings
+from integ_gym.evidence.context import EpisodeContext
+from integ_gym.evidence.fields import ATTEMPT, LATER_ATTEMPT, SECOND_HORIZON
+from integ_gym.evidence.labels import Home as HomeReplay
+from integ_gym.evidence.labels import Replays
+from integ_gym.evidence.store import EvidenceStore
+from integ_gym.evidence.vector_recorder import RecordVectorEvidence
+from integ_gym.support.processes import report_work
+from integ_gym.train.called_policy import PolicyStack
+from integ_gym.train.policy import Policy
+
+from .cells import Cell, Home, environments_of
+from .costs import cell_seconds
+from .spec import PanelSpec
+
+Flags = npt.NDArray[np.bool_]
+Key = tuple[Discretization, str | None]
+
+_DISTURBANCES = {
+    "without_noise": {"observation_noise"},
+    "without_delay": {"action_latency", "sensor_period"},
+}
+"""Replays to the arguments that they do without."""
+
+
+class Successes:
+    """Which episodes succeeded, policy by policy and cell by cell.
+
+    Args:
+        homes: training discretization or mixture of every policy, or None.
+        cells: cells that every policy is evaluated in.
+        environment: constructor arguments common to all cells.
+        first: index of the first episode of every cell.
+        statuses: whether a cell can be solved, by its name; see
+            :data:`integ_gym.evidence.fields.CELL_STATUSES`.
+        whole: whether every policy's episodes at home are all here, so that its success there is
+            known.
+        homeless: policies that were trained nobody says where.
+        before: of every policy, of how many of how many earlier episodes at home it succeeded, by
+            cell.
+    """
+
+    def __init__(
+        self,
+        homes: Sequence[Home | None],
+        cells: Sequence[Sequence[Cell]],
+        environment: Mapping[str, Any],
+        first: int = 0,
+        statuses: Mapping[str, str] | None = None,
+        whole: bool = True,
+        homeless: Collection[int] = (),
+        before: Sequence[Mapping[str, tuple[int, int]]] = (),
+    ) -> None:
+        self._homes = homes
+        self._environment = environment
+        self._first = first
+        self._statuses = statuses or {}
+        self._whole = whole
+        self._homeless = homeless
+        self._before = before
+        self._awaited = [{_key(cell) for cell in own} for own in cells]
+        self._known: dict[tuple[int, Key], Flags] = {}
+        self._recovered: dict[tuple[int, Key], Flags | None] = {}
+
+    def note(
+        self, cell: Cell, policies: Sequence[int], success: Flags, recovered: Flags | None
+    ) -> None:
+        """Take in a cell's outcomes, shape (policies, episodes), within one horizon and two."""
+        for i, place in enumerate(policies):
+            self._known[place, _key(cell)] = success[i]
+            self._recovered[place, _key(cell)] = None if recovered is None else recovered[i]
+            self._awaited[place].discard(_key(cell))
+
+    def suffice(self, cell: Cell, policies: Sequence[int]) -> bool:
+        """Whether all replays that labels in the cell rest on have been run, of those that will."""
+        return all(self._awaited[p].isdisjoint(self._needed(cell, p)) for p in policies)
+
+    def replays(self, cell: Cell, policies: Sequence[int]) -> list[dict[int, Replays]]:
+        """What is known about each episode of a cell that was noted, policy by policy."""
+        return [self._replays_of(cell, place) for place in policies]
+
+    def _replays_of(self, cell: Cell, place: int) -> dict[int, Replays]:
+        said: dict[str, Any] = {
+            "home": self._said_at_home(cell, place),
+            "second_horizon": self._recovered[place, _key(cell)],
+            **self._undisturbed(cell, place),
+        }
+        whole: dict[str, Any] = {
+            "home_success": self._home_success(place),
+            "cell_status": self._statuses.get(cell.name),
+        }
+        return {
+            self._first + k: Replays(**{n: _episode(x, k) for n, x in said.items()}, **whole)
+            for k in range(len(self._known[place, _key(cell)]))
+        }
+
+    def _home_success(self, place: int) -> float | None:
+        """Success in what the policy was trained on, by shares; None where that was not run."""
+        home = self._homes[place]
+        shares = {} if home is None or not self._whole else home.shares
+        rates = {d: self._known.get((place, (d, None))) for d in shares}
+        known = [
+            shares[d] * self._rate(place, d, flags)
+            for d, flags in rates.items()
+            if flags is not None
+        ]
+        return sum(known) if known and len(known) == len(shares) else None
+
+    def _rate(self, place: int, home: Discretization, flags: Flags) -> float:
+        """Share of a policy's episodes at home that succeeded, earlier ones among them."""
+        told = self._before[place] if self._before else {}
+        succeeded, episodes = told.get(home.name, (0, 0))
+        return (succeeded + int(flags.sum())) / (episodes + flags.size)
+
+    def _needed(self, cell: Cell, place: int) -> set[Key]:
+        return _rests_on(cell, self._homes[place])
+
+    def _said_at_home(self, cell: Cell, place: int) -> Flags | HomeReplay:
+        """Whether each episode succeeded in one of the training discretizations, all being run."""
+        home = self._homes[place]
+        if home is None:
+            return None if place in self._homeless else "no home"
+        if cell.discretization in home.shares:
+            return "is home"
+        runs = [self._known.get((place, (d, _disturbance(cell)))) for d in home.shares]
+        known = [run for run in runs if run is not None]
+        return np.any(known, axis=0) if len(known) == len(runs) else None
+
+    def _undisturbed(self, cell: Cell, place: int) -> dict[str, Flags | None]:
+        """The unperturbed cell answers for noise and delays that a perturbation alone brings in."""
+        plain = self._known.get((place, (cell.discretization, None)))
+        return {
+            replay: plain if self._changes_only(cell, names) else None
+            for replay, names in _DISTURBANCES.items()
+        }
+
+    def _changes_only(self, cell: Cell, names: set[str]) -> bool:
+        """Whether the perturbation changes these arguments alone, from their undisturbed values."""
+        if cell.perturbation is None or not set(cell.perturbation.environment) <= names:
+            return False
+        plain = replace(cell, perturbation=None).arguments(self._environment)
+        return all(plain.get(n, getattr(Settings, n)) == getattr(Settings, n) for n in names)
+
+
+def with_what_they_rest_on(
+    missing: Sequence[Cell], cells: Sequence[Cell], home: Home | None
+) -> tuple[Cell, ...]:
+    """Cells that are to be evaluated, and those that labels in them rest on, in order.
+
+    Args:
+        missing: cells without records.
+        cells: of the policy, those among them.
+        home: what it was trained on.
+    """
+    keys = {key for cell in missing for key in (_key(cell), *_rests_on(cell, home))}
+    return tuple(cell for cell in cells if _key(cell) in keys)
+
+
+def _rests_on(cell: Cell, home: Home | None) -> set[Key]:
+    shares = () if home is None else home.shares
+    at_home = {(d, disturbance) for d in shares for disturbance in (_disturbance(cell), None)}
+    return {*at_home, (cell.discretization, None)} - {_key(cell)}
+
+
+def _key(cell: Cell) -> Key:
+    return cell.discretization, _disturbance(cell)
+
+
+def _disturbance(cell: Cell) -> str | None:
+    return cell.perturbation.name if cell.perturbation else None
+
+
+def _episode(said: Flags | HomeReplay, episode: int) -> Any:
+    return bool(said[episode]) if isinstance(said, np.ndarray) else said
+
+
+Array = npt.NDArray[Any]
+
+Numbers = Callable[[int, int], int]
+
+LATENCY_SAMPLES = 200
+"""Decisions at batch size 1 that the inference latency is taken from."""
+
+
+@dataclass(frozen=True)
+class Subject:
+    """A policy under evaluation and where it comes from.
+
+    Attributes:
+        policy: what acts.
+        cells: what it is evaluated in.
+        home: discretization or mixture that it was trained on, or None.
+        seed: training seed, or None.
+        starts: training seed whose starts it acts from.
+        home_known: whether ``home`` tells all; False for what was trained nobody says where.
+        recorded: cells, by name, of which there are records; they are run again only where
+            labels in others rest on them.
+        at_home: earlier episodes in what it was trained on: of how many of how many it succeeded,
+            by cell.
+    """
+
+    policy: Policy
+    cells: tuple[Cell, ...]
+    home: Home | None = None
+    seed: int | None = None
+    starts: int = 0
+    home_known: bool = True
+    recorded: frozenset[str] = frozenset()
+    at_home: Mapping[str, tuple[int, int]] = field(default_factory=dict)
+
+    @property
+    def missing(self) -> tuple[Cell, ...]:
+        """Cells without records."""
+        return tuple(cell for cell in self.cells if cell.name not in self.recorded)
+
+    def waiting(self, recorded: Iterable[str]) -> Subject:
+        """The same with the cells alone that are wanted where there are records of some."""
+        told = replace(self, recorded=frozenset(recorded))
+        return replace(told, cells=with_what_they_rest_on(told.missing, self.cells, self.home))
+
+
+class _Played(NamedTuple):
+    """A cell whose episodes have been run.
+
+    Attributes:
+        cell: the cell.
+        places: policies in it.
+        recorder: holds the episodes.
+    """
+
+    cell: Cell
+    places: list[int]
+    recorder: RecordVectorEvidence
+
+
+def divided(spec: PanelSpec, parts: int) -> list[range]:
+    """The episodes of a panel that came last, in parts of about one size.
+
+    Only where lanes are run one by one does a record not depend on the division: how many
+    observations a network is given at once shows in the last bits of its actions.
+    """
+    shares = np.array_split(spec.latest, min(parts, len(spec.latest)))
+    return [range(own[0], own[-1] + 1) for own in shares]
+
+
+def evaluate(
+    spec: PanelSpec,
+    subjects: Sequence[Subject],
+    episodes: range,
+    store: EvidenceStore,
+    statuses: Mapping[str, str],
+) -> Iterator[Any]:
+    """Run all policies side by side, cell by cell; the records of every cell as a table.
+
+    A table comes as soon as the replays are known that label its failures, and a cell's work is
+    reported when it is done. A record does not depend on which policies are evaluated together.
+
+    Args:
+        spec: the panel.
+        subjects: the policies, with records of the same cells.
+        episodes: those to run, the same starts in every cell; see :meth:`PanelSpec.start_seed`.
+        store: where the records are meant for; nothing is written.
+        statuses: whether a cell can be solved, by its name.
+    """
+    (recorded,) = {subject.recorded for subject in subjects}
+    latencies = inference_latencies(spec, subjects)
+    successes = Successes(
+        [subject.home for subject in subjects],
+        [subject.cells for subject in subjects],
+        spec.environment,
+        episodes.start,
+        statuses,
+        whole=spec.testbed.batched,
+        before=[subject.at_home for subject in subjects],
+        homeless=[place for place, subject in enumerate(subjects) if not subject.home_known],
+    )
+    waiting: list[_Played] = []
+    for cell, places in _schedule(subjects):
+        own, times = [subjects[place] for place in places], [latencies[place] for place in places]
+        contexts = [context_of(spec, *one, cell) for one in zip(own, times, strict=True)]
+        recorder, success = _recorded(spec, cell, own, episodes, contexts, store)
+        recovered, later = _second_horizon(spec, cell, own, episodes, success, times, store)
+        successes.note(cell, places, success, recovered)
+        report_work(len(episodes) / spec.episodes * len(places) * cell_seconds(spec, cell))
+        if cell.name not in recorded:
+            waiting.append(_Played(cell, places, recorder))
+            if later is not None:
+                yield later.take()
+        ready = [played for played in waiting if successes.suffice(played.cell, played.places)]
+        waiting = [played for played in waiting if played not in ready]
+        for played in ready:
+            yield played.recorder.take(successes.replays(played.cell, played.places))
+
+
+def _schedule(subjects: Sequence[Subject]) -> list[tuple[Cell, list[int]]]:
+    """Every cell with the policies that are evaluated in it; those that label others come first."""
+    cells = {cell.name: cell for subject in subjects for cell in subject.cells}
+    homes = {subject.home for subject in subjects}
+    order = sorted(
+        cells.values(), key=lambda c: (c.perturbation is not None, c.discretization not in homes)
+    )
+    names = [{cell.name for cell in subject.cells} for subject in subjects]
+    return [
+        (cell, [place for place, own in enumerate(names) if cell.name in own]) for cell in order
+    ]
+
+
+def _recorded(
+    spec: PanelSpec,
+    cell: Cell,
+    subjects: Sequence[Subject],
+    episodes: range,
+    contexts: Sequence[EpisodeContext],
+    store: EvidenceStore,
+    numbers: Numbers | None = None,
+    **changed: Any,
+) -> tuple[RecordVectorEvidence, Flags]:
+    """Episodes of policies in a cell, and their success, shape (policies, episodes).
+
+    Args:
+        spec: the panel.
+        cell: where.
+        subjects: the policies.
+        episodes: those to run.
+        contexts: what they are for, one of each policy or one of all.
+        store: where the records are meant for; nothing is written.
+        numbers: from a policy's place and its episode to the record's episode index; by default
+            the latter.
+        changed: arguments that differ from the cell's.
+    """
+    lanes = len(subjects) * _together(spec, episodes)
+    recorder = RecordVectorEvidence(
+        environments_of(spec.testbed, cell, lanes, **changed),
+        store,
+        contexts,
+        episodes=[*range(lanes // len(contexts))] * len(contexts),
+        commit_on_close=False,
+    )
+    success = roll_out(spec, recorder, subjects, episodes, numbers)
+    recorder.close()
+    return recorder, success
+
+
+def _together(spec: PanelSpec, episodes: range) -> int:
+    """How many starts of a policy have lanes at once: all, or one where each lane costs its own."""
+    return len(episodes) if spec.testbed.batched else 1
+
+
+def roll_out(
+    spec: PanelSpec,
+    environments: DiscretizedVectorEnv | RecordVectorEvidence,
+    subjects: Sequence[Subject],
+    episodes: range,
+    numbers: Numbers | None = None,
+) -> Flags:
+    """Success of each policy's episode from every start of its own, shape (policies, episodes).
+
+    As many starts are run side by side as there are lanes for each policy, the rest after them.
+    """
+    together = environments.num_envs // len(subjects)
+    stack = PolicyStack([subject.policy for subject in subjects])
+    rounds = []
+    for done in range(0, len(episodes), together):
+        part = episodes[done : done + together]
+        if isinstance(environments, RecordVectorEvidence):
+            own = [(place, k) for place in range(len(subjects)) for k in part]
+            environments.assign([k if numbers is None else numbers(place, k) for place, k in own])
+        seeds = [spec.start_seed(subject.starts, k) for subject in subjects for k in part]
+        rounds.append(_round(environments, stack, seeds, len(subjects)))
+    return np.concatenate(rounds, axis=1)
+
+
+def _round(
+    environments: VectorEnv[Any, Any, Any], stack: PolicyStack, seeds: list[int], policies: int
+) -> Flags:
+    """One episode per lane, for each policy as many; whether it succeeds."""
+    observation, _ = environments.reset(seed=seeds)  # type: ignore[arg-type]
+    running = np.ones(len(seeds), dtype=bool)
+    success = np.zeros(len(seeds), dtype=bool)
+    while running.any():
+        actions = stack.act(observation.reshape(policies, len(seeds) // policies, -1))
+        observation, _, terminated, truncated, info = environments.step(
+            actions.reshape(environments.action_space.shape)
+        )
+        ended = running & (terminated | truncated)
+        success[ended] = info["success"][ended]
+        running &= ~ended
+    return success.reshape(policies, -1)
+
+
+def _second_horizon(
+    spec: PanelSpec,
+    cell: Cell,
+    subjects: Sequence[Subject],
+    episodes: range,
+    success: Flags,
+    latencies: Sequence[tuple[float, float]],
+    store: EvidenceStore,
+) -> tuple[Flags | None, RecordVectorEvidence | None]:
+    """Which episodes succeed within one horizon or two, shape (policies, episodes), and the second.
+
+    Policies that failed once act again from all their starts, for twice the duration; None where
+    the testbed's horizon is fixed.
+    """
+    twice = spec.twice_the_time
+    if twice is None:
+        return None, None
+    recovered, failing = success.copy(), np.flatnonzero(~success.all(axis=1)).tolist()
+    if not failing:
+        return recovered, None
+    own = [subjects[place] for place in failing]
+    contexts = [
+        context_of(spec, subjects[k], latencies[k], cell, SECOND_HORIZON, spec.episodes)
+        for k in failing
+    ]
+    recorder, later = _recorded(spec, cell, own, episodes, contexts, store, None, **twice)
+    recovered[failing] |= later
+    return recovered, recorder
+
+
+def attempts(
+    spec: PanelSpec, cell: Cell, controller: Policy, store: EvidenceStore
+) -> tuple[Flags, Flags, list[Any]]:
+    """What a controller does in a cell from the starts of several seeds that came last.
+
+    Returns:
+        Success within the horizon, and within one horizon or two, shape (sets of starts,
+        episodes), and the records as tables.
+    """
+    subjects = [Subject(controller, (cell,), starts=starts) for starts in spec.start_sets]
+    every = len(subjects) * spec.episodes
+
+    def play(own: list[int], phase: str, **changed: Any) -> tuple[RecordVectorEvidence, Flags]:
+        context = context_of(spec, subjects[0], None, cell, phase, every)
+        trying = [subjects[place] for place in own]
+        return _recorded(
+            spec, cell, trying, spec.latest, [context], store,
+            lambda place, episode: spec.attempt(own[place], episode), **changed,
+        )  # fmt: skip
+
+    recorder, success = play([*range(len(subjects))], ATTEMPT)
+    tables, recovered = [recorder.take()], success.copy()
+    failing = np.flatnonzero(~success.all(axis=1)).tolist()
+    if failing and spec.twice_the_time is not None:
+        recorder, later = play(failing, LATER_ATTEMPT, **spec.twice_the_time)
+        tables.append(recorder.take())
+        recovered[failing] |= later
+    return success, recovered, tables
+
+
+def inference_latencies(spec: PanelSpec, subjects: Sequence[Subject]) -> list[tuple[float, float]]:
+    """Mean and 99th percentile of the time of one decision at batch size 1, ns, by policy."""
+    environments = environments_of(spec.testbed, subjects[0].cells[0], 1)
+    observation, _ = environments.reset(seed=spec.start_seed(subjects[0].starts, 0))
+    environments.close()
+    return [inference_latency(subject.policy, observation) for subject in subjects]
+
+
+def inference_latency(policy: Policy, observation: Array) -> tuple[float, float]:
+    """Mean and 99th percentile of the time of one decision about observations (1, n), ns."""
+    times = []
+    for _ in range(LATENCY_SAMPLES):
+        start = time.perf_counter_ns()
+        policy.act(observation)
+        times.append(time.perf_counter_ns() - start)
+    return float(np.mean(times)), float(np.percentile(times, 99))
+
+
+def context_of(
+    spec: PanelSpec,
+    subject: Subject,
+    latency: tuple[float, float] | None,
+    cell: Cell,
+    phase: str = "evaluation",
+    trace_every: int | None = None,
+) -> EpisodeContext:
+    """What the episodes of one policy in one cell are for.
+
+    Args:
+        spec: the panel.
+        subject: the policy.
+        latency: mean and 99th percentile of the time of a decision, ns; None: not measured.
+        cell: where.
+        phase: of the records.
+        trace_every: episodes whose index is a multiple of it have a trace; by default the panel's.
+    """
+    return EpisodeContext(
+        run_id=spec.name,
+        cell=cell.name,
+        phase=phase,
+        policy_id=subject.policy.policy_id,
+        policy_hash=subject.policy.content_hash,
+        training_discretization=subject.home.arguments() if subject.home else None,
+        training_seed=subject.seed,
+        home_known=subject.home_known,
+        perturbation=dict(cell.perturbation.environment) if cell.perturbation else None,
+        trace_every=trace_every or spec.trace_every,
+        inference_latency_mean=None if latency is None else latency[0],
+        inference_latency_p99=None if latency is None else latency[1],
+    )

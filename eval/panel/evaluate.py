@@ -1,0 +1,351 @@
+"""Evaluation as units of work: batches of policies, each finished by one atomic commit.
+
+Which policies share a batch depends on cores and memory. A batch's marker lists its policies with
+their hashes, so that another division goes on where an interrupted one ended. A batch has the
+starts that came at a time (:meth:`PanelSpec.parts`): where a panel is meant, its last part is.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from integ_gym.evidence.record import Layout
+from integ_gym.evidence.store import EvidenceStore
+from integ_gym.support.executors import Cluster
+
+from .achieve import (
+    Tried,
+    not_tried,
+    tried,
+    try_cells,
+)
+from .cells import Cell, engine_versions
+from .costs import cell_seconds, cell_timing, trying_seconds
+from .episodes import Subject, divided, evaluate
+from .plan import inputs
+from .run_directory import (
+    RunDirectory,
+    first_of,
+    key_of,
+    told_first,
+)
+from .spec import PanelSpec
+from .training import preparation_of
+from .units import Work, open_work, panel_bar
+
+PREFIX = "evaluate-"
+
+LONGEST = 60.0
+"""What a batch should take at most, s."""
+
+MEMORY = 1 << 30
+"""What the episodes of a batch may take, bytes."""
+
+COPIES = 8
+"""How often a cell's rows are in memory: as they come, by episode, as a table, as a row group, and
+twice as many while those that failed have twice the time."""
+
+
+ENOUGH = 4
+"""Batches per worker that keep all workers busy to the end."""
+
+
+class Evaluated(NamedTuple):
+    """Where the evaluation of a policy is.
+
+    Attributes:
+        units: that hold it.
+        policy_hash: of the policy that was evaluated.
+        cells: that there are records of, by name.
+    """
+
+    units: tuple[str, ...]
+    policy_hash: str
+    cells: frozenset[str]
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """The records, relative to the run's directory."""
+        return tuple(f"evidence/{unit}.parquet" for unit in self.units)
+
+
+def evaluated(
+    directory: RunDirectory, *, lost: bool = False, first: int | None = None
+) -> dict[str, Evaluated]:
+    """The evaluations that are there, by policy.
+
+    Args:
+        directory: of the run.
+        lost: also those of units whose records are gone.
+        first: only those whose episodes begin with this one.
+    """
+    found: dict[str, Evaluated] = {}
+    for unit, marker in directory.markers(PREFIX).items():
+        other = first is not None and first_of(marker) != first
+        if other or not (lost or directory.has_records(unit)):
+            continue
+        for policy, policy_hash in marker["policies"].items():
+            before = found.get(policy, Evaluated((), policy_hash, frozenset()))
+            cells = before.cells.union(marker["cells"].get(policy, ()))
+            found[policy] = Evaluated((*before.units, unit), policy_hash, cells)
+    return found
+
+
+def not_evaluated(
+    spec: PanelSpec, directory: RunDirectory, subjects: Sequence[Subject]
+) -> list[Subject]:
+    """Subjects with cells that are not evaluated from the starts that came last.
+
+    What killed or damaged units left is removed.
+
+    Raises:
+        RunDirectoryError: if one was evaluated under another specification, version or hash.
+    """
+    hashes = _hashes(subjects)
+    cells = {cell.name: cell for subject in subjects for cell in subject.cells}
+    for unit, marker in directory.markers(PREFIX).items():
+        if first_of(marker) != spec.latest.start:
+            continue
+        held_by = {policy: hashes.get(policy, held) for policy, held in marker["policies"].items()}
+        names = dict.fromkeys(name for own in marker["cells"].values() for name in own)
+        places = [cells[name] for name in names if name in cells]
+        if directory.finished(unit, _key(spec, held_by, places)) is None:
+            directory.discard_remains(unit)
+    directory.discard_unmarked(PREFIX)
+    done = evaluated(directory, first=spec.latest.start)
+    waiting = []
+    for subject in subjects:
+        there = done.get(subject.policy.policy_id)
+        waiting.append(subject if there is None else subject.waiting(there.cells))
+    return [subject for subject in waiting if subject.missing]
+
+
+def knowing_home(
+    spec: PanelSpec, directory: RunDirectory, subjects: Sequence[Subject]
+) -> list[Subject]:
+    """Subjects, each told how it did at home in earlier episodes, all of which are on record."""
+    if not subjects or not spec.latest.start:
+        return list(subjects)
+    rows = EvidenceStore(directory.evidence).query(_EARLIER.format(spec.latest.start)).to_pylist()
+    found = {(row["policy_id"], row["cell"]): (row["succeeded"], row["episodes"]) for row in rows}
+    told = []
+    for subject in subjects:
+        homes = () if subject.home is None else subject.home.shares
+        policy = subject.policy.policy_id
+        told.append(replace(subject, at_home={d.name: found[policy, d.name] for d in homes}))
+    return told
+
+
+_EARLIER = """
+SELECT policy_id, cell, count(*) FILTER (success) AS succeeded, count(*) AS episodes FROM records
+WHERE phase = 'evaluation' AND perturbation IS NULL AND episode_index < {} GROUP BY ALL
+"""
+
+
+def batches_of(
+    spec: PanelSpec, subjects: Sequence[Subject], workers: int
+) -> list[tuple[Subject, ...]]:
+    """Divide subjects into batches of one size, some for every worker.
+
+    Those of one home stay together as far as that goes; a batch has records of the same cells.
+    """
+    alike: dict[frozenset[str], list[Subject]] = {}
+    for subject in subjects:
+        alike.setdefault(subject.recorded, []).append(subject)
+    return [batch for own in alike.values() for batch in _batches(spec, own, workers)]
+
+
+def _batches(
+    spec: PanelSpec, subjects: Sequence[Subject], workers: int
+) -> list[tuple[Subject, ...]]:
+    fewest = math.ceil(len(subjects) / _fitting(spec, subjects))
+    count = min(len(subjects), workers * math.ceil(fewest / workers))
+    homes = [subject.home for subject in subjects]
+    order = sorted(range(len(subjects)), key=lambda place: homes.index(homes[place]))
+    return [tuple(subjects[place] for place in part) for part in np.array_split(order, count)]
+
+
+def evaluate_all(
+    spec: PanelSpec,
+    directory: RunDirectory,
+    subjects: Sequence[Subject],
+    label: str,
+    cluster: Cluster,
+    progress: bool,
+) -> None:
+    """Evaluate all subjects that have not been, each batch finished by one commit.
+
+    No bar is shown where there is nothing to be done.
+
+    Args:
+        spec: the panel.
+        directory: held by the caller.
+        subjects: the policies.
+        label: of the bar.
+        cluster: where.
+        progress: show a bar with the remaining time.
+    """
+    waiting = [(part, not_evaluated(part, directory, subjects)) for part in spec.parts()]
+    directory.storage.send()  # what is no longer there
+    if not any(own for _, own in waiting) and not not_tried(spec, directory):
+        return
+    seconds, left = expected_seconds(spec, directory, subjects, waiting)
+    bar = panel_bar(label, seconds, progress)
+    with open_work(directory, cluster, bar, preparation_of(spec, cluster)) as work:
+        work.skip(seconds - left)
+        try_cells(spec, directory, work)
+        for part, own in waiting:
+            batch_subjects = knowing_home(part, directory, own)
+            _evaluate_part(part, directory, batch_subjects, work, max(1, cluster.workers))
+
+
+def _evaluate_part(
+    spec: PanelSpec,
+    directory: RunDirectory,
+    waiting: Sequence[Subject],
+    work: Work,
+    workers: int,
+) -> None:
+    """Evaluate subjects from the starts that came last, each batch finished by one commit."""
+    batches, can = batches_of(spec, waiting, workers), statuses(spec, directory)
+    if workers == 1 or spec.testbed.batched or len(batches) >= ENOUGH * workers:
+        units = {unit_of(spec, batch)[0]: (spec, batch, can) for batch in batches}
+        work.commit("evaluating", evaluate_batch, units)
+        return
+    for batch in batches:
+        tables = _divided(spec, directory, batch, can, work, workers)
+        evaluate_batch(spec, directory, batch, can, tables)
+        directory.storage.send()
+
+
+def evaluate_batch(
+    spec: PanelSpec,
+    directory: RunDirectory,
+    batch: Sequence[Subject],
+    can: Mapping[str, str],
+    tables: Iterable[Any] | None = None,
+) -> None:
+    """Evaluate policies in all their cells, by default here, and mark that as finished.
+
+    Args:
+        spec: the panel.
+        directory: that it is written to.
+        batch: the policies, with records of the same cells.
+        can: whether a cell can be solved, by its name.
+        tables: the records, where they were made elsewhere.
+    """
+    hashes, start = _hashes(batch), time.time()
+    unit, key = unit_of(spec, batch)
+    store = EvidenceStore(directory.evidence)
+    directory.discard_remains(unit)
+    store.commit_all(unit, tables or evaluate(spec, batch, spec.latest, store, can))
+    names = {s.policy.policy_id: [cell.name for cell in s.missing] for s in batch}
+    directory.finish(unit, key, start, first=spec.latest.start, policies=hashes, cells=names)
+
+
+def evaluation_seconds(spec: PanelSpec, subjects: Sequence[Subject]) -> float:
+    """Time that the evaluation of subjects from the starts that came last takes one worker, s."""
+    share = len(spec.latest) / spec.episodes
+    return share * sum(cell_seconds(spec, cell) for subject in subjects for cell in subject.cells)
+
+
+def all_seconds(spec: PanelSpec, subjects: Sequence[Subject]) -> float:
+    """Time that one worker takes to try all cells, and to evaluate from all starts, s."""
+    cells = [trying_seconds(part, cell) for part in spec.parts() for cell in part.columns()]
+    return sum(cells) + sum(evaluation_seconds(part, subjects) for part in spec.parts())
+
+
+def expected_seconds(
+    spec: PanelSpec,
+    directory: RunDirectory,
+    subjects: Sequence[Subject],
+    waiting: Iterable[tuple[PanelSpec, Sequence[Subject]]],
+) -> tuple[float, float]:
+    """Time that one worker takes to try the cells and to evaluate, s: all of it, and what is left.
+
+    Args:
+        spec: the panel.
+        directory: of the run.
+        subjects: all policies.
+        waiting: the panel's parts, each with those that are not evaluated from its starts.
+    """
+    left = sum(evaluation_seconds(*own) for own in waiting)
+    left += sum(trying_seconds(*own) for own in not_tried(spec, directory))
+    return all_seconds(spec, subjects), left
+
+
+def _listed(*given: Any) -> list[Any]:
+    return list(evaluate(*given))
+
+
+def _divided(
+    spec: PanelSpec,
+    directory: RunDirectory,
+    batch: Sequence[Subject],
+    can: Mapping[str, str],
+    work: Work,
+    workers: int,
+) -> Iterator[Any]:
+    """The tables of a batch whose episodes are divided among all workers."""
+    store = EvidenceStore(directory.evidence)
+    parts = {
+        f"{_named(batch)} from episode {part.start}": (spec, batch, part, store, can)
+        for part in divided(spec, workers)
+    }
+    for tables in work.do("evaluating", _listed, parts):
+        yield from tables
+
+
+def unit_of(spec: PanelSpec, batch: Sequence[Subject]) -> tuple[str, str]:
+    """Name of the unit that evaluates a batch, and hash of its inputs."""
+    hashes = _hashes(batch)
+    cells = {cell.name: cell for subject in batch for cell in subject.missing}
+    key = _key(spec, hashes, cells.values())
+    first, others = next(iter(hashes)), len(hashes) - 1
+    named = f"{first}-and-{others}-more" if others else first
+    unit = f"{PREFIX}{named}{told_first(spec.latest.start)}"
+    return (f"{unit}-added-{key[:8]}" if batch[0].recorded else unit), key
+
+
+def statuses(spec: PanelSpec, directory: RunDirectory) -> dict[str, str]:
+    """Whether each cell that was tried can be solved, by its name."""
+    found = tried(directory, spec.episodes)
+    return {cell: own.achieved().status for cell, own in found.items() if own != Tried()}
+
+
+def _named(batch: Sequence[Subject]) -> str:
+    return ", ".join(subject.policy.policy_id for subject in batch)
+
+
+def _hashes(subjects: Sequence[Subject]) -> dict[str, str]:
+    return {subject.policy.policy_id: subject.policy.content_hash for subject in subjects}
+
+
+def _key(spec: PanelSpec, hashes: Mapping[str, str], cells: Iterable[Cell]) -> str:
+    where = list(cells)
+    engines = engine_versions({cell.discretization.engine for cell in where})
+    return key_of(engines, spec=inputs(spec, where), policies=hashes)
+
+
+def _fitting(spec: PanelSpec, subjects: Sequence[Subject]) -> int:
+    """How many policies fit a batch: one where each lane costs its own."""
+    if not spec.testbed.batched:
+        return 1
+    cells = {cell.name: cell for subject in subjects for cell in subject.cells}
+    times = {name: cell_seconds(spec, cell) for name, cell in cells.items()}
+    whole = max(sum(times[cell.name] for cell in subject.cells) for subject in subjects)
+    seconds = whole * len(spec.latest) / spec.episodes
+    most_bytes = COPIES * len(spec.latest) * max(_bytes(spec, cell) for cell in cells.values())
+    return max(1, int(min(LONGEST / seconds, MEMORY / most_bytes)))
+
+
+def _bytes(spec: PanelSpec, cell: Cell) -> int:
+    """Size of the rows of one episode in a cell."""
+    columns = len(Layout(spec.nominal.plant, spec.nominal.task))
+    return 8 * columns * (cell_timing(spec, cell).horizon + 1)
