@@ -18,7 +18,7 @@ from measuring import results
 from measuring.bounds import print_judged
 
 from integ_gym.envs.engines.stepping import NativeEngine, PlantSystem
-from integ_gym.envs.ops.compiling import compiled
+from integ_gym.envs.ops.compiling import compile_trace
 from integ_gym.envs.ops.dialects import SCALARS
 from integ_gym.envs.ops.ops import Component, Components, Ops
 from integ_gym.envs.registries import PLANTS
@@ -53,7 +53,7 @@ def _period(system: PlantSystem, integrator: str, period: float) -> Callable[...
         return tuple(motion.q), tuple(motion.v), motion.iterations
 
     numbers = (False,) * n
-    return compiled(SCALARS, advance, numbers, numbers)
+    return compile_trace(SCALARS, advance, numbers, numbers)
 
 
 def _seconds(function: Callable[..., Any], q: Components, v: Components) -> float:

@@ -28,8 +28,8 @@ from .lanes import Array
 from .ops.ops import SCALAR, Components, split_state
 from .registries import ENVIRONMENTS, PLANTS, TASKS
 from .settings import Mixture, Setup, build_setup, make_mixture
-from .starts import NOISE, check_starts, checked_episodes, draw_start, stream_of_episode
-from .steps import WARM_UP, traced
+from .starts import NOISE, check_starts, draw_start, parse_episodes, stream_of_episode
+from .steps import WARM_UP, trace_function
 from .tasks import FLOAT32_ROUNDING
 from .transition import (
     STATUS_NAMES,
@@ -37,7 +37,7 @@ from .transition import (
     quiet_status,
     scalar_start,
     scalar_step,
-    sensed,
+    sensed_state,
     top_speed,
 )
 
@@ -91,7 +91,7 @@ class IntegEnv(gym.Env[Observation, Any]):
                     f"`{name}` must be one value, got an array; give arrays to gym.make_vec"
                 )
         self.setup = make_setup(type(self), arguments)
-        self.render_mode = checked_render_mode(render_mode, self.metadata["render_modes"])
+        self.render_mode = check_render_mode(render_mode, self.metadata["render_modes"])
         self.metadata = {
             **type(self).metadata,
             "render_fps": frames_per_second(self.setup),
@@ -179,7 +179,7 @@ class IntegEnv(gym.Env[Observation, Any]):
         options = options or {}
         self.episode = 0 if seed is not None else self.episode + 1
         if "episode" in options:
-            self.episode = int(checked_episodes(options["episode"], ()))
+            self.episode = int(parse_episodes(options["episode"], ()))
         q, v = split_state(draw_start(self.setup, self.np_random, options))
         if "state" not in options:
             q = self.setup.system.confined(SCALAR, q)
@@ -281,8 +281,9 @@ class IntegEnv(gym.Env[Observation, Any]):
 
     def _trace(self) -> None:
         """Go on by traced functions, where there are any."""
-        self._step = traced(self.setup, scalar_step) or partial(scalar_step, self.setup, SCALAR)
-        self._start = traced(self.setup, scalar_start) or partial(scalar_start, self.setup, SCALAR)
+        step, start = (trace_function(self.setup, f) for f in (scalar_step, scalar_start))
+        self._step = step or partial(scalar_step, self.setup, SCALAR)
+        self._start = start or partial(scalar_start, self.setup, SCALAR)
 
     def _observed(self, observation: Components) -> Observation:
         """The last sample, with any noise drawn for it, saturated at the space's bounds."""
@@ -292,7 +293,7 @@ class IntegEnv(gym.Env[Observation, Any]):
         if self._sampled:
             drawn = self._noise_stream.standard_normal(2 * len(state.q))
             self._sample_noise = tuple((self._noise * drawn).tolist())
-        q, v = sensed(state, self._sample_noise)
+        q, v = sensed_state(state, self._sample_noise)
         noisy = np.array(self.setup.task.observe(SCALAR, q, v), dtype=np.float32)
         return np.clip(noisy, self.observation_space.low, self.observation_space.high)  # type: ignore[attr-defined]
 
@@ -384,7 +385,7 @@ def frames_per_second(setup: Setup) -> int:
     return max(1, round(1.0 / setup.timing.control_period))
 
 
-def checked_render_mode(render_mode: str | None, modes: list[str]) -> str | None:
+def check_render_mode(render_mode: str | None, modes: list[str]) -> str | None:
     """``render_mode`` if it is one.
 
     Raises:
@@ -427,7 +428,7 @@ def box_action(action: Any) -> float:
         return math.inf
     except (TypeError, ValueError):
         raise InputError(
-            f"action must have shape (1,), got {shown(action)} of shape {np.shape(action)}"
+            f"action must have shape (1,), got {format_action(action)} of shape {np.shape(action)}"
         ) from None
 
 
@@ -445,11 +446,11 @@ def discrete_action(action: Any, count: int) -> float:
         return math.nan
     if value not in range(count):
         choices = ", ".join(map(str, range(count)))
-        raise InputError(f"action must be one of {choices}, got {shown(action)}")
+        raise InputError(f"action must be one of {choices}, got {format_action(action)}")
     return value
 
 
-def shown(action: Any) -> str:
+def format_action(action: Any) -> str:
     """An action as a message shows it: not in full where it is long."""
     try:
         return f"{action!r:.60}"

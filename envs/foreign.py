@@ -208,7 +208,7 @@ def _rewards(env: gym.Env[Any, Any]) -> str | None:
     return ASSUMED_RATE if assumed else str(env.get_wrapper_attr("rewards"))
 
 
-def stated_setup(
+def describe_setup(
     env: gym.Env[Any, Any],
     applied: Discretization,
     goal: str,
@@ -398,7 +398,7 @@ class StatedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs
         )
         super().__init__(env)
         self._goal = ReturnGoal(return_of_success(success_return, env.spec))
-        self.setup = stated_setup(env, applied, self._goal.words, arguments or {})
+        self.setup = describe_setup(env, applied, self._goal.words, arguments or {})
         self._names = [name for name, _ in self.setup.plant.controls]
         self._steps = 0
         self._control = self._within(np.zeros(len(self._names)))

@@ -20,7 +20,7 @@ from .ops.jax_ops import JaxOps, jax, jnp
 from .ops.ops import Component, Components, join_state, split_state
 from .settings import WEIGHT, Setup
 from .starts import GivenNumbers
-from .transition import EnvState, Outcome, initial_state, sensed, step_info, transition
+from .transition import EnvState, Outcome, initial_state, sensed_state, step_info, transition
 
 OPTIONAL = ("stops", "dry_friction")
 """Parts of a plant that it may lack, which decides the program."""
@@ -124,7 +124,7 @@ def start_range(setup: Setup) -> tuple[Components, Components]:
     return low, high
 
 
-def traced_setup(setup: Setup, params: Params) -> Setup:
+def setup_with_params(setup: Setup, params: Params) -> Setup:
     """``setup`` with these values."""
     plant = replace(setup.plant, **params.plant)  # type: ignore[type-var]
     task = replace(setup.task, **params.task)  # type: ignore[type-var]
@@ -167,7 +167,7 @@ class TimeStep(NamedTuple):
     """Before the reset; see :meth:`FunctionalEnv.transition_info`."""
 
 
-def checked_setup(env_id: str, arguments: Mapping[str, Any]) -> Setup:
+def functional_setup(env_id: str, arguments: Mapping[str, Any]) -> Setup:
     """The setup, if JAX can advance it.
 
     Raises:
@@ -221,7 +221,7 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
         self._arguments = arguments
         self._dtype = dtype
         self._ops = JaxOps(dtype)
-        self.setup = checked_setup(env_id, arguments)
+        self.setup = functional_setup(env_id, arguments)
         self.setups: tuple[Setup, ...] = (self.setup,)
         self.shares: tuple[Fraction, ...] = (Fraction(1),)
         self.start_size = 2 * len(self.setup.plant.coordinates)
@@ -244,7 +244,7 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
             TypeError: for an unknown argument.
             ValueError: for an impossible value, or one that needs another program.
         """
-        setup = checked_setup(self.env_id, {**self._arguments, **arguments})
+        setup = functional_setup(self.env_id, {**self._arguments, **arguments})
         self._check_structure(structure_of(self.env_id, setup, self._dtype))
         return params_of(setup, self._dtype)
 
@@ -313,7 +313,7 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
 
     def setup_of(self, params: Any) -> Setup:
         """Plant, task, timing and engine with these values."""
-        return traced_setup(self.setup, self.common(params))
+        return setup_with_params(self.setup, self.common(params))
 
     def start(self, drawn: Components, params: Any) -> Components:
         """A start in state order, SI units, made of numbers from [0, 1), one per component."""
@@ -350,7 +350,7 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
             params: scale of the noise.
         """
         own = self.common(params)
-        q, v = sensed(env, tuple(own.observation_noise * x for x in noise))
+        q, v = sensed_state(env, tuple(own.observation_noise * x for x in noise))
         task = self.setup_of(params).task
         observed = tuple(x.astype(jnp.float32) for x in task.observe(self._ops, q, v))
         if not noise:

@@ -21,7 +21,7 @@ from .transition import BLANK, STATUS_NAMES
 Array = npt.NDArray[Any]
 
 
-def blank(tree: Any, num_envs: int) -> Any:
+def zeros_like(tree: Any, num_envs: int) -> Any:
     """Zeros of shape (num_envs,) in place of the components of ``tree``."""
     return map_leaves(lambda x: np.zeros(num_envs, np.asarray(x).dtype), tree)
 
@@ -42,12 +42,12 @@ def put(tree: Any, lanes: Array, values: Any, num_envs: int) -> Any:
     return map_leaves(merged, tree, values)
 
 
-def varied(setup: Setup) -> dict[str, Array]:
+def lane_parameters(setup: Setup) -> dict[str, Array]:
     """Parameters of plant and task that differ between lanes."""
     return _arrays(setup.plant) | _arrays(setup.task)
 
 
-def of_lanes(setup: Setup, lanes: Array) -> Setup:
+def setup_of_lanes(setup: Setup, lanes: Array) -> Setup:
     """``setup`` with the parameters of some lanes."""
     plant, task = _part_of(setup.plant, lanes), _part_of(setup.task, lanes)
     return setup.with_values(plant, task, setup.timing, setup.system.max_speed)
@@ -61,7 +61,7 @@ def check_lanes(setup: Setup, lanes: int) -> None:
     """
     if lanes < 1:
         raise InputError(f"`num_envs` must be 1 or above, got {lanes}")
-    for name, value in varied(setup).items():
+    for name, value in lane_parameters(setup).items():
         if value.shape != (lanes,):
             raise InputError(
                 f"`{name}` must be a number or one value per environment, shape ({lanes},), "
@@ -255,7 +255,7 @@ def _mask_names(names: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(f"_{name}" for name in names)
 
 
-def kept(info: Info, mask: Array) -> Info:
+def mask_outside(info: Info, mask: Array) -> Info:
     """Copies of ``info`` with nothing outside ``mask``."""
     return {name: np.where(mask, values, values.dtype.type()) for name, values in info.items()}
 

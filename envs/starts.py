@@ -47,7 +47,7 @@ def draw_start(setup: Setup, rng: np.random.Generator, options: Mapping[str, Any
     """A start in state order, drawn or given as option ``state``."""
     check_options(setup, options)
     if "state" in options:
-        return checked_state(setup, options["state"])
+        return parse_state(setup, options["state"])
     start = setup.task.draw_start(rng, setup.settings.start, options)
     return _checked_size(setup, tuple([float(x) for x in start]))
 
@@ -69,7 +69,7 @@ def check_options(setup: Setup, options: Mapping[str, Any], more: tuple[str, ...
             raise InputError(unknown_name("reset option", name, known))
 
 
-def checked_episodes(episodes: Any, shape: tuple[int, ...]) -> Array:
+def parse_episodes(episodes: Any, shape: tuple[int, ...]) -> Array:
     """The reset option ``episode`` as whole numbers of a shape.
 
     Raises:
@@ -84,7 +84,7 @@ def checked_episodes(episodes: Any, shape: tuple[int, ...]) -> Array:
     return array
 
 
-def possible(setup: Setup, start: Components) -> Component:
+def is_possible(setup: Setup, start: Components) -> Component:
     """Whether a start is finite and not faster than a motion may be; components in state order."""
     fastest = top_speed(setup)
     fine: Component = True
@@ -95,7 +95,7 @@ def possible(setup: Setup, start: Components) -> Component:
     return fine
 
 
-def checked_state(setup: Setup, state: Any) -> Components:
+def parse_state(setup: Setup, state: Any) -> Components:
     """A start state as floats.
 
     Raises:
@@ -117,7 +117,7 @@ def checked_state(setup: Setup, state: Any) -> Components:
 
 
 def _checked_size(setup: Setup, start: Components) -> Components:
-    if not possible(setup, start):
+    if not is_possible(setup, start):
         raise InputError(
             f"a start state must be finite, with speeds up to {top_speed(setup):g}, got {start}; "
             "mend the reset option `state` or the start's bounds"
@@ -138,7 +138,7 @@ def check_starts(setup: Setup) -> None:
     fastest = 0.0
     for number in (0.0, 0.5, 1.0):
         try:
-            start = made_start(setup, GivenNumbers(repeat(number)), {})
+            start = draw_with(setup, GivenNumbers(repeat(number)), {})
             fastest = max(fastest, *(abs(float(v)) for v in start[1::2]))
         except Exception:  # whatever a task of the user's own does with what is not a generator
             return
@@ -185,18 +185,18 @@ def numbers_per_start(setup: Setup) -> int | None:
     """
     try:
         counting = GivenNumbers(repeat(0.5))
-        made_start(setup, counting, {})
+        draw_with(setup, counting, {})
         singly, ahead = np.random.default_rng(0), np.random.default_rng(0)
-        one_by_one = [made_start(setup, singly, {}) for _ in range(2)]
+        one_by_one = [draw_with(setup, singly, {}) for _ in range(2)]
         numbers = ahead.random((2, counting.taken))
-        together = made_start(setup, GivenNumbers(iter(numbers.T)), {})
+        together = draw_with(setup, GivenNumbers(iter(numbers.T)), {})
         same = np.array_equal(np.array(one_by_one), rows_of(together, 2))
     except Exception:  # whatever a task of the user's own does with what is not a generator
         return None
     return counting.taken if same else None
 
 
-def made_start(setup: Setup, generator: Any, options: Mapping[str, Any]) -> Any:
+def draw_with(setup: Setup, generator: Any, options: Mapping[str, Any]) -> Any:
     """A start in state order, of whatever the task makes of the generator's numbers."""
     return setup.task.draw_start(generator, setup.settings.start, options)
 
@@ -248,9 +248,9 @@ class LaneStarts:
             ValueError: for one that is not possible.
         """
         starts = _starts_of(self._setup, self._numbers[self._places(lanes)], options)
-        fine = possible(self._setup, tuple(starts.T))
+        fine = is_possible(self._setup, tuple(starts.T))
         if not fine.all():
-            checked_state(self._setup, starts[np.argmin(fine)])
+            parse_state(self._setup, starts[np.argmin(fine)])
         return starts
 
     def begin(self, lanes: Array, first: Callable[[EnvState], Any]) -> Begun:
@@ -340,7 +340,7 @@ class _Ready:
         """Some of them."""
         if not (self._all_fine or self._fine[places].all()):
             starts = _starts_of(self._setup, self._numbers[places], {})
-            checked_state(self._setup, starts[np.argmin(self._fine[places])])
+            parse_state(self._setup, starts[np.argmin(self._fine[places])])
         rows = self._table.take(places, axis=0)
         values = [*rows.T.copy(), *self._constants]
         energy, goal_since = self._told(values)
@@ -367,12 +367,12 @@ class _Ready:
             observed = setup.task.observe(ARRAY, state.sensed_q, state.sensed_v)
             tree = state, self.first(state)
         table = rows_of((*_distinct(tree)[0], *observed), len(numbers))
-        return tree, table, possible(setup, start)
+        return tree, table, is_possible(setup, start)
 
 
 def _starts_of(setup: Setup, numbers: Array, options: Mapping[str, Any]) -> Array:
     """Starts in state order, shape (starts, n), of uniform numbers, shape (starts, size)."""
-    return rows_of(made_start(setup, GivenNumbers(iter(numbers.T)), options), len(numbers))
+    return rows_of(draw_with(setup, GivenNumbers(iter(numbers.T)), options), len(numbers))
 
 
 def _in_a_row(numbers: Array) -> Array:

@@ -35,7 +35,7 @@ _CACHE_SIZE = 128
 """Traced functions kept, for environments that are made again."""
 
 
-def traced(setup: Setup, function: Callable[..., Any]) -> Any:
+def trace_function(setup: Setup, function: Callable[..., Any]) -> Any:
     """A function of a setup as one function without calls, several times as fast.
 
     Of floats it gives the same bits. It raises ``ArithmeticError`` or ``ValueError`` for an action
@@ -119,7 +119,7 @@ class LanesStep:
 
     def _trace(self) -> Any:
         setup = self._setup
-        return compiled_array_step(setup) if self._compiled else traced(setup, array_step)
+        return compiled_array_step(setup) if self._compiled else trace_function(setup, array_step)
 
     @property
     def first(self) -> Callable[[EnvState], tuple[Component, ...]]:
@@ -206,17 +206,17 @@ def _trace(setup: Setup, function: Callable[..., Any]) -> Any:
 
 @lru_cache(maxsize=_CACHE_SIZE)
 def _trace_once(key: _Key) -> Any:
-    from .ops.compiling import compiled, repeated
+    from .ops.compiling import compile_repeated, compile_trace
     from .ops.dialects import ARRAYS, SCALARS
 
     setup, function = key.setup, partial(key.function, key.setup)
     try:
         rest, state = _patterns(setup)
         if key.function is scalar_start:
-            return compiled(SCALARS, function, rest, rest)
+            return compile_trace(SCALARS, function, rest, rest)
         if key.function is scalar_step:
-            return compiled(SCALARS, function, state, False)
-        steps = repeated(ARRAYS, function, state, False)
+            return compile_trace(SCALARS, function, state, False)
+        steps = compile_repeated(ARRAYS, function, state, False)
         return steps._replace(step=partial(_with_rows, steps.step))
     except Exception as error:  # whatever a part of the user's own does with what is not a float
         known = isinstance(error, NotTraceable)
@@ -225,10 +225,10 @@ def _trace_once(key: _Key) -> Any:
 
 @lru_cache(maxsize=_CACHE_SIZE)
 def _compile_loops(key: _Key) -> Any:
-    from .ops.compiling import looped
+    from .ops.compiling import compile_loops
 
     _, state = _patterns(key.setup)
-    return looped(_trace_once(key), OBSERVED, partial(key.function, key.setup), state, False)
+    return compile_loops(_trace_once(key), OBSERVED, partial(key.function, key.setup), state, False)
 
 
 def _with_rows(step: Callable[..., Any], *arguments: Any) -> tuple[Any, ...]:

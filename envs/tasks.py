@@ -87,9 +87,9 @@ FLOAT32_ROUNDING = 1e-6
 """Actions arrive in float32, in which the bounds are rounded too."""
 
 
-def saturated(ops: Ops, action: Component, limit: Component) -> Command:
+def saturate(ops: Ops, action: Component, limit: Component) -> Command:
     """``action`` within ±``limit``; one at the limit counts, as policies clip to it in float32."""
-    valid = ops.usually(ops.isfinite(action))
+    valid = ops.assume_true(ops.isfinite(action))
     clipped = ops.maximum(-limit, ops.minimum(action, limit))
     at_limit = abs(action) >= limit * (1.0 - FLOAT32_ROUNDING)
     return Command(ops.where(valid, clipped, 0.0), valid, valid & at_limit)
@@ -103,7 +103,7 @@ class BoxTask:
 
     def command(self, ops: Ops, action: Component) -> Command:
         """The control, saturated."""
-        return saturated(ops, action, self.control_limit)
+        return saturate(ops, action, self.control_limit)
 
     def worst_return(
         self, ops: Ops, remaining: Component, control_period: float, top_speed: Component
@@ -116,7 +116,7 @@ class BoxTask:
         return False
 
 
-def number(options: Mapping[str, Any], name: str, default: float) -> float:
+def read_number(options: Mapping[str, Any], name: str, default: float) -> float:
     """Option ``name`` as a float.
 
     Raises:
@@ -129,7 +129,7 @@ def number(options: Mapping[str, Any], name: str, default: float) -> float:
         raise InputError(f"reset option `{name}` must be a number, got {value!r:.60}") from error
 
 
-def uniform(rng: Any, options: Mapping[str, Any], size: int, half_width: float) -> Components:
+def draw_uniform(rng: Any, options: Mapping[str, Any], size: int, half_width: float) -> Components:
     """``size`` numbers uniform between the options ``low`` and ``high``.
 
     Args:
@@ -139,7 +139,7 @@ def uniform(rng: Any, options: Mapping[str, Any], size: int, half_width: float) 
     Raises:
         ValueError: if the bounds are not finite and in order.
     """
-    low, high = number(options, "low", -half_width), number(options, "high", half_width)
+    low, high = read_number(options, "low", -half_width), read_number(options, "high", half_width)
     if not (isfinite(high - low) and low <= high):
         raise InputError(f"reset option `low`={low} must be finite and at most `high`={high}")
     return tuple(rng.uniform(low=low, high=high, size=(size,)))
@@ -193,7 +193,7 @@ class PendulumSwingUp(BoxTask):
         control_period: float,
     ) -> Component:
         """Quadratic cost of the state at the start of the period, and of the control in it."""
-        angle = wrapped(ops, q[0])
+        angle = wrap_angle(ops, q[0])
         cost = angle * angle + 0.1 * (v[0] * v[0]) + 0.001 * mean_square_control
         return -cost * (control_period / PENDULUM_STEP)
 
@@ -207,13 +207,13 @@ class PendulumSwingUp(BoxTask):
 
     def at_goal(self, ops: Ops, q: Components, v: Components) -> Component:
         """Near upright."""
-        return abs(wrapped(ops, q[0])) < NEAR_UPRIGHT
+        return abs(wrap_angle(ops, q[0])) < NEAR_UPRIGHT
 
     def draw_start(self, rng: Any, start: str, options: Mapping[str, Any]) -> Components:
         """Uniform in ±x_init, ±y_init around upright (``uniform``) or the bottom (``hanging``)."""
         centre, x_default, y_default = (0.0, pi, 1.0) if start == "uniform" else (pi, 0.2, 0.2)
-        x = number(options, "x_init", x_default)
-        y = number(options, "y_init", y_default)
+        x = read_number(options, "x_init", x_default)
+        y = read_number(options, "y_init", y_default)
         if not (isfinite(2.0 * x) and isfinite(2.0 * y) and x >= 0.0 and y >= 0.0):
             raise InputError(
                 f"reset options `x_init` and `y_init` must be finite and 0 or above, got {x}, {y}"
@@ -222,7 +222,7 @@ class PendulumSwingUp(BoxTask):
         return centre + theta, theta_dot
 
 
-def wrapped(ops: Ops, angle: Component) -> Component:
+def wrap_angle(ops: Ops, angle: Component) -> Component:
     """Angle in [-π, π)."""
     return angle - 2.0 * pi * ops.floor((angle + pi) * (0.5 / pi))
 
@@ -261,7 +261,7 @@ class CartPoleBalance:
 
     def command(self, ops: Ops, action: Component) -> Command:
         """Action 0 pushes towards -x, action 1 towards +x."""
-        valid = ops.usually(ops.isfinite(action))
+        valid = ops.assume_true(ops.isfinite(action))
         force = ops.where(action == 1, self.force_mag, -self.force_mag)
         return Command(ops.where(valid, force, 0.0), valid, valid & False)
 
@@ -302,7 +302,7 @@ class CartPoleBalance:
 
     def draw_start(self, rng: Any, start: str, options: Mapping[str, Any]) -> Components:
         """Every state component uniform in [low, high], by default ±0.05."""
-        return uniform(rng, options, 4, 0.05)
+        return draw_uniform(rng, options, 4, 0.05)
 
 
 @dataclass(frozen=True)
@@ -358,11 +358,11 @@ class CartPoleSwingUp(BoxTask):
 
     def at_goal(self, ops: Ops, q: Components, v: Components) -> Component:
         """Near upright, with the cart within the track."""
-        return (abs(wrapped(ops, q[1])) < NEAR_UPRIGHT) & (abs(q[0]) <= self.track_limit)
+        return (abs(wrap_angle(ops, q[1])) < NEAR_UPRIGHT) & (abs(q[0]) <= self.track_limit)
 
     def draw_start(self, rng: Any, start: str, options: Mapping[str, Any]) -> Components:
         """Every component uniform in [low, high], by default ±0.05, around rest ``start``."""
-        x, x_dot, theta, theta_dot = uniform(rng, options, 4, 0.05)
+        x, x_dot, theta, theta_dot = draw_uniform(rng, options, 4, 0.05)
         return x, x_dot, theta + (pi if start == "hanging" else 0.0), theta_dot
 
 
@@ -422,7 +422,7 @@ class ElasticPendulumQuiet(BoxTask):
 
     def draw_start(self, rng: Any, start: str, options: Mapping[str, Any]) -> Components:
         """At the resting place, with ẋ from push/2 to push and |ẏ| up to push/10, push 3 m/s."""
-        push = number(options, "push", 3.0)
+        push = read_number(options, "push", 3.0)
         if not (isfinite(push) and push >= 0.0):
             raise InputError(f"reset option `push` must be finite and 0 or above, got {push}")
         x_dot, y_dot = rng.uniform(low=[0.5 * push, -0.1 * push], high=[push, 0.1 * push])

@@ -95,7 +95,7 @@ def initial_state(ops: Ops, setup: Setup, q: Components, v: Components) -> EnvSt
     )
 
 
-def sensed(state: EnvState, noise: Components) -> tuple[Components, Components]:
+def sensed_state(state: EnvState, noise: Components) -> tuple[Components, Components]:
     """Coordinates and velocities at the sensor's last sample.
 
     Args:
@@ -137,7 +137,7 @@ def transition(
     except ArithmeticError:
         q, v = state.q, state.v
         motion = Motion(q, v, q, v, 0.0, setup.system.no_losses, 0.0, 0, 0.0, False, False)
-    motion = motion._replace(finite=ops.usually(motion.finite))
+    motion = motion._replace(finite=ops.assume_true(motion.finite))
     after = _next_state(ops, setup, state, orders, motion)
     return after, _outcome(ops, setup, state, after, orders, motion)
 
@@ -145,7 +145,7 @@ def transition(
 def _give_orders(ops: Ops, setup: Setup, state: EnvState, command: Command) -> _Orders:
     timing = setup.timing
     held = state.commands[0] if setup.settings.fallback == "hold" else 0.0
-    valid = ops.usually(command.valid)
+    valid = ops.assume_true(command.valid)
     commands = (ops.where(valid, command.control, held), *state.commands)
     fallbacks = (_negated(valid), *state.fallbacks)
     segments, used = _segments(timing.delay, timing.substeps, commands, fallbacks)
@@ -223,7 +223,7 @@ def _outcome(
         reward=ops.where(ok, earned, worst),
         terminated=terminated,
         truncated=truncated,
-        success=ops.rarely(truncated) & (reached & _negated(terminated)),
+        success=ops.assume_false(truncated) & (reached & _negated(terminated)),
         sampled=_sampled(orders, ok),
         work=work,
         dissipated=dissipated,

@@ -18,7 +18,7 @@ from integ_gym.support.errors import InputError
 
 from .environment import (
     IntegEnv,
-    checked_render_mode,
+    check_render_mode,
     frames_per_second,
     is_own_horizon,
     make_setup,
@@ -32,14 +32,14 @@ from .lanes import (
     Info,
     LaneInfo,
     as_floats,
-    blank,
     check_lanes,
-    kept,
+    lane_parameters,
     lane_seeds,
-    of_lanes,
+    mask_outside,
     put,
+    setup_of_lanes,
     take,
-    varied,
+    zeros_like,
 )
 from .ops.ops import ARRAY, Components, join_state, rows_of, split_state
 from .settings import Mixture, Setup, make_mixture
@@ -48,13 +48,13 @@ from .starts import (
     NOISE,
     LaneStarts,
     check_options,
-    checked_episodes,
     draw_start,
     numbers_per_start,
+    parse_episodes,
     stream_of_episode,
 )
 from .steps import LanesStep
-from .transition import RESULTS, EnvState, initial_state, quiet_status, sensed
+from .transition import RESULTS, EnvState, initial_state, quiet_status, sensed_state
 
 _FLOATS = np.dtype(np.float64)
 
@@ -113,7 +113,7 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         for setup in self.setups:
             check_lanes(setup, num_envs)
         self.setup = self.setups[0]
-        self.render_mode = checked_render_mode(render_mode, type(self).metadata["render_modes"])
+        self.render_mode = check_render_mode(render_mode, type(self).metadata["render_modes"])
         self.metadata = {
             **type(self).metadata,
             "render_fps": frames_per_second(self.setup),
@@ -124,7 +124,7 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._action_shape = self.action_space.shape
         self.observation_space = batch_space(self.single_observation_space, num_envs)
-        self._lanes_differ = bool(varied(self.setup))
+        self._lanes_differ = bool(lane_parameters(self.setup))
         self._quiet = np.array([quiet_status(setup) for setup in self.setups])
         self._info = LaneInfo(num_envs, int(self._quiet[0]))
         self._steps = [LanesStep(setup, bool(compiled)) for setup in self.setups]
@@ -214,7 +214,7 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         if self.mixed and "mixture_index" in options:
             options["mixture_index"] = self._given_members(options["mixture_index"])
         if "episode" in options:
-            options["episode"] = checked_episodes(options["episode"], (self.num_envs,))
+            options["episode"] = parse_episodes(options["episode"], (self.num_envs,))
         self._seed(seed, mask)
         info = self._info.nothing()
         self._begin(np.flatnonzero(mask), options, info)
@@ -337,7 +337,7 @@ class IntegVectorEnv(DiscretizedVectorEnv):
             q = setup.system.confined(ARRAY, q)
         fresh = initial_state(ARRAY, setup, q, v)
         if self._state is None:
-            self._state = blank(fresh, self.num_envs)
+            self._state = zeros_like(fresh, self.num_envs)
         self._state = put(self._state, lanes, fresh, self.num_envs)
         self._done[lanes] = False
         self._control[lanes] = 0.0
@@ -451,11 +451,11 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         return observation, merged, {}
 
     def _for_lanes(self, setup: Setup, lanes: Array) -> Setup:
-        return of_lanes(setup, lanes) if self._lanes_differ else setup
+        return setup_of_lanes(setup, lanes) if self._lanes_differ else setup
 
     def _observed(self, noise: Components = ()) -> Components:
         """Observations of all lanes."""
-        return self.setup.task.observe(ARRAY, *sensed(self._current(), noise))
+        return self.setup.task.observe(ARRAY, *sensed_state(self._current(), noise))
 
     def _table(self, observed: Components) -> Array:
         """Observations as float32, shape (num_envs, n)."""
@@ -488,7 +488,7 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         final_obs = np.full(self.num_envs, None, dtype=object)
         for lane in lanes:
             final_obs[lane] = observation[lane].copy()
-        final_info = self._info.told(kept(self._arrays(info), done), done)
+        final_info = self._info.told(mask_outside(self._arrays(info), done), done)
         self.status_codes = self.status_codes.copy()
         self._begin_again(lanes, info, observation)
         told = {

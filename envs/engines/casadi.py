@@ -16,7 +16,7 @@ from ..integrators.interface import Step
 from ..ops.ops import Component, Components, Ops
 from ..registries import TRUTH
 from .rigid import Array
-from .simulator import MappedEngine, Run, guarded
+from .simulator import MappedEngine, Run, guard
 from .stepping import PlantSystem
 
 TOLERANCE = 1e-12
@@ -66,7 +66,7 @@ class CasadiEngine(MappedEngine):
         size = 2 * len(system.plant.coordinates) + len(system.no_losses)
         self._truths = (*[False] * size, False, False, True)
         lost = (*[nan] * size, 0, 0.0, False)
-        self._step = guarded(_stepper(_equations(system), integrator, dt), lost)
+        self._step = guard(_stepper(_equations(system), integrator, dt), lost)
         if integrator != "rk":
             self.solver_tolerance = TOLERANCE
             self.solver_cap = INNER_CAP if self.map == TRUTH else NEWTON_CAP

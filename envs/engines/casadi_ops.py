@@ -77,10 +77,10 @@ class CasadiOps:
     floor, sqrt = staticmethod(_called("floor")), staticmethod(_called("sqrt"))
     tanh = staticmethod(_called("tanh"))
 
-    def usually(self, condition: Component, /) -> Component:
+    def assume_true(self, condition: Component, /) -> Component:
         return condition
 
-    rarely = usually
+    assume_false = assume_true
 
     def where(self, condition: Component, a: Component, b: Component, /) -> Component:
         if not isinstance(condition, Expression):

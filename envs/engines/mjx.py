@@ -11,7 +11,7 @@ from integ_gym.support.optional import load
 
 from ..ops.ops import SCALAR, Component, Components, Ops
 from .rigid import MAPS, Array, LanesEngine, stop_law
-from .simulator import Run, quiet
+from .simulator import Run, silence_output
 from .stepping import PlantSystem
 
 
@@ -31,7 +31,7 @@ class MjxEngine(LanesEngine):
     def build(self) -> None:
         """Make the program and place the model's numbers."""
         jax = load("jax", "mjx")
-        with quiet():
+        with silence_output():
             load("mujoco.mjx", "mjx")
             from .mjx_program import numbers, program_of
 

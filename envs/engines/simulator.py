@@ -48,7 +48,7 @@ class MappedEngine(SteppedEngine):
     def __init__(self, system: PlantSystem, integrator: str, dt: float) -> None:
         super().__init__(system, dt)
         if integrator not in self.maps:
-            raise lacks_integrator(self.name, integrator, self.maps)
+            raise integrator_error(self.name, integrator, self.maps)
         refuse_arrays(self.name, system)
         if system.engine_stops is not None and integrator in self.stopless:
             others = ", ".join(name for name in self.maps if name not in self.stopless)
@@ -73,7 +73,7 @@ class MappedEngine(SteppedEngine):
         return {}
 
 
-def lacks_integrator(engine: str, integrator: str, maps: Mapping[str, str]) -> InputError:
+def integrator_error(engine: str, integrator: str, maps: Mapping[str, str]) -> InputError:
     """The error for an integrator that is none of an engine's, or that has another name there."""
     alike = [name for name, applied in maps.items() if applied == integrator]
     remedy = (
@@ -144,7 +144,7 @@ class ForeignEngine(MappedEngine):
         """
         if self.straight and sample_at is None:
             motion, hurried = self._in_strides(ops, q, v, segments)
-            if ops.usually(ops.any(hurried) == False):  # noqa: E712
+            if ops.assume_true(ops.any(hurried) == False):  # noqa: E712
                 return motion
         return super().advance(ops, q, v, segments, sample_at)
 
@@ -202,10 +202,10 @@ class ForeignEngine(MappedEngine):
         if count > 1 and not self.guarded_strides:
             return made
         report = (0, 0.0, False) if self.reports else ()
-        return guarded(made, (*(nan,) * (2 * len(self.system.plant.coordinates)), *report))
+        return guard(made, (*(nan,) * (2 * len(self.system.plant.coordinates)), *report))
 
 
-def guarded(run: Run, lost: tuple[Any, ...]) -> Run:
+def guard(run: Run, lost: tuple[Any, ...]) -> Run:
     """``run``, but ``lost`` from arguments that are astray."""
 
     def safe(*values: float) -> tuple[Any, ...]:
@@ -237,7 +237,7 @@ def load_undisturbed(module: str, extra: str, banner: str | None = None) -> Any:
 
 
 @contextmanager
-def quiet() -> Iterator[None]:
+def silence_output() -> Iterator[None]:
     """Leave out what is written to stdout and stderr meanwhile, by compiled code too; and warnings.
 
     Of the whole process: what another thread writes at that time is lost as well.

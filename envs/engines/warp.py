@@ -17,7 +17,7 @@ from integ_gym.support.optional import load
 from ..mechanics import Mechanism
 from ..ops.ops import Components
 from .rigid import LEAST_INERTIA, MAPS, Array, LanesEngine, mass_matrix, mjcf, stop_law
-from .simulator import Run, quiet
+from .simulator import Run, silence_output
 
 FEWEST = 16
 """Worlds are made in this number or the next power of two above it, whatever lanes are moved."""
@@ -71,7 +71,7 @@ class WarpEngine(LanesEngine):
 
     def build(self) -> None:
         """Load the simulator; its stops are reported on where they are constraints."""
-        with quiet():
+        with silence_output():
             self._warp = load("warp", self.name)
             self.open()
         self._recorded = cache(self._record)
@@ -149,7 +149,7 @@ class WarpEngine(LanesEngine):
     @contextmanager
     def here(self) -> Iterator[None]:
         """Warp at work on the CPU, without a word."""
-        with quiet(), self._warp.ScopedDevice("cpu"):
+        with silence_output(), self._warp.ScopedDevice("cpu"):
             yield
 
     def _record(self, count: int, stopped: bool) -> tuple[Worlds, Any]:

@@ -13,10 +13,10 @@ import numpy as np
 
 from integ_gym.support.optional import load
 
-from .dialects import ARRAYS, ONE_LANE, PYTHON_SYNTAX, Dialect, called, target, tuple_of
-from .ops import NotTraceable, Unusual, leaves_of, map_leaves, rebuilt
+from .dialects import ARRAYS, ONE_LANE, PYTHON_SYNTAX, Dialect, call_template, target, tuple_of
+from .ops import NotTraceable, Unusual, leaves_of, map_leaves, rebuild
 from .tracing import Block, Loop, Symbol, SymbolicOps, Trace, symbols_in
-from .writing import Writer, carried, executed, in_lanes, live_items, needed
+from .writing import Writer, execute, find_carried, in_lanes, live_items, needed_symbols
 
 
 class Filled(NamedTuple):
@@ -91,11 +91,11 @@ class Results:
 
 Item = Symbol | Loop
 
-_APART = (called("sin", 1), called("cos", 1))
+_APART = (call_template("sin", 1), call_template("cos", 1))
 """Calls of the C library, which a compiler does for one lane at a time."""
 
 
-def stages(block: Block, wanted: Sequence[Symbol]) -> list[list[Item]]:
+def split_stages(block: Block, wanted: Sequence[Symbol]) -> list[list[Item]]:
     """Operations that the wanted symbols need, in stages that each need what is before alone.
 
     Every second stage has nothing but sines and cosines, as early as can be; the others are done as
@@ -110,12 +110,12 @@ def stages(block: Block, wanted: Sequence[Symbol]) -> list[list[Item]]:
     latest: dict[int, int] = {}
     for item in reversed(items):
         if not _is_apart(item):
-            stage = min((latest.get(id(x), last) for x in made_in([item])), default=last)
+            stage = min((latest.get(id(x), last) for x in symbols_made_in([item])), default=last)
             _put(stage_of, item, stage - stage % 2)
         for x in operands(item):
-            latest[id(x)] = min(latest.get(id(x), last), stage_of[id(made_in([item])[0])])
+            latest[id(x)] = min(latest.get(id(x), last), stage_of[id(symbols_made_in([item])[0])])
     return [
-        [item for item in items if stage_of[id(made_in([item])[0])] == stage]
+        [item for item in items if stage_of[id(symbols_made_in([item])[0])] == stage]
         for stage in range(last + 1)
     ]
 
@@ -123,12 +123,12 @@ def stages(block: Block, wanted: Sequence[Symbol]) -> list[list[Item]]:
 def operands(item: Item) -> list[Symbol]:
     """Symbols that an operation is done on; of a loop also those that are made within."""
     if isinstance(item, Symbol):
-        return needed(item)
+        return needed_symbols(item)
     inner = [x for other in item.inner.items for x in operands(other)]
-    return [*needed(item), *item.wanted, *inner]
+    return [*needed_symbols(item), *item.wanted, *inner]
 
 
-def made_in(items: Iterable[Item]) -> list[Symbol]:
+def symbols_made_in(items: Iterable[Item]) -> list[Symbol]:
     """Symbols that operations and loops give a value."""
     return [x for item in items for x in ([item] if isinstance(item, Symbol) else item.variables)]
 
@@ -138,10 +138,10 @@ def _is_apart(item: Item) -> bool:
 
 
 def _put(stage_of: dict[int, int], item: Item, stage: int) -> None:
-    stage_of.update((id(x), stage) for x in made_in([item]))
+    stage_of.update((id(x), stage) for x in symbols_made_in([item]))
 
 
-def written(
+def write_loops(
     trace: Trace, arguments: Sequence[Any], puts: Sequence[Put]
 ) -> tuple[list[Symbol], list[str]]:
     """One loop per stage.
@@ -154,8 +154,8 @@ def written(
     Returns:
         What of the arguments is read, and statements. Whether all was as expected is ``usual``.
     """
-    parted = stages(trace.block, _values(puts))
-    made = {id(x): place for place, items in enumerate(parted) for x in made_in(items)}
+    parted = split_stages(trace.block, _values(puts))
+    made = {id(x): place for place, items in enumerate(parted) for x in symbols_made_in(items)}
     puts_of: list[list[Put]] = [[] for _ in parted]
     for put in puts:
         puts_of[made.get(id(put.value), -1)].append(put)
@@ -170,7 +170,9 @@ def written(
     lines = ["usual = True"]
     for place, items in enumerate(parted):
         before = [x for key, x in needs[place].items() if made.get(key, -1) < place]
-        kept = [x for x in made_in(items) if any(id(x) in later for later in needs[place + 1 :])]
+        kept = [
+            x for x in symbols_made_in(items) if any(id(x) in later for later in needs[place + 1 :])
+        ]
         body = writer.block(_block_of(items), [*kept, *_values(puts_of[place])])
         stores = [f"{put.where} = {writer.result(put.value)}" for put in puts_of[place]]
         for x in kept:
@@ -258,14 +260,14 @@ def _made(
 ) -> Function:
     """What does the step, of a result of whose types its own are."""
     results = Results(arguments, result, like, table)
-    inputs, lines = written(trace, arguments, results.puts)
+    inputs, lines = write_loops(trace, arguments, results.puts)
     names = ["n", *(f"of_{x.name}" for x in inputs), *(x.name for x in results.arrays)]
     source = PYTHON_SYNTAX.function(names, names, lines, "usual")
-    filling = executed(source, {**trace.dialect.names, "empty": np.empty, **_TYPES})
+    filling = execute(source, {**trace.dialect.names, "empty": np.empty, **_TYPES})
     fill = load("numba", "numba").njit(nogil=True, error_model="numpy")(filling)
     types = {x.type: np.dtype(x.type) for x in results.arrays}
     known = {"empty": np.empty, "in_lanes": in_lanes, "Unusual": Unusual, "fill": fill}
-    return executed(_calling(arguments, result[0], inputs, results), {**known, **types})
+    return execute(_calling(arguments, result[0], inputs, results), {**known, **types})
 
 
 def _calling(arguments: list[Any], state: Any, inputs: list[Symbol], results: Results) -> str:
@@ -288,7 +290,7 @@ _TYPES = {"float64": np.float64, "bool_": np.bool_}
 """Of what is kept between stages."""
 
 
-def compiled(dialect: Dialect, function: Function, *patterns: Any) -> Function:
+def compile_trace(dialect: Dialect, function: Function, *patterns: Any) -> Function:
     """A function of floats or arrays that does what ``function`` does in the plain world.
 
     Args:
@@ -300,8 +302,8 @@ def compiled(dialect: Dialect, function: Function, *patterns: Any) -> Function:
 
     Returns:
         A function of the same arguments without the ``Ops``. It raises :class:`Unusual` where what
-        ``function`` expects by ``ops.usually`` does not hold, and, of floats, ``ValueError`` where
-        the scalar world gives NaN for an argument outside a function's domain.
+        ``function`` assumes does not hold, and, of floats, ``ValueError`` where the scalar world
+        gives NaN for an argument outside a function's domain.
 
     Raises:
         NotTraceable: if ``function`` asks for the value of a component.
@@ -310,7 +312,7 @@ def compiled(dialect: Dialect, function: Function, *patterns: Any) -> Function:
 
 
 def source_of(dialect: Dialect, function: Function, *patterns: Any) -> str:
-    """As :func:`compiled`, but what the function is written as, for another to run.
+    """As :func:`compile_trace`, but what the function is written as, for another to run.
 
     Of :data:`~.dialects.JAVASCRIPT` it is an arrow function of arrays in the place of tuples, which
     returns null where what ``function`` expects does not hold; it takes and gives the same numbers
@@ -340,8 +342,8 @@ class Repeated(NamedTuple):
     leaves it out."""
 
 
-def repeated(dialect: Dialect, function: Function, *patterns: Any) -> Repeated:
-    """As :func:`compiled`, for a function from a state, first, to (state, …), shaped alike.
+def compile_repeated(dialect: Dialect, function: Function, *patterns: Any) -> Repeated:
+    """As :func:`compile_trace`, for a function from a state, first, to (state, …), shaped alike.
 
     What it would compute of the state it is given, and has computed of the state that it returned,
     it takes from the call before.
@@ -355,8 +357,8 @@ def repeated(dialect: Dialect, function: Function, *patterns: Any) -> Repeated:
     return Repeated(_written(trace, [state], wanted), step, put, repeating.alike)
 
 
-def looped(like: Repeated, table: int, function: Function, *patterns: Any) -> Repeated:
-    """``like``, which :func:`repeated` has made of the same, with a step that Numba compiles.
+def compile_loops(like: Repeated, table: int, function: Function, *patterns: Any) -> Repeated:
+    """What :func:`compile_repeated` has made of the same, with a step that Numba compiles.
 
     The step is a few loops over lanes in place of an array operation after the other, and gives the
     same numbers; the last argument must be an array. It is compiled at the second call.
@@ -365,7 +367,7 @@ def looped(like: Repeated, table: int, function: Function, *patterns: Any) -> Re
         like: see above, with a step that gives what stands at ``table`` as rows of float32, shape
             (lanes, n).
         table: a place in what the function returns.
-        function: see :func:`compiled`, as ``patterns``.
+        function: see :func:`compile_trace`, as ``patterns``.
 
     Raises:
         NotTraceable: for what Numba and NumPy do not round alike, for calls of functions that are
@@ -394,7 +396,7 @@ class _Repeating(NamedTuple):
 
 def _repeating(dialect: Dialect, function: Function, patterns: Sequence[Any]) -> _Repeating:
     trace, arguments, result = _traced(dialect, function, patterns)
-    pairs = carried(trace.block, arguments[0], result)
+    pairs = find_carried(trace.block, arguments[0], result)
     places = [place for place, item in enumerate(trace.block.items) if id(item) in pairs]
     taken = tuple(_taken_out(trace, place) for place in reversed(places))[::-1]
     passed_on = tuple(pairs[id(symbol)] for symbol in taken)
@@ -445,7 +447,7 @@ def _putting(state: Any, taken: Any) -> Function:
     source = PYTHON_SYNTAX.function(
         ["state", "taken", "lanes", "values"], targets, lines, tuple_of(both)
     )
-    return executed(source, {"in_lanes": in_lanes})
+    return execute(source, {"in_lanes": in_lanes})
 
 
 def _traced(
@@ -453,7 +455,7 @@ def _traced(
 ) -> tuple[Trace, list[Any], Any]:
     """The trace of a function with its arguments, as symbols, and its result."""
     trace = Trace(dialect)
-    arguments = [rebuilt(p, [trace.variable(leaf) for leaf in leaves_of(p)]) for p in patterns]
+    arguments = [rebuild(p, [trace.variable(leaf) for leaf in leaves_of(p)]) for p in patterns]
     return trace, arguments, function(SymbolicOps(trace), *arguments)
 
 
@@ -466,7 +468,7 @@ def _taken_out(trace: Trace, place: int) -> Any:
 
 def _written(trace: Trace, arguments: Sequence[Any], result: Any) -> Function:
     source = _source(trace, arguments, result)
-    return executed(source, {**trace.dialect.names, **trace.functions, **trace.held})
+    return execute(source, {**trace.dialect.names, **trace.functions, **trace.held})
 
 
 def _source(trace: Trace, arguments: Sequence[Any], result: Any) -> str:

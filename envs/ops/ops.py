@@ -54,13 +54,13 @@ class Ops(Protocol):
     def any(self, condition: Component, /) -> Component:
         """Whether ``condition`` holds in at least one lane."""
 
-    def usually(self, condition: Component, /) -> Component:
+    def assume_true(self, condition: Component, /) -> Component:
         """``condition``, of which it is known that it holds in every lane but for rare cases.
 
         Code that is written for the usual case takes it for True, and hands the others back.
         """
 
-    def rarely(self, condition: Component, /) -> Component:
+    def assume_false(self, condition: Component, /) -> Component:
         """``condition``, of which it is known that it holds in no lane but for rare cases.
 
         What is wanted only where it holds, written as ``condition & …``, may then not be computed.
@@ -139,10 +139,10 @@ class ScalarOps:
         return x // 1.0
 
     @staticmethod
-    def usually(condition: bool, /) -> bool:
+    def assume_true(condition: bool, /) -> bool:
         return condition
 
-    rarely = usually
+    assume_false = assume_true
 
     @staticmethod
     def where(condition: bool, a: float, b: float, /) -> float:
@@ -191,7 +191,7 @@ def leaves_of(value: Any) -> list[Any]:
     return [value]
 
 
-def rebuilt(pattern: Any, leaves: Sequence[Any]) -> Any:
+def rebuild(pattern: Any, leaves: Sequence[Any]) -> Any:
     """A nested tuple like ``pattern`` with other components."""
     rest = iter(leaves)
     (tree,) = map_leaves(lambda _: next(rest), (pattern,))
@@ -218,10 +218,10 @@ class ArrayOps:
     repeat = staticmethod(repeat)
 
     @staticmethod
-    def usually(condition: Array, /) -> Array:
+    def assume_true(condition: Array, /) -> Array:
         return condition
 
-    rarely = usually
+    assume_false = assume_true
 
     @staticmethod
     def while_loop(

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from .dialects import Dialect, called
-from .ops import SCALAR, Carry, NotTraceable, leaves_of, rebuilt
+from .dialects import Dialect, call_template
+from .ops import SCALAR, Carry, NotTraceable, leaves_of, rebuild
 
 Operator = Callable[["Symbol", Any], Any]
 
@@ -297,7 +297,7 @@ class Trace:
             self.block.add(key, Symbol(self, template, tuple(operands), statement=True))
         return True
 
-    def rarely(self, condition: Any) -> Any:
+    def assume_false(self, condition: Any) -> Any:
         """``condition``, marked for :meth:`both`."""
         if not self.dialect.finite or not isinstance(condition, Symbol):
             return condition
@@ -315,7 +315,7 @@ class Trace:
         """The symbol of a call that is made as it stands, every time."""
         name = f"f{len(self.functions)}"
         self.functions[name] = function
-        symbol = Symbol(self, called(name, len(arguments)), tuple(map(plain, arguments)))
+        symbol = Symbol(self, call_template(name, len(arguments)), tuple(map(plain, arguments)))
         symbol.raising = True
         self.block.items.append(symbol)
         return symbol
@@ -328,7 +328,7 @@ class Trace:
         if not (a.boolean and b.boolean):
             raise NotTraceable("bitwise operations on numbers are not traced")
         if a.template == _RARE and not absorbing:
-            template = self.dialect.template("and rarely", 2)
+            template = self.dialect.template("and false", 2)
             return self.note(template, *a.arguments, b, boolean=True)
         template = self.dialect.template("or" if absorbing else "and", 2)
         return self.note(template, a, b, boolean=True)
@@ -351,9 +351,9 @@ class Trace:
                     for start, changes in zip(starts, changing, strict=True)
                 ]
                 index = self.variable() if condition is None else None
-                goes_on = None if condition is None else condition(rebuilt(carry, held))
+                goes_on = None if condition is None else condition(rebuild(carry, held))
                 self.block.split = len(self.block.items)
-                ends = leaves_of(body(index, rebuilt(carry, held)))
+                ends = leaves_of(body(index, rebuild(carry, held)))
             finally:
                 inner, self.block = self.block, outer
             now = [
@@ -367,7 +367,7 @@ class Trace:
             return carry
         variables, before, after = (list(compress(x, changing)) for x in (held, starts, ends))
         self.block.items.append(Loop(variables, before, inner, after, goes_on, index, count))
-        return rebuilt(carry, held)  # type: ignore[no-any-return]
+        return rebuild(carry, held)  # type: ignore[no-any-return]
 
 
 _RARE = "({0})"
@@ -427,11 +427,11 @@ class SymbolicOps:
     floor = _called("floor")
     isfinite, any = _called("isfinite", boolean=True), _called("any", boolean=True)
 
-    def usually(self, condition: Any, /) -> Any:
+    def assume_true(self, condition: Any, /) -> Any:
         return self._trace.expect(condition)
 
-    def rarely(self, condition: Any, /) -> Any:
-        return self._trace.rarely(condition)
+    def assume_false(self, condition: Any, /) -> Any:
+        return self._trace.assume_false(condition)
 
     def where(self, condition: Any, a: Any, b: Any, /) -> Any:
         if isinstance(condition, bool):

@@ -84,7 +84,7 @@ def _compiled(inner: Any) -> tuple[Any, Any]:
     )
 
 
-def step_told(step: Any) -> float:
+def round_trip_step(step: Any) -> float:
     """A step that is kept in single precision, s, as the number that it was given as."""
     return float(str(np.float32(step)))
 
@@ -145,7 +145,7 @@ class Playground(GymTestbed):
         task: Any = env.unwrapped.inner  # type: ignore[attr-defined]
         number = int(task.mjx_model.opt.integrator)
         name = next((own for own, n in INTEGRATORS.items() if n == number), str(number))
-        step = step_told(task.mjx_model.opt.timestep)
+        step = round_trip_step(task.mjx_model.opt.timestep)
         return Applied(
             Discretization(name, step, step * task.n_substeps, PLAYGROUND), task.n_substeps
         )
@@ -209,7 +209,7 @@ class BraxTask(GymTestbed):
         if task not in self._envs._envs:
             raise InputError(unknown_name("task of Brax", task, self._envs._envs))
         stock = self._envs.get_environment(task, backend=backend, **arguments)
-        step = step_told(stock.sys.opt.timestep)
+        step = round_trip_step(stock.sys.opt.timestep)
         self.home = Discretization(backend, step, step * stock._n_frames, BRAX)
 
     def build(self, discretization: Discretization, **arguments: Any) -> gym.Env[Any, Any]:
@@ -230,7 +230,7 @@ class BraxTask(GymTestbed):
     def read(self, env: gym.Env[Any, Any]) -> Applied:
         """From the task's system and its steps per decision."""
         task: Any = env.unwrapped.inner  # type: ignore[attr-defined]
-        step = step_told(task.sys.opt.timestep)
+        step = round_trip_step(task.sys.opt.timestep)
         return Applied(
             Discretization(task._backend, step, step * task._n_frames, BRAX),
             task._n_frames,

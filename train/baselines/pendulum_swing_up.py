@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from integ_gym.envs.ops.ops import ARRAY
 from integ_gym.envs.plants.pendulum import Pendulum
 from integ_gym.envs.settings import Setup
-from integ_gym.envs.tasks import wrapped
+from integ_gym.envs.tasks import wrap_angle
 
 from .handmade import HandMade, caught, held, linearized, lqr_gain
 
@@ -94,7 +94,7 @@ class _Region:
         states = np.array([grid.ravel() for grid in np.meshgrid(angles, speeds, indexing="ij")])
         held_upright = caught(
             controller.plant,
-            lambda state: controller.regulate(wrapped(ARRAY, state[0]), state[1]),
+            lambda state: controller.regulate(wrap_angle(ARRAY, state[0]), state[1]),
             states,
             period=controller.period,
             rate=controller.rate,

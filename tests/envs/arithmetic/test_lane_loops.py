@@ -12,7 +12,7 @@ from gymnasium.vector import AutoresetMode
 from variants import VARIANTS
 
 from integ_gym.envs.environment import environment_setup
-from integ_gym.envs.ops.compiling import looped, repeated
+from integ_gym.envs.ops.compiling import compile_loops, compile_repeated
 from integ_gym.envs.ops.dialects import ARRAYS
 from integ_gym.envs.ops.ops import Unusual, rows_of
 from integ_gym.envs.registries import ENVIRONMENTS, INTEGRATORS
@@ -141,13 +141,13 @@ def test_what_cannot_be_compiled_is_refused(arguments, message):
 
 def _both_steps(function):
     """A step of arrays that gives a table of rows, and the same compiled."""
-    like = repeated(ARRAYS, function, (False,), False)
+    like = compile_repeated(ARRAYS, function, (False,), False)
 
     def step(*arguments):
         state, table, *rest = like.step(*arguments)
         return state, rows_of(table, len(arguments[-1]), np.float32), *rest
 
-    return step, looped(like._replace(step=step), 1, function, (False,), False).step
+    return step, compile_loops(like._replace(step=step), 1, function, (False,), False).step
 
 
 def test_without_numba_one_line_says_what_installs_it(monkeypatch):
@@ -170,7 +170,7 @@ def test_a_result_of_a_loop_in_one_stage_is_read_in_the_next():
         root, rounds = ops.while_loop(
             lambda carry: (abs(carry[0] * carry[0] - x) > 1e-9) & (carry[1] < 30), better, (x, 0)
         )
-        expected = ops.usually(abs(push) <= 10.0)
+        expected = ops.assume_true(abs(push) <= 10.0)
         sine = ops.sin(root + push)
         again = ops.cos(sine) + root
         return (x + 1.0,), (sine, again, 1.0), {"rounds": rounds, "given": x, "fine": expected}

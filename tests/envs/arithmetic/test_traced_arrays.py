@@ -10,11 +10,11 @@ import pytest
 from variants import VARIANTS
 
 from integ_gym.envs.environment import environment_setup
-from integ_gym.envs.ops.compiling import compiled
+from integ_gym.envs.ops.compiling import compile_trace
 from integ_gym.envs.ops.dialects import ARRAYS
 from integ_gym.envs.ops.ops import ARRAY, NotTraceable, Unusual, leaves_of
 from integ_gym.envs.registries import ENVIRONMENTS, INTEGRATORS
-from integ_gym.envs.steps import WARM_UP, LanesStep, plain_array_step, traced
+from integ_gym.envs.steps import WARM_UP, LanesStep, plain_array_step, trace_function
 from integ_gym.envs.transition import DIVERGED, EnvState, array_step, initial_state
 
 LANES = 6
@@ -50,7 +50,7 @@ def _assert_same(found, expected):
 @pytest.mark.parametrize("integrator", INTEGRATORS.names())
 def test_traced_equals_plain(env_id, integrator, variant):
     setup = environment_setup(env_id, {"integrator": integrator, **VARIANTS[variant]})
-    plain, step = plain_array_step(setup), traced(setup, array_step)
+    plain, step = plain_array_step(setup), trace_function(setup, array_step)
     assert step is not None
     state, rng = _start(setup), np.random.default_rng(2)
     taken = step.first(state)
@@ -69,7 +69,7 @@ def test_one_action_that_is_not_finite_is_the_plain_steps_affair(wrong):
     actions = np.zeros(LANES)
     actions[2] = wrong
     state = _start(setup)
-    step = traced(setup, array_step)
+    step = trace_function(setup, array_step)
     with pytest.raises(Unusual):
         step.step(state, step.first(state), actions)
     _, _, told = _warm(setup, state)(state, actions)
@@ -82,7 +82,7 @@ def test_one_lane_that_diverges_is_the_plain_steps_affair():
     state.v[0][3] = 999.9
     actions = np.full(LANES, 2.0)
     state.q[0][3] = 1.5
-    step = traced(setup, array_step)
+    step = trace_function(setup, array_step)
     with pytest.raises(Unusual), np.errstate(all="ignore"):
         step.step(state, step.first(state), actions)
     after, _, told = _warm(setup, state)(state, actions)
@@ -116,7 +116,7 @@ def _collatz(ops, start):
 
 
 def test_lanes_leave_nested_loops_one_by_one():
-    value, steps = compiled(ARRAYS, _collatz, False)(np.array([1.0, 6.0, 27.0]))
+    value, steps = compile_trace(ARRAYS, _collatz, False)(np.array([1.0, 6.0, 27.0]))
     assert value.tolist() == [1.0, 1.0, 1.0]
     assert steps.tolist() == [0, 8, 111]
 
@@ -125,11 +125,11 @@ def test_logic_of_lanes_and_constants():
     def function(ops, x, given):
         both = (x > 0.0) & given
         no = both == False  # noqa: E712
-        known = ops.usually(True) & ops.any(both)
+        known = ops.assume_true(True) & ops.any(both)
         return ops.floor(x), no | (x < -1.0), known, ops.maximum(x, 0.0), ops.minimum(1.0, x)
 
     x = np.array([-1.5, 0.5, 2.5])
-    floor, either, known, above, below = compiled(ARRAYS, function, False, True)(x, x < 2.0)
+    floor, either, known, above, below = compile_trace(ARRAYS, function, False, True)(x, x < 2.0)
     assert floor.tolist() == [-2.0, 0.0, 2.0]
     assert either.tolist() == [True, False, True]
     assert known
@@ -148,9 +148,9 @@ def test_a_bound_is_kept_whatever_the_sum_of_squares(x, holds):
     """Also where many lanes within the bound make a sum beyond it."""
 
     def function(ops, x):
-        return ops.where(ops.usually(ops.isfinite(x) & (abs(x) <= 10.0)), x, 0.0)
+        return ops.where(ops.assume_true(ops.isfinite(x) & (abs(x) <= 10.0)), x, 0.0)
 
-    made = compiled(ARRAYS, function, False)
+    made = compile_trace(ARRAYS, function, False)
     assert "dot" in made.__doc__
     if holds:
         assert made(np.array(x)).tolist() == x
@@ -161,10 +161,14 @@ def test_a_bound_is_kept_whatever_the_sum_of_squares(x, holds):
 
 def test_what_is_wanted_in_rare_lanes_is_computed_where_there_are_some():
     def function(ops, x, y):
-        rare = ops.rarely(x > 1.0)
-        return {"both": rare & (ops.sqrt(y) > 2.0), "rare": x > 1.0, "known": ops.rarely(True)}
+        rare = ops.assume_false(x > 1.0)
+        return {
+            "both": rare & (ops.sqrt(y) > 2.0),
+            "rare": x > 1.0,
+            "known": ops.assume_false(True),
+        }
 
-    made, y = compiled(ARRAYS, function, False, False), np.array([9.0, 9.0, 1.0])
+    made, y = compile_trace(ARRAYS, function, False, False), np.array([9.0, 9.0, 1.0])
     told = made(np.array([0.0, 2.0, 2.0]), y)
     assert told["both"].tolist() == [False, True, False]
     assert told["known"] is True
@@ -188,7 +192,7 @@ def test_what_is_wanted_in_rare_lanes_is_computed_where_there_are_some():
 def test_arithmetic_on_truth_values_alone_is_not_traced(operation):
     """A sum of two is 2 of floats, True of arrays."""
     with pytest.raises(NotTraceable, match="not the same for floats and arrays"):
-        compiled(ARRAYS, lambda ops, x: operation(ops, x > 1.0, x > 0.0), False)
+        compile_trace(ARRAYS, lambda ops, x: operation(ops, x > 1.0, x > 0.0), False)
 
 
 @pytest.mark.parametrize(
@@ -201,7 +205,7 @@ def test_arithmetic_on_truth_values_alone_is_not_traced(operation):
     ],
 )  # fmt: skip
 def test_operations_with_zero_and_one_are_not_done_on_lanes(operation, result):
-    made = compiled(ARRAYS, lambda ops, x: operation(x), False)
+    made = compile_trace(ARRAYS, lambda ops, x: operation(x), False)
     body = made.__doc__.splitlines()[-1].split("return ")[1]
     assert {"x": body == "x1"}.get(result, str(result) in body), body
     x = np.array([-2.0, 3.0])
@@ -210,9 +214,9 @@ def test_operations_with_zero_and_one_are_not_done_on_lanes(operation, result):
 
 def test_parameters_that_differ_between_lanes_are_not_traced():
     setup = environment_setup("IntegPendulum-v0", {"mass": np.array([1.0, 2.0])})
-    assert traced(setup, array_step) is None
+    assert trace_function(setup, array_step) is None
     with pytest.raises(NotTraceable):
-        compiled(ARRAYS, lambda ops, x: np.ones(2) * x, False)
+        compile_trace(ARRAYS, lambda ops, x: np.ones(2) * x, False)
 
 
 @pytest.mark.parametrize("env_id", ENVIRONMENTS)

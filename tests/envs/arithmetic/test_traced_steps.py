@@ -12,11 +12,11 @@ from variants import VARIANTS
 
 from integ_gym.envs.environment import environment_setup
 from integ_gym.envs.integrators.interface import Step
-from integ_gym.envs.ops.compiling import compiled
+from integ_gym.envs.ops.compiling import compile_trace
 from integ_gym.envs.ops.dialects import SCALARS
 from integ_gym.envs.ops.ops import SCALAR, NotTraceable, Unusual, along
 from integ_gym.envs.registries import ENVIRONMENTS, INTEGRATORS
-from integ_gym.envs.steps import WARM_UP, traced
+from integ_gym.envs.steps import WARM_UP, trace_function
 from integ_gym.envs.transition import DIVERGED, EnvState, initial_state, scalar_step
 
 
@@ -39,7 +39,7 @@ def _actions(setup, rng):
 @pytest.mark.parametrize("integrator", INTEGRATORS.names())
 def test_traced_steps_equal_plain_ones_to_the_bit(env_id, integrator, variant):
     setup = environment_setup(env_id, {"integrator": integrator, **VARIANTS[variant]})
-    plain, step = partial(scalar_step, setup, SCALAR), traced(setup, scalar_step)
+    plain, step = partial(scalar_step, setup, SCALAR), trace_function(setup, scalar_step)
     assert step is not None
     state = _start(setup, 1)
     for action in _actions(setup, np.random.default_rng(2)):
@@ -76,7 +76,7 @@ def _run(env):
 def test_a_motion_that_diverges_does_so_in_both(integrator, speed):
     setup = environment_setup("IntegCartPole-v0", {"integrator": integrator, "dt": 0.5})
     state = initial_state(SCALAR, setup, (0.0, 1.0), (0.0, speed))
-    plain, step = partial(scalar_step, setup, SCALAR), traced(setup, scalar_step)
+    plain, step = partial(scalar_step, setup, SCALAR), trace_function(setup, scalar_step)
     statuses = []
     for _ in range(4):
         expected = plain(state, 1.0)
@@ -103,7 +103,7 @@ class Hesitant:
 def test_what_cannot_be_traced_runs_as_it_is_written():
     own = gym.make("IntegPendulum-v0", integrator=f"{__name__}:Hesitant")
     euler = gym.make("IntegPendulum-v0", integrator="explicit_euler")
-    assert traced(own.unwrapped.setup, scalar_step) is None
+    assert trace_function(own.unwrapped.setup, scalar_step) is None
     own.reset(seed=0)
     euler.reset(seed=0)
     for _ in range(WARM_UP + 5):
@@ -135,7 +135,7 @@ def _hailstone(ops, start):
     ("start", "steps", "peak"), [(1.0, 0, 1.0), (6.0, 8, 16.0), (27.0, 111, 9232.0)]
 )
 def test_nested_loops(start, steps, peak):  # fmt: skip
-    found = compiled(SCALARS, _hailstone, False)(start)
+    found = compile_trace(SCALARS, _hailstone, False)(start)
     assert found == _hailstone(SCALAR, start)
     assert (found["steps"], found["peak"]) == (steps, peak)
 
@@ -147,19 +147,19 @@ def test_constants_and_unused_work_leave_no_trace():
         total = ops.repeat(3, lambda k, c: (c[0] + k * pair[1], c[1]), (pair[0], 2.0))
         return ops.where(True, total[0], pair[1]), total[1], ops.maximum(1.0, 2.0)
 
-    made = compiled(SCALARS, function, (False, False))
+    made = compile_trace(SCALARS, function, (False, False))
     assert made((1.0, 2.0)) == (7.0, 2.0, 2.0)
     assert "sin" not in made.__doc__
 
 
 def test_asking_for_a_value_is_refused():
     with pytest.raises(NotTraceable):
-        compiled(SCALARS, lambda ops, x: 1.0 if x > 0.0 else 2.0, False)
+        compile_trace(SCALARS, lambda ops, x: 1.0 if x > 0.0 else 2.0, False)
 
 
 def _same_outcome(function, *values):
     """What the traced function gives or raises is what the plain one does."""
-    made = compiled(SCALARS, function, *(False for _ in values))
+    made = compile_trace(SCALARS, function, *(False for _ in values))
     try:
         expected = repr(function(SCALAR, *values))
     except ArithmeticError as error:

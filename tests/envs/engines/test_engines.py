@@ -31,7 +31,7 @@ from integ_gym.envs.mechanics import Mechanism
 from integ_gym.envs.ops.ops import SCALAR
 from integ_gym.envs.plants.pendulum import Pendulum
 from integ_gym.envs.registries import ENGINES
-from integ_gym.envs.steps import traced
+from integ_gym.envs.steps import trace_function
 from integ_gym.envs.transition import EnvState, initial_state, scalar_step, transition
 
 DAMPED = pytest.mark.parametrize("damped", [False, True], ids=["undamped", "damped"])
@@ -191,7 +191,7 @@ def test_the_vector_environment_equals_the_single_one(engine, integrator):
 @pytest.mark.parametrize(("engine", "integrator"), lighter(FIRST))
 def test_steps_are_traced_to_the_same_bits(engine, integrator):
     setup = setup_of(engine, integrator, "IntegPendulum-v0", control_period=0.06, damping=0.2)
-    plain, step = partial(scalar_step, setup, SCALAR), traced(setup, scalar_step)
+    plain, step = partial(scalar_step, setup, SCALAR), trace_function(setup, scalar_step)
     assert step is not None
     state = initial_state(SCALAR, setup, (0.5,), (3.0,))
     for action in (2.0, -1.0, 0.5):

@@ -10,8 +10,8 @@ from engine_cases import STOPPED, lighter, needs
 
 import integ_gym  # noqa: F401
 from integ_gym.envs.environment import environment_setup
-from integ_gym.envs.functional import params_of, traced_setup
-from integ_gym.envs.lanes import of_lanes
+from integ_gym.envs.functional import params_of, setup_with_params
+from integ_gym.envs.lanes import setup_of_lanes
 from integ_gym.envs.registries import ENGINES
 
 SWING_UP = "IntegCartPoleSwingUp-v0"
@@ -32,8 +32,8 @@ def _with_values(setup):
 
 PATHS = {
     "with_values": _with_values,
-    "of_lanes": lambda setup: of_lanes(setup, np.arange(2)),
-    "traced_setup": lambda setup: traced_setup(setup, params_of(setup, "float64")),
+    "of_lanes": lambda setup: setup_of_lanes(setup, np.arange(2)),
+    "traced_setup": lambda setup: setup_with_params(setup, params_of(setup, "float64")),
 }
 
 

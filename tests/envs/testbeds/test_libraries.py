@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from integ_gym.envs.testbeds.jax_tasks import step_told
+from integ_gym.envs.testbeds.jax_tasks import round_trip_step
 
 TASKS = {
     "playground": ("playground:CartpoleBalance", "RK4"),
@@ -58,7 +58,7 @@ print(json.dumps(told))
 def test_a_step_of_single_precision_is_told_as_it_was_given(kept: float, told: float) -> None:
     import numpy as np
 
-    assert step_told(np.float32(kept)) == told
+    assert round_trip_step(np.float32(kept)) == told
 
 
 @pytest.mark.slow

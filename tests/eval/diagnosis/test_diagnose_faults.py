@@ -176,8 +176,8 @@ def test_saturation_that_is_not_counted(tmp_path, monkeypatch):
         command = saturated(ops, action, limit)
         return command._replace(saturated=command.saturated & False)
 
-    saturated = _box.saturated
-    monkeypatch.setattr(_box, "saturated", uncounted)
+    saturated = _box.saturate
+    monkeypatch.setattr(_box, "saturate", uncounted)
     findings = examine("actuation", "pendulum", "rk4", store=tmp_path)
     assert verdicts(findings, "counted as saturated") == {False}
     assert verdicts(findings, "IntegPendulum-v0, decisions") == {False}

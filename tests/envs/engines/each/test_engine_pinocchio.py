@@ -9,7 +9,7 @@ from engine_cases import DAMPING, IDS, needs, setup_of, states
 
 from integ_gym.envs.ops.ops import SCALAR
 from integ_gym.envs.registries import INTEGRATORS
-from integ_gym.envs.steps import traced
+from integ_gym.envs.steps import trace_function
 from integ_gym.envs.transition import scalar_step
 
 pytestmark = pytest.mark.usefixtures("pinocchio")
@@ -64,7 +64,10 @@ def test_friction_and_stops_act_as_in_the_native_engine(integrator):
 
 @pytest.mark.parametrize("integrator", INTEGRATORS.names())
 def test_its_steps_are_traced(integrator):
-    assert traced(setup_of("pinocchio", integrator, "IntegCartPole-v0"), scalar_step) is not None
+    assert (
+        trace_function(setup_of("pinocchio", integrator, "IntegCartPole-v0"), scalar_step)
+        is not None
+    )
 
 
 def test_an_integrator_of_the_users_own():
