@@ -121,22 +121,6 @@ def test_lanes_leave_nested_loops_one_by_one():
     assert steps.tolist() == [0, 8, 111]
 
 
-def test_logic_of_lanes_and_constants():
-    def function(ops, x, given):
-        both = (x > 0.0) & given
-        no = both == False  # noqa: E712
-        known = ops.assume_true(True) & ops.any(both)
-        return ops.floor(x), no | (x < -1.0), known, ops.maximum(x, 0.0), ops.minimum(1.0, x)
-
-    x = np.array([-1.5, 0.5, 2.5])
-    floor, either, known, above, below = compile_trace(ARRAYS, function, False, True)(x, x < 2.0)
-    assert floor.tolist() == [-2.0, 0.0, 2.0]
-    assert either.tolist() == [True, False, True]
-    assert known
-    assert above.tolist() == [0.0, 0.5, 2.5]
-    assert below.tolist() == [-1.5, 0.5, 1.0]
-
-
 @pytest.mark.parametrize(
     ("x", "holds"),
     [
@@ -157,24 +141,6 @@ def test_a_bound_is_kept_whatever_the_sum_of_squares(x, holds):
         return
     with pytest.raises(Unusual), np.errstate(over="ignore"):
         made(np.array(x))
-
-
-def test_what_is_wanted_in_rare_lanes_is_computed_where_there_are_some():
-    def function(ops, x, y):
-        rare = ops.assume_false(x > 1.0)
-        return {
-            "both": rare & (ops.sqrt(y) > 2.0),
-            "rare": x > 1.0,
-            "known": ops.assume_false(True),
-        }
-
-    made, y = compile_trace(ARRAYS, function, False, False), np.array([9.0, 9.0, 1.0])
-    told = made(np.array([0.0, 2.0, 2.0]), y)
-    assert told["both"].tolist() == [False, True, False]
-    assert told["known"] is True
-    told = made(np.zeros(3), None)
-    assert told["both"].tolist() == [False] * 3
-    assert told["both"] is not told["rare"]
 
 
 @pytest.mark.parametrize(

@@ -53,6 +53,17 @@ def test_an_engine_applies_the_map_that_it_is_said_to(engine, integrator, env_id
         assert error.max() <= tolerance
 
 
+@pytest.mark.parametrize(("engine", "integrator"), lighter(FIRST))
+@pytest.mark.parametrize("speed", [11.0, -101.0, 999.0])
+def test_no_speed_is_clipped_below_divergence(engine, integrator, speed):
+    """Nor does an engine damp by itself, in short steps in which every implicit one is solved."""
+    damped = _arguments("IntegPendulum-v0", True)
+    setup = setup_of(engine, integrator, "IntegPendulum-v0", dt=1e-4, **damped)
+    expected = mapped(one_step_map(setup.engine.map), setup, (0.3,), (speed,), 0.7)
+    tolerance = 10.0 * TOLERANCE[setup.engine.width]
+    np.testing.assert_allclose(one_step(setup, (0.3,), (speed,), 0.7), expected, rtol=tolerance)
+
+
 @pytest.mark.parametrize(("engine", "integrator", "env_id"), sparing(IDS, strength=1))
 def test_no_other_map_would_do(engine, integrator, env_id):
     """With damping and control, every map but the declared one is further away.

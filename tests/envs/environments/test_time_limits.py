@@ -162,13 +162,6 @@ def test_a_limit_that_was_asked_for_stays_in_the_spec(own_id, first, then):
         assert _horizon(MAKES[then](spec, dt=0.025)) == 200
 
 
-def test_a_mixture_has_no_limit_from_its_spec():
-    mixture = [{"dt": 0.05}, {"dt": 0.025}]
-    env = gym.make_vec("IntegPendulum-v0", 2, mixture=mixture, control_period=0.1)
-    longer = gym.make_vec(env.spec, duration=20.0)
-    assert (_horizon(env), _horizon(longer), _horizon(gym.make_vec(env.spec))) == (100, 200, 100)
-
-
 def test_a_limit_is_read_however_gym_make_is_wrapped(monkeypatch):
     original = gym.make
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from math import pi
 
 import gymnasium as gym
-import jax
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
@@ -13,8 +12,6 @@ from motions import ALL
 from sameness import assert_same
 
 import integ_gym
-from integ_gym.envs.ops.jax_ops import JaxOps
-from integ_gym.envs.transition import initial_state, transition
 
 LANES = 5
 CASES = {
@@ -173,43 +170,6 @@ def test_mixture_draws_a_discretization_at_each_reset():
         gym.make_vec("IntegPendulum-v0", mixture=[])
 
 
-@pytest.mark.parametrize("env_id", integ_gym.ENVIRONMENTS)
-def test_transition_under_jax_equals_the_environment(env_id):
-    single = gym.make(
-        env_id, integrator="rk4", dt=0.01, control_period=0.02, action_latency=0.01
-    ).unwrapped
-    setup = single.setup
-    single.reset(seed=0)
-    single.action_space.seed(0)
-    with jax.enable_x64(True):
-        ops = JaxOps("float64")
-        step = jax.jit(lambda s, a: transition(ops, setup, s, a))
-        state = initial_state(ops, setup, single._state.q, single._state.v)
-        for _ in range(30):
-            action = single.action_space.sample()
-            _, reward, terminated, _, info = single.step(action)
-            state, outcome = step(state, float(np.ravel(action)[0]))
-            np.testing.assert_allclose(
-                (*state.q, *state.v, outcome.reward, outcome.residual_energy),
-                (*single._state.q, *single._state.v, reward, info["energy_residual"]),
-                rtol=0, atol=1e-12,
-            )  # fmt: skip
-            assert bool(outcome.terminated) == terminated
-            if terminated:
-                break
-
-
-@pytest.mark.parametrize(
-    ("actions", "message"),
-    [(np.zeros((4, 1)), r"shape \(5, 1\)"), (np.zeros(5), r"shape \(5, 1\)")],
-)
-def test_wrong_action_shape_is_refused(actions, message):
-    env = gym.make_vec("IntegPendulum-v0", num_envs=LANES)
-    env.reset(seed=0)
-    with pytest.raises(ValueError, match=message):
-        env.step(actions)
-
-
 def test_wrong_use_is_refused():
     env = gym.make_vec("IntegCartPole-v0", num_envs=2, autoreset_mode="Disabled", duration=0.02)
     with pytest.raises(gym.error.ResetNeeded):
@@ -245,12 +205,6 @@ def test_actions_of_lanes_that_are_being_reset_are_not_looked_at():
     envs.step(np.array([7, 1]))
     with pytest.raises(ValueError, match="actions must be"):
         envs.step(np.array([7, 1]))
-
-
-@pytest.mark.parametrize("mixture", [3, "rk4", {"integrator": "rk4"}, ["rk4"]])
-def test_a_mixture_that_is_no_list_of_discretizations_is_refused(mixture):
-    with pytest.raises(ValueError, match="mixture"):
-        gym.make_vec("IntegPendulum-v0", num_envs=2, mixture=mixture)
 
 
 @pytest.mark.parametrize("order", [1, -1])

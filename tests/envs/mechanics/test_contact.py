@@ -169,34 +169,6 @@ def test_reference_sees_a_grazing_touch(depth, when):
     np.testing.assert_allclose(got, truth, rtol=0, atol=1e-9)
 
 
-def _bounces(integrator: str, substeps: int) -> tuple[np.ndarray, float]:
-    """States and Σ|residual| after 1 s between soft stops, from 8 places; shape (2, 8) and J."""
-    plant = Pendulum(gravity=0.0, joint_limit=0.5, stop_stiffness=20.0, stop_damping=0.3)
-    system = PlantSystem(plant)
-    engine = NativeEngine(system, integrator, 0.05 / substeps)
-    q, v, residual = (np.linspace(-0.4, 0.4, 8),), (np.full(8, 2.0),), 0.0
-    for _ in range(20):
-        before = system.energy(ARRAY, q, v)
-        motion = engine.advance(ARRAY, q, v, ((0.0, substeps),), None)
-        q, v = motion.q, motion.v
-        change = system.energy(ARRAY, q, v) - before
-        residual += float(np.abs(change + sum(motion.losses)).sum())
-    return np.array([*q, *v]), residual
-
-
-@pytest.mark.parametrize("integrator", [name for name in ALL if name != "reference"])
-def test_contact_converges_as_far_as_it_is_smooth(integrator):
-    """The force has a kink, so no method is better than order 2 across it."""
-    order = 1 if integrator.endswith("euler") else 2
-    truth, exactly = _bounces("reference", 1)
-    assert exactly < 1e-9
-    runs = [_bounces(integrator, n) for n in (8, 16, 32, 64)]
-    errors = [float(np.abs(state - truth).sum()) for state, _ in runs]
-    residuals = [residual for _, residual in runs]
-    for values in (errors, residuals):
-        assert values[-1] < values[0] / 2 ** (3 * (order - 0.3))
-
-
 @pytest.mark.parametrize(
     ("case", "integrator"),
     [*(("pendulum", name) for name in ALL), ("cart_pole", "rk4"), ("cart_pole", "implicit_euler")],
@@ -268,17 +240,6 @@ def test_the_ledger_names_force_and_penetration_at_the_ends_of_sub_steps():
     assert info["penetration"] == max(step["penetration"] for step in steps) > 0.0
     assert info["contact_force"] == min(step["contact_force"] for step in steps) < 0.0
     assert info["contact_loss"] == pytest.approx(sum(step["contact_loss"] for step in steps))
-
-
-@pytest.mark.parametrize("env_id", ["IntegPendulum-v0", "IntegCartPole-v0"])
-def test_without_stops_nothing_is_booked(env_id):
-    env = gym.make(env_id)
-    _, info = env.reset(seed=0)
-    env.action_space.seed(0)
-    for _ in range(5):
-        assert [info[n] for n in ("penetration", "contact_force", "contact_loss")] == [0.0] * 3
-        *_, info = env.step(env.action_space.sample())
-    assert env.unwrapped.setup.system.stops is None
 
 
 @pytest.mark.parametrize(

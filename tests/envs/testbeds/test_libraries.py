@@ -9,8 +9,6 @@ from pathlib import Path
 
 import pytest
 
-from integ_gym.envs.testbeds.jax_tasks import round_trip_step
-
 TASKS = {
     "playground": ("playground:CartpoleBalance", "RK4"),
     "brax": ("brax:inverted_pendulum", "spring"),
@@ -52,13 +50,6 @@ except ValueError as error:
     told["refused"] = str(error)
 print(json.dumps(told))
 """
-
-
-@pytest.mark.parametrize(("kept", "told"), [(0.02, 0.02), (0.001, 0.001), (1 / 3, 0.33333334)])
-def test_a_step_of_single_precision_is_told_as_it_was_given(kept: float, told: float) -> None:
-    import numpy as np
-
-    assert round_trip_step(np.float32(kept)) == told
 
 
 @pytest.mark.slow

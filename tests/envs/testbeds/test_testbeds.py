@@ -130,22 +130,6 @@ def test_lanes_are_the_single_environments(env_id):
                               if env_id != TASK else single.state)  # fmt: skip
 
 
-def test_what_a_testbed_says_of_itself():
-    needs("mujoco")
-    ours, theirs = _testbed("IntegPendulum-v0"), _testbed(TASK)
-    assert ours.home == Discretization("symplectic_euler", 0.05, 0.05)
-    assert theirs.home == Discretization("RK4", 0.02, 0.04, "mujoco")
-    assert ours.truth(0.1) == Discretization("reference", 0.1, 0.1)
-    assert theirs.truth(0.04) is None
-    assert (ours.controller, theirs.controller) == ("pendulum_swing_up", None)
-    assert (ours.control_period, theirs.control_period) == (None, 0.04)
-    assert (ours.horizon, theirs.horizon) == ("duration", None)
-    assert "0.2 rad" in ours.success.goal
-    assert theirs.success.parameter == "success_return"
-    assert _testbed(TASK, success_return=5).success.goal == "return of at least 5"
-    assert _testbed(TASK) is theirs
-
-
 class Rounding(IntegTestbed):
     """A testbed whose library rounds its step to milliseconds without a word."""
 
@@ -274,11 +258,6 @@ class Car(Silent):
 
     def build(self, discretization, **arguments):
         return gym.make(self.env_id)
-
-
-def test_a_testbed_of_ones_own_has_the_threshold_of_its_id():
-    testbed = find_testbed(f"{__name__}:Car", {})
-    assert testbed.success == integ_gym.Success("return of at least 90", "success_return", 90.0)
 
 
 def test_without_a_threshold_a_return_is_asked_for(monkeypatch):
