@@ -185,6 +185,10 @@ class StatedEngine:
     reports: bool = False
     rewards: str | None = None
     """What a step's rewards are taken for, where a decision has several; None: not known here."""
+    accounted: bool = False
+    """Whether the ledger knows every loss where no constraint acts."""
+    solver_tolerance: float | None = None
+    solver_cap: int | None = None
 
     @property
     def version(self) -> str:
@@ -192,13 +196,16 @@ class StatedEngine:
         return running_version(self.package)
 
     def solver(self) -> dict[str, Any]:
-        """Nothing is known of it."""
-        return {}
+        """Tolerance and iteration cap of its solver; empty where nothing is known of it."""
+        if self.solver_cap is None:
+            return {}
+        return {"solver_tolerance": self.solver_tolerance, "solver_cap": self.solver_cap}
 
     def describe(self) -> dict[str, Any]:
-        """That losses are not accounted for, and what rewards are taken for."""
-        taken = {} if self.rewards is None else {"rewards": self.rewards}
-        return {"losses_accounted": False, **taken}
+        """What is known of float width, losses and rewards."""
+        width = {} if self.width is None else {"width": self.width}
+        rewards = {} if self.rewards is None else {"rewards": self.rewards}
+        return {**width, "losses_accounted": self.accounted, **rewards}
 
 
 def _rewards(env: gym.Env[Any, Any]) -> str | None:
@@ -364,7 +371,46 @@ def without_time_limit(env: gym.Env[Any, Any]) -> gym.Env[Any, Any]:
 Array = npt.NDArray[np.float64]
 
 
-class StatedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
+class ForeignWrapper(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
+    """What wrappers around environments of others have in common.
+
+    Attributes:
+        setup: timing, names and units, for evidence.
+    """
+
+    setup: ForeignSetup
+    _goal: ReturnGoal
+    _steps = 0
+
+    @property
+    def fresh(self) -> bool:
+        """Whether no step has been taken since the last reset."""
+        return self._steps == 0
+
+    @property
+    def _time(self) -> float:
+        return self._steps * self.setup.timing.control_period
+
+    def _common_info(
+        self, asked: Array, applied: Array, saturated: bool, fell_back: bool, success: bool
+    ) -> dict[str, Any]:
+        """Entries of `info` that are known of every environment, with each control."""
+        controls = {}
+        pairs = zip(asked.tolist(), applied.tolist(), strict=True)
+        for (name, _), (a, b) in zip(self.setup.plant.controls, pairs, strict=True):
+            controls[f"{name}_commanded"], controls[f"{name}_applied"] = a, b
+        return {
+            "time": self._time,
+            "saturated": saturated,
+            "fallback_used": fell_back,
+            "sensor_time": self._time,
+            "goal_since": self._goal.since,
+            "success": success,
+            **controls,
+        }
+
+
+class StatedEnv(ForeignWrapper):
     """An environment whose discretization is stated, with success and time in ``info``.
 
     Energy, work and losses are left out: they are not known. Actions are brought into the action
@@ -378,7 +424,6 @@ class StatedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs
         arguments: that it was made with, for evidence.
 
     Attributes:
-        setup: timing, names and units, for evidence.
         state_components: nothing: the state is not known.
     """
 
@@ -399,14 +444,7 @@ class StatedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs
         super().__init__(env)
         self._goal = ReturnGoal(return_of_success(success_return, env.spec))
         self.setup = describe_setup(env, applied, self._goal.words, arguments or {})
-        self._names = [name for name, _ in self.setup.plant.controls]
-        self._steps = 0
-        self._control = self._within(np.zeros(len(self._names)))
-
-    @property
-    def fresh(self) -> bool:
-        """Whether no step has been taken since the last reset."""
-        return self._steps == 0
+        self._control = self._nearest(np.zeros(len(self.setup.plant.controls)))
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -415,62 +453,39 @@ class StatedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs
         observation, info = self.env.reset(seed=seed, options=options)
         self._steps = 0
         self._goal.begin()
-        self._control = self._within(np.zeros(len(self._names)))
+        self._control = self._nearest(np.zeros(len(self.setup.plant.controls)))
         return observation, {**info, **self._info(False, False, False)}
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         """Advance one decision."""
         asked = as_floats(action).ravel()
         valid = bool(np.isfinite(asked).all())
-        saturated = valid and self._saturates(asked)
-        self._control = self._within(asked if valid else self._control)
-        observation, reward, terminated, truncated, info = self.env.step(self._typed(self._control))
+        space: Any = self.action_space
+        discrete = isinstance(space, gym.spaces.Discrete)
+        if discrete:
+            saturated = valid and bool((self._nearest(asked) != asked).any())
+        else:
+            saturated = valid and at_bounds(asked, space.low.ravel(), space.high.ravel())
+        self._control = control = self._nearest(asked if valid else self._control)
+        action = int(control[0]) if discrete else control.reshape(space.shape).astype(space.dtype)
+        observation, reward, terminated, truncated, info = self.env.step(action)
         self._steps += 1
         success = self._goal.note(float(reward), bool(terminated), bool(truncated), self._time)
-        told = self._info(saturated, not valid, success)
-        return observation, reward, bool(terminated), bool(truncated), {**info, **told}
+        known = self._info(saturated, not valid, success)
+        return observation, reward, bool(terminated), bool(truncated), {**info, **known}
 
-    @property
-    def _time(self) -> float:
-        return self._steps * self.setup.timing.control_period
-
-    def _within(self, control: Array) -> Array:
+    def _nearest(self, control: Array) -> Array:
         """The nearest action of the space, as numbers."""
         space: Any = self.action_space
         if isinstance(space, gym.spaces.Discrete):
             return np.clip(np.rint(control), space.start, space.start + space.n - 1)
         return np.clip(control, space.low.ravel(), space.high.ravel())
 
-    def _saturates(self, asked: Array) -> bool:
-        """Whether a finite action is beyond the set, or at a bound of the box."""
-        space: Any = self.action_space
-        if isinstance(space, gym.spaces.Discrete):
-            return bool((self._within(asked) != asked).any())
-        return at_bounds(asked, space.low.ravel(), space.high.ravel())
-
-    def _typed(self, control: Array) -> Any:
-        """Numbers as an action of the space."""
-        space: Any = self.action_space
-        if isinstance(space, gym.spaces.Discrete):
-            return int(control[0])
-        return control.reshape(space.shape).astype(space.dtype)
-
     def _info(self, saturated: bool, fell_back: bool, success: bool) -> dict[str, Any]:
-        controls = {}
-        for name, given in zip(self._names, self._control.tolist(), strict=True):
-            controls[f"{name}_commanded"] = controls[f"{name}_applied"] = given
-        return {
-            "time": self._time,
-            "saturated": saturated,
-            "fallback_used": fell_back,
-            "sensor_time": self._time,
-            "goal_since": self._goal.since,
-            "success": success,
-            **controls,
-        }
+        return self._common_info(self._control, self._control, saturated, fell_back, success)
 
 
-_PERHAPS_UNKNOWN = (
+_MAYBE_UNKNOWN = (
     *("energy", "actuator_work", "dissipated", "clip_loss", "energy_residual"),
     *("solver_iterations", "solver_residual"),
 )
@@ -550,7 +565,7 @@ class SequentialVectorEnv(SyncVectorEnv[Any, Any], DiscretizedVectorEnv):
         self, vector_infos: dict[str, Any], env_info: dict[str, Any], env_num: int
     ) -> dict[str, Any]:
         """What Gymnasium's does; what is not known is no 0."""
-        missing = [n for n in _PERHAPS_UNKNOWN if "time" in env_info and n not in env_info]
+        missing = [n for n in _MAYBE_UNKNOWN if "time" in env_info and n not in env_info]
         infos = super()._add_info(vector_infos, env_info | dict.fromkeys(missing, nan), env_num)
         for name in missing:
             infos[f"_{name}"][env_num] = False

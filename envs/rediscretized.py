@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from integ_gym.support.errors import InputError, InputTypeError, SetupError
-from integ_gym.support.optional import check_versions, load, package_version
+from integ_gym.support.optional import check_versions, load
 from integ_gym.support.parameters import (
     check_values,
     finite_number,
@@ -31,7 +31,9 @@ from .foreign import (
     ForeignPlant,
     ForeignSetup,
     ForeignTask,
+    ForeignWrapper,
     ReturnGoal,
+    StatedEngine,
     return_of_success,
     time_limit,
 )
@@ -103,31 +105,6 @@ def integrator_numbers() -> dict[str, int]:
     capitals = {"euler": "Euler", "rk4": "RK4"}
     names = [member.name.removeprefix("mjINT_").lower() for member in members]
     return {capitals.get(n, n): int(m) for n, m in zip(names, members, strict=True)}
-
-
-@dataclass(frozen=True)
-class ModelEngine:
-    """MuJoCo on the task's own model."""
-
-    integrator: str
-    tolerance: float
-    cap: int
-    accounted: bool
-    width: int = 64
-    reports: bool = True
-
-    @property
-    def version(self) -> str:
-        """MuJoCo's version."""
-        return package_version("mujoco") or "unknown"
-
-    def solver(self) -> dict[str, Any]:
-        """Tolerance and iteration cap of the constraint solver."""
-        return {"solver_tolerance": self.tolerance, "solver_cap": self.cap}
-
-    def describe(self) -> dict[str, Any]:
-        """Float width, and whether the ledger knows every loss where no constraint acts."""
-        return {"width": self.width, "losses_accounted": self.accounted}
 
 
 def plant_of(mujoco: Any, model: Any, name: str) -> ForeignPlant:
@@ -324,7 +301,7 @@ def rediscretize(
     return RediscretizedEnv(env, integrator, dt, success_return)
 
 
-class RediscretizedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
+class RediscretizedEnv(ForeignWrapper):
     """A MuJoCo task whose discretization was chosen; made by :func:`rediscretize`.
 
     ``info`` has, beside the task's own, what every integ-gym environment tells: ``time``,
@@ -334,7 +311,6 @@ class RediscretizedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstruc
     with the last finite observation; MuJoCo's own silent reset to the initial pose is switched off.
 
     Attributes:
-        setup: timing, names and units, for evidence.
         final_state: see :attr:`state_components`, before the last reset.
         final_status: see :attr:`status_code`, before the last reset.
     """
@@ -391,16 +367,11 @@ class RediscretizedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstruc
         return join_state(tuple(q), tuple(v))
 
     @property
-    def fresh(self) -> bool:
-        """Whether no step has been taken since the last reset."""
-        return self._steps == 0
-
-    @property
     def status_code(self) -> int:
         """The solver's status in the last control step, as a code of `STATUS_NAMES`."""
         if self._diverged:
             return DIVERGED
-        capped = self._booked.iterations >= self.setup.engine.cap
+        capped = self._booked.iterations >= self.setup.engine.solver_cap
         return NOT_CONVERGED if capped else OK
 
     @property
@@ -448,11 +419,10 @@ class RediscretizedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstruc
         booked = self._booked
         residual = self._energy - before - booked.work + booked.dissipated
         residual = math.nan if booked.constrained else residual
-        time = self._steps * self.setup.timing.control_period
-        success = self._goal.note(float(reward), bool(terminated), bool(truncated), time)
+        success = self._goal.note(float(reward), bool(terminated), bool(truncated), self._time)
         success = success and not self._diverged
-        told = self._info(residual, valid and self._saturated, not valid, success)
-        return observation, reward, bool(terminated), bool(truncated), {**info, **told}
+        known = self._info(residual, valid and self._saturated, not valid, success)
+        return observation, reward, bool(terminated), bool(truncated), {**info, **known}
 
     def _command_bounds(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
         """Bounds of an action: the actuators', or those that a wrapper has put in their place.
@@ -534,32 +504,20 @@ class RediscretizedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstruc
     def _info(
         self, residual: float, saturated: bool, fell_back: bool, success: bool
     ) -> dict[str, Any]:
-        time = self._steps * self.setup.timing.control_period
         booked = self._booked
-        known = {"dissipated": booked.dissipated, "energy_residual": residual}
+        losses = {"dissipated": booked.dissipated, "energy_residual": residual}
         applied = self._control if self._steps == 0 else self._applied
-        controls = {}
-        for (name, _), asked, given in zip(
-            self.setup.plant.controls, self._control.tolist(), applied.tolist(), strict=True
-        ):
-            controls[f"{name}_commanded"], controls[f"{name}_applied"] = asked, given
         return {
-            "time": time,
+            **self._common_info(self._control, applied, saturated, fell_back, success),
             "energy": self._energy,
             "actuator_work": booked.work,
             "clip_loss": 0.0,
-            "saturated": saturated,
-            "fallback_used": fell_back,
-            "sensor_time": time,
-            "goal_since": self._goal.since,
-            "success": success,
             "penetration": booked.penetration,
             "constraint_violation": booked.violation,
             "solver_iterations": booked.iterations,
             "solver_residual": 0.0,
             "solver_status": STATUS_NAMES[self.status_code],
-            **controls,
-            **{name: value for name, value in known.items() if not math.isnan(value)},
+            **{name: value for name, value in losses.items() if not math.isnan(value)},
         }
 
     def _discretized(self, choice: Choice) -> ForeignSetup:
@@ -588,9 +546,9 @@ class RediscretizedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstruc
             timing=timing,
             plant=plant_of(mujoco, model, type(inner).__name__),
             task=ForeignTask(self._goal.words, names, ("",) * size),
-            engine=ModelEngine(
-                chosen, float(model.opt.tolerance), int(model.opt.iterations),
-                Ledger(mujoco, model, chosen).accounted,
+            engine=StatedEngine(
+                "mujoco", 64, True, accounted=Ledger(mujoco, model, chosen).accounted,
+                solver_tolerance=float(model.opt.tolerance), solver_cap=int(model.opt.iterations),
             ),
             action_space=self.action_space,
             environment=tuple(sorted((self.spec.kwargs if self.spec else {}).items())),
