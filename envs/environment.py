@@ -310,9 +310,9 @@ def with_horizon(spec: EnvSpec | None, setup: Setup) -> EnvSpec | None:
     """A copy of what Gymnasium says of an environment, with the decisions of an episode."""
     if spec is None:
         return None
-    told = copy(spec)
-    told.max_episode_steps = setup.timing.horizon
-    return told
+    spec = copy(spec)
+    spec.max_episode_steps = setup.timing.horizon
+    return spec
 
 
 def running_makers() -> list[FrameType]:
@@ -522,8 +522,8 @@ def _own_class(env_id: str) -> type[IntegEnv] | None:
             f"{module!r} registers no environment {name!r}; call gymnasium.register in it"
         )
     entry = gym.registry[name].entry_point
-    made = load_env_creator(entry) if isinstance(entry, str) else entry
-    return made if isinstance(made, type) and issubclass(made, IntegEnv) else None
+    owner = load_env_creator(entry) if isinstance(entry, str) else entry
+    return owner if isinstance(owner, type) and issubclass(owner, IntegEnv) else None
 
 
 def environment_setup(env_id: str, arguments: Mapping[str, Any]) -> Setup:

@@ -360,9 +360,9 @@ def without_time_limit(env: gym.Env[Any, Any]) -> gym.Env[Any, Any]:
             if isinstance(one, kind):
                 name = type(one).__name__
                 raise InputError(f"`held` cannot keep the wrapper {name}: it {reason}")
-    kept = [one for one in chain if not isinstance(one, wrappers.TimeLimit)]
+    others = [one for one in chain if not isinstance(one, wrappers.TimeLimit)]
     inner = chain[-1].env if chain else env
-    for one in reversed(kept):
+    for one in reversed(others):
         one.env = inner
         inner = cast("gym.Env[Any, Any]", one)
     return inner

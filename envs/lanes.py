@@ -171,19 +171,19 @@ class LaneInfo:
         """Arrays to be filled in, in which nothing is told."""
         return {n: np.zeros(self._lanes, _DTYPES[type(value)]) for n, value in BLANK.items()}
 
-    def of_step(self, told: dict[str, Any], alike: Mapping[str, Any]) -> Info:
+    def of_step(self, step_values: dict[str, Any], alike: Mapping[str, Any]) -> Info:
         """`info` of what a step has told, and of what is alike; see :class:`.steps.LanesStep`."""
         if alike is not self._alike:
             self._note(alike)
-        info = {**self._alike_arrays, **told}
-        for name, value in told.items():
+        info = {**self._alike_arrays, **step_values}
+        for name, value in step_values.items():
             if type(value) is not np.ndarray:
                 info[name] = self._one_for_all(name, value, type(BLANK[name]))
         return info
 
-    def result(self, name: str, told: dict[str, Any], alike: Mapping[str, Any]) -> Array:
+    def result(self, name: str, step_values: dict[str, Any], alike: Mapping[str, Any]) -> Array:
         """A result of a step, taken out of what it has told; an array of its own."""
-        value = told.pop(name, None)
+        value = step_values.pop(name, None)
         if isinstance(value, np.ndarray):
             return value
         value = alike[name] if value is None else value
@@ -215,7 +215,7 @@ class LaneInfo:
             if name not in alike or alike[name] != blank
         }
 
-    def told(self, info: Info, mask: Array) -> dict[str, Array]:
+    def with_masks(self, info: Info, mask: Array) -> dict[str, Array]:
         """What users see: the solver's status in words, and Gymnasium's `_key` masks.
 
         Args:

@@ -326,14 +326,14 @@ class _Ready:
         self.first = first
         self._setup = setup
         self._numbers = numbers
-        tree, self._table, self._fine = self._made(numbers)
+        tree, self._table, self._fine = self._prepare(numbers)
         self._all_fine = bool(self._fine.all())
         arrays, self._constants = _distinct(tree)
         self._observed = slice(len(arrays), self._table.shape[1])
         numbered = [*arrays, *[None] * (self._table.shape[1] - len(arrays)), *self._constants]
         places = {id(leaf): place for place, leaf in enumerate(numbered)}
         state: EnvState = tree[0]
-        self._told = itemgetter(places[id(state.energy)], places[id(state.goal_since)])
+        self._energy_and_goal = itemgetter(places[id(state.energy)], places[id(state.goal_since)])
         self._in_order = itemgetter(*(places[id(leaf)] for leaf in leaves_of(tree)))
 
     def at(self, places: Array) -> Begun:
@@ -343,7 +343,7 @@ class _Ready:
             parse_state(self._setup, starts[np.argmin(self._fine[places])])
         rows = self._table.take(places, axis=0)
         values = [*rows.T.copy(), *self._constants]
-        energy, goal_since = self._told(values)
+        energy, goal_since = self._energy_and_goal(values)
         return Begun(self._in_order(values), energy, goal_since, rows[:, self._observed])
 
     def make(self, banks: Array, size: int) -> None:
@@ -352,12 +352,12 @@ class _Ready:
             array.reshape(len(array) // size, size, *array.shape[1:])
             for array in (self._numbers, self._table, self._fine)
         )
-        _, made, possible_ones = self._made(_in_a_row(numbers[banks]))
-        table[banks] = made.reshape(len(banks), *table.shape[1:])
-        fine[banks] = possible_ones.reshape(len(banks), size)
+        _, prepared, fine_ones = self._prepare(_in_a_row(numbers[banks]))
+        table[banks] = prepared.reshape(len(banks), *table.shape[1:])
+        fine[banks] = fine_ones.reshape(len(banks), size)
         self._all_fine = bool(self._fine.all())
 
-    def _made(self, numbers: Array) -> tuple[Any, Array, Array]:
+    def _prepare(self, numbers: Array) -> tuple[Any, Array, Array]:
         """State and what a step takes; all its arrays, and observations; which are possible."""
         setup = self._setup
         start = tuple(_starts_of(setup, numbers, {}).T)

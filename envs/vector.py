@@ -219,7 +219,7 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         info = self._info.nothing()
         self._begin(np.flatnonzero(mask), options, info)
         observation = self._table(self._observed())
-        return self._with_noise(observation, mask), self._told(info, mask.copy())
+        return self._with_noise(observation, mask), self._visible_info(info, mask.copy())
 
     def step(self, actions: Any) -> tuple[Array, Array, Array, Array, dict[str, Any]]:
         """Advance every lane by one control period.
@@ -236,11 +236,11 @@ class IntegVectorEnv(DiscretizedVectorEnv):
                 "these lanes have ended; reset them with options={'reset_mask': mask}: "
                 f"{waiting.tolist()}"
             )
-        observation, told, alike = self._advance(self._read_actions(actions, waiting))
+        observation, step_values, alike = self._advance(self._read_actions(actions, waiting))
         reward, terminated, truncated, sampled = (
-            self._info.result(name, told, alike) for name in RESULTS
+            self._info.result(name, step_values, alike) for name in RESULTS
         )
-        info = self._info.of_step(told, alike)
+        info = self._info.of_step(step_values, alike)
         if self.render_mode is not None:
             self._control = info["control"].copy()
         if waiting.size:
@@ -253,7 +253,7 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         if self.autoreset_mode is AutoresetMode.SAME_STEP and self._done.any():
             observation, everything = self._reset_same_step(observation, info)
         else:
-            everything = self._told(info, self._info.everyone)
+            everything = self._visible_info(info, self._info.everyone)
         return observation, reward, terminated, truncated, everything
 
     def render(self) -> tuple[npt.NDArray[np.uint8], ...] | None:
@@ -427,8 +427,8 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         if self.mixed:
             return self._advance_mixture(actions)
         step = self._steps[0]
-        self._state, observation, told = step(self._current(), actions)
-        return observation, told, step.alike
+        self._state, observation, step_values = step(self._current(), actions)
+        return observation, step_values, step.alike
 
     def _advance_mixture(self, actions: Array) -> tuple[Array, dict[str, Any], Mapping[str, Any]]:
         """Advance the lanes of each discretization as one group."""
@@ -441,9 +441,9 @@ class IntegVectorEnv(DiscretizedVectorEnv):
                 continue
             own = self._for_lanes(setup, lanes)
             step = self._steps[index] if own is setup else LanesStep(own)
-            after, observation[lanes], told = step(take(state, lanes), actions[lanes])
+            after, observation[lanes], step_values = step(take(state, lanes), actions[lanes])
             state = put(state, lanes, after, self.num_envs)
-            for name, value in {**step.alike, **told}.items():
+            for name, value in {**step.alike, **step_values}.items():
                 if name not in merged:
                     merged[name] = np.zeros(self.num_envs, dtype=np.asarray(value).dtype)
                 merged[name][lanes] = value
@@ -488,23 +488,23 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         final_obs = np.full(self.num_envs, None, dtype=object)
         for lane in lanes:
             final_obs[lane] = observation[lane].copy()
-        final_info = self._info.told(mask_outside(self._arrays(info), done), done)
+        final_info = self._info.with_masks(mask_outside(self._arrays(info), done), done)
         self.status_codes = self.status_codes.copy()
         self._begin_again(lanes, info, observation)
-        told = {
-            **self._told(info, self._info.everyone),
+        everything = {
+            **self._visible_info(info, self._info.everyone),
             "final_obs": final_obs,
             "_final_obs": done,
             "final_info": final_info,
             "_final_info": done.copy(),
         }
-        return self._with_noise(observation, done), told
+        return self._with_noise(observation, done), everything
 
     def _arrays(self, info: Info) -> Info:
         return {**info, "mixture_index": self._member.copy()} if self.mixed else info
 
-    def _told(self, info: Info, mask: Array) -> dict[str, Any]:
-        return self._info.told(self._arrays(info), mask)
+    def _visible_info(self, info: Info, mask: Array) -> dict[str, Any]:
+        return self._info.with_masks(self._arrays(info), mask)
 
 
 def _drawn(env: type[IntegEnv], arguments: Mapping[str, Any], mixture: Any) -> Mixture:

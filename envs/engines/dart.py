@@ -38,7 +38,7 @@ class DartEngine(RigidBodyEngine):
         self._skeleton = dart.dynamics.Skeleton(self.system.plant.name)
         body = None
         for link in self.mechanism.links:
-            body = self._added(dart.dynamics, body, link)
+            body = self._hang(dart.dynamics, body, link)
         self._world = dart.simulation.World()
         self._world.setTimeStep(self.dt)
         self._world.setGravity((0.0, 0.0, -self.mechanism.gravity))
@@ -92,7 +92,7 @@ class DartEngine(RigidBodyEngine):
 
         return run
 
-    def _added(self, dynamics: Any, parent: Any, link: Link) -> Any:
+    def _hang(self, dynamics: Any, parent: Any, link: Link) -> Any:
         """Hang a link on a body, or on the ground where that is None; its own body."""
         kind, axis = _JOINTS[link.joint]
         create = getattr(self._skeleton, f"create{kind}JointAndBodyNodePair")

@@ -57,7 +57,7 @@ class MjxEngine(LanesEngine):
     def at_rest(self, q: Components) -> tuple[Array, Array]:
         """Mass matrix and minus the bias force, of a step that takes no time."""
         start = np.array([[*q, *(0.0,) * (2 * len(q))]])
-        _, mass, bias = self._called(self._still, start, 1)
+        _, mass, bias = self._run_lanes(self._still, start, 1)
         return np.asarray(mass), -np.asarray(bias)
 
     def run(self, count: int) -> Run:
@@ -76,7 +76,7 @@ class MjxEngine(LanesEngine):
         """Take ``count`` steps, some dozens of lanes in one call."""
         size = self._program.lanes
         parts = [starts[k : k + size] for k in range(0, len(starts), size)]
-        return np.concatenate([self._called(self._values, part, count)[0] for part in parts])
+        return np.concatenate([self._run_lanes(self._values, part, count)[0] for part in parts])
 
     def travel(
         self, ops: Ops, q: Components, v: Components, force: Components, count: int
@@ -101,7 +101,7 @@ class MjxEngine(LanesEngine):
         weight = np.linalg.inv(np.array(at_zero))[stops.coordinate, stops.coordinate]
         return stops.limit, float(weight)
 
-    def _called(self, values: Any, starts: Array, count: int) -> tuple[Array, Any, Any]:
+    def _run_lanes(self, values: Any, starts: Array, count: int) -> tuple[Array, Any, Any]:
         """Ends of some lanes, and of the last the mass matrix and the bias force."""
         filled, used = np.zeros((self._program.lanes, starts.shape[1])), len(starts)
         filled[:used] = starts

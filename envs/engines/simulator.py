@@ -198,11 +198,11 @@ class ForeignEngine(MappedEngine):
         return flat[:numbers], flat[numbers:] or (0, 0.0, True)
 
     def _safe_run(self, count: int) -> Run:
-        made = self.run(count)
+        run = self.run(count)
         if count > 1 and not self.guarded_strides:
-            return made
+            return run
         report = (0, 0.0, False) if self.reports else ()
-        return guard(made, (*(nan,) * (2 * len(self.system.plant.coordinates)), *report))
+        return guard(run, (*(nan,) * (2 * len(self.system.plant.coordinates)), *report))
 
 
 def guard(run: Run, lost: tuple[Any, ...]) -> Run:

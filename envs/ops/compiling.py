@@ -236,22 +236,22 @@ class LaneLoop:
                 "(NUMBA_DISABLE_INTEL_SVML=1 makes it take those)"
             )
         self._of_arrays = of_arrays
-        making = partial(_made, trace, arguments, result, table)
+        making = partial(_build_step, trace, arguments, result, table)
         self._make: Callable[[Any], Function] | None = making
-        self._made: Function | None = None
+        self._build_step: Function | None = None
         self._making = Lock()
 
     def __call__(self, *arguments: Any) -> Any:
-        if self._made is not None:
-            return self._made(*arguments)
+        if self._build_step is not None:
+            return self._build_step(*arguments)
         like = self._of_arrays(*arguments)
         with self._making:
             if self._make is not None:
-                self._made, self._make = self._make(like), None
+                self._build_step, self._make = self._make(like), None
         return like
 
 
-def _made(
+def _build_step(
     trace: Trace,
     arguments: list[Any],
     result: tuple[Any, ...],
@@ -308,7 +308,7 @@ def compile_trace(dialect: Dialect, function: Function, *patterns: Any) -> Funct
     Raises:
         NotTraceable: if ``function`` asks for the value of a component.
     """
-    return _written(*_traced(dialect, function, patterns))
+    return _compile_source(*_trace(dialect, function, patterns))
 
 
 def source_of(dialect: Dialect, function: Function, *patterns: Any) -> str:
@@ -321,7 +321,7 @@ def source_of(dialect: Dialect, function: Function, *patterns: Any) -> str:
     Raises:
         NotTraceable: as there, and for a call that is not of our own arithmetic.
     """
-    trace, arguments, result = _traced(dialect, function, patterns)
+    trace, arguments, result = _trace(dialect, function, patterns)
     if trace.functions:
         raise NotTraceable("a call of somebody else's function cannot be written down")
     return _source(trace, arguments, result)
@@ -349,12 +349,12 @@ def compile_repeated(dialect: Dialect, function: Function, *patterns: Any) -> Re
     it takes from the call before.
     """
     repeating = _repeating(dialect, function, patterns)
-    step = _written(*repeating[:3])
+    step = _compile_source(*repeating[:3])
     put = _putting(repeating.result[0], repeating.result[-1])
-    trace, (state, *_), _ = _traced(dialect, function, patterns)
+    trace, (state, *_), _ = _trace(dialect, function, patterns)
     wanted = tuple(trace.block.items[place] for place in repeating.places)
     trace.block.items = [x for x in trace.block.items if isinstance(x, Symbol) and not x.raising]
-    return Repeated(_written(trace, [state], wanted), step, put, repeating.alike)
+    return Repeated(_compile_source(trace, [state], wanted), step, put, repeating.alike)
 
 
 def compile_loops(like: Repeated, table: int, function: Function, *patterns: Any) -> Repeated:
@@ -395,10 +395,10 @@ class _Repeating(NamedTuple):
 
 
 def _repeating(dialect: Dialect, function: Function, patterns: Sequence[Any]) -> _Repeating:
-    trace, arguments, result = _traced(dialect, function, patterns)
+    trace, arguments, result = _trace(dialect, function, patterns)
     pairs = find_carried(trace.block, arguments[0], result)
     places = [place for place, item in enumerate(trace.block.items) if id(item) in pairs]
-    taken = tuple(_taken_out(trace, place) for place in reversed(places))[::-1]
+    taken = tuple(_take_out(trace, place) for place in reversed(places))[::-1]
     passed_on = tuple(pairs[id(symbol)] for symbol in taken)
     varying = tuple(_entries(part, varying=True) for part in result)
     alike = [_entries(part, varying=False) for part in result if isinstance(part, dict)]
@@ -450,7 +450,7 @@ def _putting(state: Any, taken: Any) -> Function:
     return execute(source, {"in_lanes": in_lanes})
 
 
-def _traced(
+def _trace(
     dialect: Dialect, function: Function, patterns: Sequence[Any]
 ) -> tuple[Trace, list[Any], Any]:
     """The trace of a function with its arguments, as symbols, and its result."""
@@ -459,14 +459,14 @@ def _traced(
     return trace, arguments, function(SymbolicOps(trace), *arguments)
 
 
-def _taken_out(trace: Trace, place: int) -> Any:
+def _take_out(trace: Trace, place: int) -> Any:
     """An operation turned into a value that is given."""
     symbol: Any = trace.block.items.pop(place)
     symbol.name, symbol.template, symbol.arguments = trace.new_name(), "", ()
     return symbol
 
 
-def _written(trace: Trace, arguments: Sequence[Any], result: Any) -> Function:
+def _compile_source(trace: Trace, arguments: Sequence[Any], result: Any) -> Function:
     source = _source(trace, arguments, result)
     return execute(source, {**trace.dialect.names, **trace.functions, **trace.held})
 

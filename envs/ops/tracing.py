@@ -21,12 +21,12 @@ def _operator(template: str, of_truths: bool = False) -> tuple[Operator, Operato
     """An operation with the symbol on the left, and with the symbol on the right."""
 
     def left(self: Symbol, other: Any) -> Any:
-        return noted(self, self, other)
+        return note(self, self, other)
 
     def right(self: Symbol, other: Any) -> Any:
-        return noted(self, other, self)
+        return note(self, other, self)
 
-    def noted(self: Symbol, *operands: Any) -> Any:
+    def note(self: Symbol, *operands: Any) -> Any:
         truths = of_truths and all(map(is_boolean, operands))
         if not truths:
             check_numbers(*operands)
@@ -274,7 +274,7 @@ class Trace:
     def note(self, template: str, *arguments: Any, boolean: bool = False) -> Any:
         """The symbol of an operation; the one at hand where an equal one was noted."""
         arguments = tuple(plain(argument) for argument in arguments)
-        known = _folded(template, arguments) if self.dialect.finite else None
+        known = _fold(template, arguments) if self.dialect.finite else None
         if known is not None:
             return known
         key = (template, *map(identity, arguments))
@@ -387,7 +387,7 @@ _ABSORBING = {"{0} * {1}": (0.0, 0.0), "{0} / {1}": (0.0, None)}
 """Numbers that leave nothing."""
 
 
-def _folded(template: str, arguments: tuple[Any, ...]) -> Any:
+def _fold(template: str, arguments: tuple[Any, ...]) -> Any:
     """What an operation with 0.0 or 1.0 on finite numbers comes to, or None if it must be done."""
     if template not in _NEUTRAL:
         return None
@@ -402,7 +402,7 @@ def _folded(template: str, arguments: tuple[Any, ...]) -> Any:
     return None
 
 
-def _called(name: str, boolean: bool = False) -> Callable[[Any, Any], Any]:
+def _unary(name: str, boolean: bool = False) -> Callable[[Any, Any], Any]:
     """A function of one number, as the dialect writes it; of a known one in the scalar world."""
 
     def call(self: SymbolicOps, x: Any, /) -> Any:
@@ -423,9 +423,9 @@ class SymbolicOps:
     def __init__(self, trace: Trace) -> None:
         self._trace = trace
 
-    sin, cos, sqrt, tanh = _called("sin"), _called("cos"), _called("sqrt"), _called("tanh")
-    floor = _called("floor")
-    isfinite, any = _called("isfinite", boolean=True), _called("any", boolean=True)
+    sin, cos, sqrt, tanh = _unary("sin"), _unary("cos"), _unary("sqrt"), _unary("tanh")
+    floor = _unary("floor")
+    isfinite, any = _unary("isfinite", boolean=True), _unary("any", boolean=True)
 
     def assume_true(self, condition: Any, /) -> Any:
         return self._trace.expect(condition)

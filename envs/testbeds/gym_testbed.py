@@ -284,8 +284,8 @@ class GymTestbed(SequentialTestbed):
         """
         count = whole_multiple("control_period", self.home.control_period, "dt", discretization.dt)
         limit = time_limit(env)
-        made: gym.Env[Any, Any] = Repeated(without_time_limit(env), count, rewards)
-        return made if limit is None else TimeLimit(made, limit)
+        env_of_periods: gym.Env[Any, Any] = Repeated(without_time_limit(env), count, rewards)
+        return env_of_periods if limit is None else TimeLimit(env_of_periods, limit)
 
     def as_applied(self, integrator: str, dt: float, env: gym.Env[Any, Any]) -> Applied:
         """What an environment that :meth:`held` made applies, given what was read back from it.
@@ -321,7 +321,7 @@ class GymTestbed(SequentialTestbed):
     @cached_property
     def registered(self) -> EnvSpec | None:
         """What Gymnasium's registration says of the environment; None without one."""
-        env = self._built(self.home, self.arguments)
+        env = self._build_checked(self.home, self.arguments)
         spec = env.spec
         env.close()
         return spec
@@ -339,12 +339,12 @@ class GymTestbed(SequentialTestbed):
         if discretization.integrator not in self.choices:
             kind = f"integrator of {self.title}"
             raise InputError(unknown_name(kind, discretization.integrator, self.choices))
-        env = self._built(discretization, arguments)
+        env = self._build_checked(discretization, arguments)
         given = {name: x for name, x in arguments.items() if name != "success_return"}
         wanted = arguments.get("success_return")
         return StatedEnv(env, self.read(env).discretization, wanted, given)
 
-    def _built(
+    def _build_checked(
         self, discretization: Discretization, arguments: Mapping[str, Any]
     ) -> gym.Env[Any, Any]:
         """What :meth:`build` makes, given all arguments of the testbed."""
@@ -417,12 +417,12 @@ class ClassicControl(GymTestbed):
         Raises:
             ValueError: for a step that does not divide the control period.
         """
-        made = gym.make(self.env_id, **arguments)
-        inner: Any = made.unwrapped
+        env_of_periods = gym.make(self.env_id, **arguments)
+        inner: Any = env_of_periods.unwrapped
         setattr(inner, self._knobs.step, discretization.dt)
         if self._knobs.kind is not None:
             setattr(inner, self._knobs.kind, self._knobs.integrators[discretization.integrator])
-        return self.held(made, discretization, rewards="rate")
+        return self.held(env_of_periods, discretization, rewards="rate")
 
     def read(self, env: gym.Env[Any, Any]) -> Applied:
         """From the attributes."""

@@ -64,8 +64,9 @@ class StatePassing(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         return self._observation(), reward, done, False, {}
 
     def _observation(self) -> NDArray[np.float32]:
-        told = self._state.obs
-        return np.array(told[self._entry] if isinstance(told, dict) else told, np.float32)
+        observed = self._state.obs
+        chosen = observed[self._entry] if isinstance(observed, dict) else observed
+        return np.array(chosen, np.float32)
 
 
 @lru_cache(maxsize=32)
@@ -124,7 +125,7 @@ class Playground(GymTestbed):
             raise InputError(unknown_name("task of Playground", task, self._registry.ALL_ENVS))
         self._tasks: dict[tuple[str | None, str], Any] = {}
         config = self._registry.get_default_config(task)
-        stock = self._made(None, config.sim_dt, config.ctrl_dt, **arguments)
+        stock = self._make(None, config.sim_dt, config.ctrl_dt, **arguments)
         self.home = self.read(stock).discretization
 
     def build(self, discretization: Discretization, **arguments: Any) -> gym.Env[Any, Any]:
@@ -135,7 +136,7 @@ class Playground(GymTestbed):
                 Playground does not take.
         """
         period, _ = split_period(self, discretization)
-        made: gym.Env[Any, Any] = self._made(
+        made: gym.Env[Any, Any] = self._make(
             discretization.integrator, discretization.dt, period, **arguments
         )
         return made
@@ -150,7 +151,7 @@ class Playground(GymTestbed):
             Discretization(name, step, step * task.n_substeps, PLAYGROUND), task.n_substeps
         )
 
-    def _made(self, integrator: str | None, dt: float, period: float, **arguments: Any) -> Any:
+    def _make(self, integrator: str | None, dt: float, period: float, **arguments: Any) -> Any:
         overrides = {"impl": "jax", **arguments, "sim_dt": dt, "ctrl_dt": period}
         key = integrator, json.dumps(overrides, sort_keys=True)
         if key not in self._tasks:

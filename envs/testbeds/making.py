@@ -56,7 +56,7 @@ class MujocoTestbed(SequentialTestbed):
 
     @cached_property
     def _setup(self) -> Any:
-        env = _made(self.env_id, self.arguments)
+        env = _make_task(self.env_id, self.arguments)
         env.close()
         return env.setup
 
@@ -82,7 +82,7 @@ class MujocoTestbed(SequentialTestbed):
             ValueError: for another integrator or step than it can have.
         """
         chosen = {"integrator": discretization.integrator, "dt": discretization.dt}
-        return _made(self.env_id, arguments, **chosen)
+        return _make_task(self.env_id, arguments, **chosen)
 
     def applied(self, environments: DiscretizedVectorEnv) -> Applied:
         """From the compiled model of the first lane."""
@@ -91,7 +91,7 @@ class MujocoTestbed(SequentialTestbed):
         return Applied(Discretization(integrator, step, step * count, ENGINE), count)
 
 
-def _made(env_id: str, arguments: Mapping[str, Any], **chosen: Any) -> RediscretizedEnv:
+def _make_task(env_id: str, arguments: Mapping[str, Any], **chosen: Any) -> RediscretizedEnv:
     others = {name: value for name, value in arguments.items() if name != "success_return"}
     goal = arguments.get("success_return")
     return rediscretize(stock_task(env_id, others), success_return=goal, **chosen)
@@ -187,9 +187,9 @@ class IntegTestbed:
     ) -> DiscretizedVectorEnv:
         """As ``gymnasium.make_vec``."""
         given = {**self.arguments, **discretization.arguments(), **arguments}
-        made = gym.make_vec(self.env_id, lanes, vectorization_mode="vector_entry_point", **given)
-        assert isinstance(made, DiscretizedVectorEnv)
-        return made
+        env = gym.make_vec(self.env_id, lanes, vectorization_mode="vector_entry_point", **given)
+        assert isinstance(env, DiscretizedVectorEnv)
+        return env
 
     def applied(self, environments: DiscretizedVectorEnv) -> Applied:
         """From the setup, which is what the environments step."""
@@ -235,8 +235,8 @@ def _found(env_id: str, arguments: str) -> Testbed:
     library, _, task = env_id.partition(":")
     if task and library in TESTBEDS:
         with translate_errors(f"{env_id} cannot be made"):
-            made: Testbed = TESTBEDS.load(library)(task, **given)
-            return made
+            testbed: Testbed = TESTBEDS.load(library)(task, **given)
+            return testbed
     if task and library != _ROBOTICS:
         owner = TESTBEDS.load(env_id)
         with translate_errors(f"the testbed {env_id} cannot be made"):
@@ -300,12 +300,12 @@ def _check(asked: Discretization, applied: Applied) -> None:
         )
     found = applied.discretization
     whole = replace(found, control_period=applied.substeps * found.dt)
-    for made in (found.arguments(), whole.arguments()):
+    for applies in (found.arguments(), whole.arguments()):
         for name, wanted in asked.arguments().items():
-            if not agrees({name: wanted}, made):
+            if not agrees({name: wanted}, applies):
                 raise InputError(
-                    f"`{name}`={wanted} was asked for, but the environment applies {made[name]}; "
-                    "ask for what it can apply"
+                    f"`{name}`={wanted} was asked for, but the environment applies "
+                    f"{applies[name]}; ask for what it can apply"
                 )
 
 
