@@ -19,13 +19,13 @@ from integ_gym.envs.ops.ops import Components, join_state
 from integ_gym.envs.transition import EnvState, Outcome, reset_info, step_info
 from integ_gym.evidence.record import Layout
 
-from ..sb3_model import Stack
 from .learning import (
     Adam,
     Algorithm,
     Batch,
     Knobs,
     Learner,
+    Stack,
     Trail,
     advantages_of,
     draw,
