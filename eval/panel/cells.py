@@ -24,7 +24,7 @@ from integ_gym.envs.settings import (
 from integ_gym.envs.testbeds.gym_testbed import Testbed
 from integ_gym.envs.testbeds.making import make_checked
 from integ_gym.support.errors import InputError, IntegGymError
-from integ_gym.support.isolated import APART
+from integ_gym.support.isolated import ISOLATED
 from integ_gym.support.optional import install_command, running_version
 from integ_gym.support.parameters import unknown_name
 
@@ -264,7 +264,9 @@ def check_some_installed(grid: Iterable[Discretization], maps: Sequence[str]) ->
     if any(discretization.engine != NATIVE for discretization in grid):
         return
     serving = [
-        name for name in absent_engines() if name not in APART and integrator_applying(name, maps)
+        name
+        for name in absent_engines()
+        if name not in ISOLATED and integrator_applying(name, maps)
     ]
     name = min(serving or [_EASIEST], key=lambda name: name != _EASIEST)
     raise SpecError(

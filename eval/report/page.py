@@ -18,7 +18,7 @@ from integ_gym.support.figures import MARKERS, VIRIDIS
 from integ_gym.support.files import replace_file
 from integ_gym.support.optional import load
 from integ_gym.support.pages import page_environment, page_parts
-from integ_gym.support.terminal import fixed, plural, seconds, together, true_minus
+from integ_gym.support.terminal import fixed, nonbreaking, plural, seconds, true_minus
 
 from .. import verdict as rules
 from ..panel.conclusions import answer_lines, finding_of, next_step
@@ -167,7 +167,7 @@ def _template() -> Any:
     environment = page_environment(_files("parts"))
     environment.filters.update(
         called=context(lambda given, name: breakable(given["panel"].called(str(name)))),
-        said=context(lambda given, text: breakable(together(given["panel"].said(str(text))))),
+        said=context(lambda given, text: breakable(nonbreaking(given["panel"].said(str(text))))),
         said_plain=context(lambda given, text: given["panel"].said(str(text))),
         href=_href,
         along=_along,

@@ -18,7 +18,7 @@ from typing import Any, Final
 import numpy as np
 from gymnasium import spaces
 
-from integ_gym.support.terminal import compact, fixed, percent, step, together
+from integ_gym.support.terminal import compact, fixed, nonbreaking, percent, step
 from integ_gym.train.policy import MlpPolicy
 
 from ..film import LEAST_START
@@ -205,7 +205,7 @@ def _entry(panel: Panel, entry: Entry) -> dict[str, Any]:
         query = quote_command(shlex.split(entry.query))
     except ValueError:
         query = entry.query
-    shown = [[name, together(panel.said(text))] for name, text in facts.items() if text]
+    shown = [[name, nonbreaking(panel.said(text))] for name, text in facts.items() if text]
     return {"facts": shown, "file": entry.file, "query": query}
 
 
@@ -313,7 +313,7 @@ def _trace(panel: Panel, trace: Trace, numbers: bytearray) -> dict[str, Any]:
         "n": trace.ledger.shape[1],
         "success": fields["success"],
         "label": fields["failure_label"],
-        "reason": together(panel.said(fields["failure_reason"] or "")),
+        "reason": nonbreaking(panel.said(fields["failure_reason"] or "")),
         "since": fields["time_to_success"],
         "return": _finite(fields["return"]),
         "state": fields["initial_state"],
