@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from typing import Any, ClassVar, NamedTuple, Protocol, Self
 
 from integ_gym.support.errors import InputError, InputTypeError
-from integ_gym.support.optional import absent, check_versions, running_version
+from integ_gym.support.optional import check_versions, not_installed, running_version
 
 from ..integrators.interface import Step
 from ..mechanics import Friction, Stops
@@ -232,11 +232,11 @@ def missing_modules(engine: str) -> list[str]:
 
     Its extra brings them; of an engine that runs in an environment of its own, what sets that up.
     """
-    from integ_gym.support.isolated import APART
+    from integ_gym.support.isolated import ISOLATED
 
-    if engine in APART:
-        return [] if APART[engine].installed else [engine]
-    return absent(getattr(ENGINES.load(engine), "modules", ()))
+    if engine in ISOLATED:
+        return [] if ISOLATED[engine].installed else [engine]
+    return not_installed(getattr(ENGINES.load(engine), "modules", ()))
 
 
 def make_engine(name: str, system: Any, integrator: str, dt: Any) -> Engine:

@@ -13,7 +13,7 @@ from integ_gym.envs.settings import Discretization
 from integ_gym.envs.testbeds import making
 from integ_gym.envs.testbeds.gym_testbed import Applied
 from integ_gym.envs.testbeds.making import make_checked
-from integ_gym.support.isolated import Apart, Worker, WorkerError
+from integ_gym.support.isolated import IsolatedEnvironment, Worker, WorkerError
 
 HOMES = {
     "dm_control": Discretization("RK4", 0.01, 0.01, "dm_control"),
@@ -119,14 +119,14 @@ class Stale(Worker):
 def test_a_stale_number_of_steps_is_refused(monkeypatch):
     """As that of an environment of dm_control whose step is changed after it was made."""
     with replayed("dm_control_task"):
-        start = Apart.start
+        start = IsolatedEnvironment.start
 
         def stale(apart, served):
             worker = start(apart, served)
             worker.__class__ = Stale
             return worker
 
-        monkeypatch.setattr(Apart, "start", stale)
+        monkeypatch.setattr(IsolatedEnvironment, "start", stale)
         testbed = _testbed("dm_control")
         make_checked(testbed, testbed.home, 2).close()
         with pytest.raises(ValueError, match=r"`control_period`=0.01 was asked.* applies 0.005;"):
