@@ -39,7 +39,8 @@ from integ_gym.evidence.store import EvidenceStore
 from integ_gym.train.config import TrainingEvidence
 from integ_gym.train.fleet.training import train_fleet
 from integ_gym.train.policy_files.sidecar import read_trained
-from integ_gym.train.ppo import PPOConfig, train_ppo
+from integ_gym.train.ppo import PPOConfig
+from integ_gym.train.runs import train_ppo
 
 _QUICK = built_in_spec("quick")
 CASES: dict[str, tuple[str, dict[str, Any]]] = {

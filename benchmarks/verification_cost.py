@@ -25,7 +25,7 @@ from integ_gym.evidence.context import EpisodeContext
 from integ_gym.evidence.sealing import seal
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.evidence.vector_recorder import RecordVectorEvidence
-from integ_gym.train.baselines.making import make_baseline
+from integ_gym.train.baselines import make_baseline
 
 ENVIRONMENT = "IntegPendulum-v0"
 SETTINGS = {"dt": 0.05, "control_period": 0.05, "duration": 12.0}

@@ -14,10 +14,10 @@ import hypothesis
 import portalocker
 import pytest
 
-from integ_gym.envs.engines.interface import missing_modules
+from integ_gym.envs.engines.stepping import missing_modules
 from integ_gym.envs.registries import ENGINES
 from integ_gym.eval.census.subjects import PUBLISHED, installed
-from integ_gym.support.isolated import APART
+from integ_gym.support.isolated import ISOLATED
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -39,7 +39,7 @@ def pytest_configure() -> None:
     hypothesis.settings.load_profile("any machine")
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")
-    for apart in APART.values():
+    for apart in ISOLATED.values():
         os.environ[apart.variable] = os.devnull
     os.environ.pop("COLUMNS", None)
     os.unsetenv("COLUMNS")  # as readline sets it, which `os.environ` does not see
@@ -53,7 +53,7 @@ def pytest_collection_finish() -> None:
     """
     if "jax" in sys.modules:
         from integ_gym.envs.ops.jax_ops import jax
-        from integ_gym.train.fleet.worker import default_cache_dir
+        from integ_gym.train.fleet.planning import default_cache_dir
 
         jax.config.update("jax_compilation_cache_dir", str(default_cache_dir()))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
@@ -107,12 +107,12 @@ def bucket(object_server: dict[str, str], monkeypatch: pytest.MonkeyPatch) -> st
 
 def pytest_report_header() -> str:
     """What is not tested here."""
-    absent = [n for n in ENGINES.names() if n not in APART and missing_modules(n)]
+    absent = [n for n in ENGINES.names() if n not in ISOLATED and missing_modules(n)]
     here = [name for name in PUBLISHED.names() if PUBLISHED.load(name).apart is None]
     absent += [name for name in here if not installed(name)]
     return (
         f"not installed, and so not tested: {', '.join(absent) or 'nothing'}; in environments of "
-        f"their own, and so replayed: {', '.join(APART)}"
+        f"their own, and so replayed: {', '.join(ISOLATED)}"
     )
 
 

@@ -13,7 +13,7 @@ from typing import Any
 
 from integ_gym.support.optional import package_version
 from integ_gym.support.processes import cores
-from integ_gym.support.terminal import print_aligned
+from integ_gym.support.terminal import print_columns
 
 
 def machine() -> dict[str, Any]:
@@ -49,7 +49,7 @@ def parser(what: str | None, examples: str = "", file: bool = False) -> argparse
 def print_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
     """Columns under their names, the first flush left."""
     right = [False, *(True for _ in header[1:])]
-    print_aligned(header, [list(row) for row in rows], sys.stdout, right)
+    print_columns(header, [list(row) for row in rows], sys.stdout, right)
 
 
 def interval(numbers: Sequence[float | None] | None) -> str:

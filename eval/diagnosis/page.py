@@ -12,7 +12,13 @@ from typing import Any, Final, TextIO
 
 from integ_gym.support.files import replace_file
 from integ_gym.support.pages import page_environment, page_parts
-from integ_gym.support.terminal import beside, plural, print_aligned, say, width_of
+from integ_gym.support.terminal import (
+    hanging_indent,
+    plural,
+    print_columns,
+    print_wrapped,
+    width_of,
+)
 
 from .lines import ANY, NOTHING, VERDICTS
 
@@ -51,29 +57,29 @@ def print_diagnosis(result: Mapping[str, Any], file: TextIO, *, every_line: bool
     lines = result["findings"]
     asked, failed = _judged(lines)
     print("What they are", file=file)
-    print_aligned(IDENTITY, [_identity_cells(identity) for identity in result["identities"]], file)
+    print_columns(IDENTITY, [_identity_cells(identity) for identity in result["identities"]], file)
     print(f"\n{len(asked) - len(failed)} of {len(asked)} expectations hold.", file=file)
     if failed:
-        say("These do not hold for an integrator at this step on this plant:", file)
+        print_wrapped("These do not hold for an integrator at this step on this plant:", file)
     for title, topic in _topics(failed):
         print(file=file)
-        say(title, file)
+        print_wrapped(title, file)
         for wanted, own in _grouped(topic, _expectation):
-            say(f"expected {wanted}", file, indent="  ")
+            print_wrapped(f"expected {wanted}", file, indent="  ")
             for line in own:
                 name = f"    {line['integrator']:<{_NAME}} "
-                print(beside(name, line["shown"], width_of(file)), file=file)
+                print(hanging_indent(name, line["shown"], width_of(file)), file=file)
     if not every_line:
         return
     for title, topic in _topics(lines):
         print(file=file)
-        say(title, file)
+        print_wrapped(title, file)
         rows = [
             (line["integrator"], line["shown"], line["expected"], line["tolerance"],
              VERDICTS[line["holds"]])
             for line in topic
         ]  # fmt: skip
-        print_aligned(("integrator", "measured", "expected", "tolerance", "holds"), rows, file)
+        print_columns(("integrator", "measured", "expected", "tolerance", "holds"), rows, file)
     _print_counts(asked, file)
 
 
@@ -132,7 +138,7 @@ def _print_counts(asked: Sequence[Line], file: TextIO) -> None:
     print("\nExpectations that hold, of those there are", file=file)
     rows = [(*owner, *(count(section, owner) for section in sections)) for owner in owners]
     rows.append(("all", "", *map(count, sections)))
-    print_aligned(("plant", "integrator", *sections), rows, file, keys=2)
+    print_columns(("plant", "integrator", *sections), rows, file)
 
 
 def write_page(result: Mapping[str, Any], directory: Path) -> Path:

@@ -15,7 +15,8 @@ from integ_gym.evidence.record import plain
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.support.errors import InputError, IntegGymError, is_raised_under
 from integ_gym.support.files import cannot_write, make_folder, replace_file
-from integ_gym.support.processes import Progress, work_bar
+from integ_gym.support.processes import Progress
+from integ_gym.support.terminal import WorkBar
 
 from ..panel.run_directory import package_versions
 from .bench import Bench
@@ -158,7 +159,7 @@ def diagnose(
         for subject in plants
         for section in SECTIONS
     ]
-    with work_bar("diagnose", len(jobs), progress, unit=" sections") as bar:
+    with WorkBar("diagnose", len(jobs), progress, unit=" sections") as bar:
         try:
             found = {}
             for place, part in _examine_all(jobs, workers):
@@ -173,7 +174,7 @@ def diagnose(
             raise DiagnosisError(str(error)) from error
         finally:
             shutil.rmtree(unfinished, ignore_errors=True)
-        bar.set_postfix_str("writing figures and page")
+        bar.describe("writing figures and page")
         parts = [found[place] for place in range(len(jobs))]
         records = EvidenceStore(directory / "evidence").count()
         result = {**_result(parts, plants, names, command), "records": records}
@@ -181,7 +182,7 @@ def diagnose(
         replace_file(directory / RESULT, text.encode())
         write_diagnosis_figures(result, directory / "figures")
         write_page(result, directory)
-        bar.set_postfix_str("", refresh=False)
+        bar.describe("")
     return result
 
 

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from integ_gym.envs.catalogue.lookup import OTHER_TESTBEDS
+from integ_gym.envs.environment import OTHER_TESTBEDS
 from integ_gym.envs.registries import ENVIRONMENTS
 from integ_gym.eval.loss_check import Check, check
 from integ_gym.eval.panel.spec import TRAINERS
@@ -15,10 +14,17 @@ from integ_gym.support.options import (
     CommandParser,
     add_named_values,
     by_name,
-    told_command,
+    display_command,
     whole_number,
 )
-from integ_gym.support.terminal import fixed, plural, print_aligned, say, seconds, unbroken
+from integ_gym.support.terminal import (
+    fixed,
+    plural,
+    print_columns,
+    print_wrapped,
+    seconds,
+    unbroken,
+)
 
 from .work_options import add_work, workers_of
 
@@ -97,16 +103,16 @@ def main(argv: Sequence[str]) -> int:
         out=given.out,
         workers=workers_of(given),
         progress=not given.no_progress,
-        command=told_command(["integ-gym", "check", *argv]),
+        command=display_command(["integ-gym", "check", *argv]),
     )
-    say(str(found), sys.stdout)
-    say(_cost(found), sys.stdout)
+    print_wrapped(str(found))
+    print_wrapped(_cost(found))
     if not found.learned:
-        say("Train longer with --train-arg total_steps=N, or make the task easier.", sys.stdout)
+        print_wrapped("Train longer with --train-arg total_steps=N, or make the task easier.")
     names = ("judged on", "success", "within twice the time", "lost", "95 % interval")
-    print_aligned(names, list(_rows(found)), sys.stdout, right=(False, True, True, True, True))
+    print_columns(names, list(_rows(found)), right=(False, True, True, True, True))
     print(f"Page: {(found.directory / 'report.html').resolve()}")
-    say(f"Next: {unbroken(f'integ-gym watch {found.directory}')}", sys.stdout)
+    print_wrapped(f"Next: {unbroken(f'integ-gym watch {found.directory}')}")
     return 0
 
 

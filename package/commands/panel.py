@@ -17,13 +17,13 @@ from integ_gym.evidence.sealing import check_key, read_seal, sign
 from integ_gym.support.errors import InputError
 from integ_gym.support.options import (
     CommandParser,
+    display_command,
     refuse_unused,
     run_place,
-    told_command,
     whole_number,
 )
 from integ_gym.support.storage import is_remote
-from integ_gym.support.terminal import beside, say, width_of
+from integ_gym.support.terminal import hanging_indent, print_wrapped, width_of
 
 from .printed import (
     print_details,
@@ -33,7 +33,7 @@ from .printed import (
     print_power,
     print_verdicts,
 )
-from .work_options import add_engine, add_work, resources_of, told_page, workers_of
+from .work_options import add_engine, add_work, page_location, resources_of, workers_of
 
 EXAMPLES = """\
 examples:
@@ -157,7 +157,7 @@ def main(argv: Sequence[str]) -> int:
         print_power(spec, arguments.out)
         return 0
     if spec.left_out:
-        say(
+        print_wrapped(
             f"Not installed, and left out: {', '.join(spec.left_out)}; docs/reference/engines.md "
             "says how each is installed.",
             sys.stderr,
@@ -174,7 +174,7 @@ def main(argv: Sequence[str]) -> int:
         )
     if arguments.sign is not None:
         check_key(arguments.sign)
-    command = told_command([*words, "--out", str(arguments.out)])
+    command = display_command([*words, "--out", str(arguments.out)])
     panel = run_panel(
         spec,
         arguments.out,
@@ -187,7 +187,7 @@ def main(argv: Sequence[str]) -> int:
         resources=resources_of(arguments),
     )
     for doubt in panel.warnings:
-        say(f"warning: {panel.said(doubt)}", sys.stderr)
+        print_wrapped(f"warning: {panel.said(doubt)}", sys.stderr)
     print_headline(panel)
     if panel.verdicts:
         print_verdicts(panel, sys.stdout)
@@ -197,10 +197,12 @@ def main(argv: Sequence[str]) -> int:
         for verdict in ordered_verdicts(panel):
             name = f"  {verdict.verdict:<13}"
             print(
-                beside(name, panel.said(f"{verdict.name}: {verdict.reason}"), width_of(sys.stdout))
+                hanging_indent(
+                    name, panel.said(f"{verdict.name}: {verdict.reason}"), width_of(sys.stdout)
+                )
             )
     print_next(panel)
-    print(f"Page: {told_page(arguments.out)}")
+    print(f"Page: {page_location(arguments.out)}")
     if is_remote(arguments.out):
         return 0
     sealed = read_seal(arguments.out)

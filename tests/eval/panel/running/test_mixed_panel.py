@@ -14,7 +14,7 @@ from engine_cases import needs
 from mixed_panel import TOML
 
 from integ_gym.cli import main
-from integ_gym.envs.catalogue.lookup import environment_setup
+from integ_gym.envs.environment import environment_setup
 from integ_gym.envs.settings import Discretization
 from integ_gym.eval.panel.cells import Cell, DiscretizationMixture, SpecError, training_arguments
 from integ_gym.eval.panel.episodes import Subject, evaluate
@@ -22,7 +22,7 @@ from integ_gym.eval.panel.run import check_spec
 from integ_gym.eval.panel.spec import PanelSpec, parse_spec
 from integ_gym.eval.panel.units import training_config, units_of
 from integ_gym.evidence.store import EvidenceStore
-from integ_gym.train.baselines.making import make_baseline
+from integ_gym.train.baselines import make_baseline
 from integ_gym.train.policy_files.card import hashed
 from integ_gym.train.policy_files.sidecar import read_sidecar
 
