@@ -89,7 +89,7 @@ def _parts(name: str) -> dict[str, Any]:
 
 def arguments_on(cell: Discretization, arguments: Mapping[str, Any]) -> dict[str, Any]:
     """Constructor arguments of an environment on another discretization."""
-    return Cell(cell, "grid").arguments(arguments)
+    return Cell.of(cell, "grid").arguments(arguments)
 
 
 def check_possible(

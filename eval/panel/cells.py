@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 from integ_gym.envs.catalogue.lookup import is_integ_environment
 from integ_gym.envs.engines.interface import missing_modules
@@ -27,6 +27,9 @@ from integ_gym.support.errors import InputError, IntegGymError
 from integ_gym.support.isolated import APART
 from integ_gym.support.optional import install_command, running_version
 from integ_gym.support.parameters import unknown_name
+
+from ..statistics import Part
+from ..verdict import Achievability, Attempt, CellRole, Search
 
 LARGEST_SEED = 2**32 - 1
 
@@ -152,37 +155,116 @@ def main_home(home: Home | None) -> Discretization | None:
     return max(shares, key=lambda member: shares[member], default=None)
 
 
-@dataclass(frozen=True)
-class Perturbation:
-    """Environment arguments that differ from the panel's, on the home and reference cells."""
+class Perturbation(Part, frozen=True):
+    """A change of the plant or its delays, on the home and reference cells.
+
+    Attributes:
+        name: name of the change, unique.
+        environment: constructor arguments of the environment that differ from the panel's.
+    """
 
     name: str
     environment: Mapping[str, Any]
 
 
-@dataclass(frozen=True)
-class Cell:
-    """One evaluation column: a discretization, perturbed or not."""
+CellKind: TypeAlias = Literal["grid", "reference", "perturbation", "ladder"]
+"""Of the grid; the truth; with a changed plant or delay; the control period follows the step."""
 
-    discretization: Discretization
-    kind: str
-    """`grid`, `reference`, `perturbation` or `ladder` (the control period follows dt)."""
+
+class AppliedDiscretization(Part, frozen=True, kw_only=True):
+    """What the environments of a cell really did, read back from those that were made.
+
+    Attributes:
+        engine: what advanced the plant.
+        engine_version: its version; null where it tells none.
+        integrator: integrator, as the engine calls it.
+        dt: integration step, s.
+        substeps: integration steps in a control period.
+        control_period: time between two decisions, s.
+    """
+
+    engine: str
+    engine_version: str | None
+    integrator: str
+    dt: float
+    substeps: int
+    control_period: float
+
+
+class Cell(Part, frozen=True, kw_only=True):
+    """One discretization, perturbed or not, in which policies are evaluated.
+
+    Attributes:
+        name: name of the cell, unique.
+        engine: `native`, or the simulator that advances the plant.
+        integrator: integrator, as the engine calls it.
+        dt: integration step, s.
+        control_period: time between two decisions, s.
+        kind: `grid`, `reference`, `perturbation` or `ladder`.
+        perturbation: change of the plant or its delays; null without one.
+        role: `reference` or `quarter_step` where the cell decides a comparison of policies.
+        applied: what its records tell of the environments; null without records.
+        achievability: `achievable`, `too_slow` (within two horizons alone), `unachievable` or
+            `undecided`; null where it was not asked.
+        best: the attempt that shows this, or that comes nearest; null without one.
+        search: the search that rules the goal out; null without one.
+    """
+
+    name: str
+    engine: str
+    integrator: str
+    dt: float
+    control_period: float
+    kind: CellKind
     perturbation: Perturbation | None = None
-    role: str | None = None
-    """`reference` or `quarter_step` where the cell decides a comparison of policies."""
+    role: CellRole | None = None
+    applied: AppliedDiscretization | None = None
+    achievability: Achievability | None = None
+    best: Attempt | None = None
+    search: Search | None = None
+
+    @classmethod
+    def of(
+        cls,
+        place: Discretization,
+        kind: CellKind,
+        perturbation: Perturbation | None = None,
+        role: CellRole | None = None,
+    ) -> Cell:
+        """A cell before anything was evaluated in it."""
+        name = f"{place.name} control={place.control_period:g}" if kind == "ladder" else place.name
+        return cls(
+            name=f"{name}, {perturbation.name}" if perturbation else name,
+            **place.arguments(),
+            kind=kind,
+            perturbation=perturbation,
+            role=role,
+        )
 
     @property
-    def name(self) -> str:
-        """Unique within a panel."""
-        base = self.discretization.name
-        if self.kind == "ladder":
-            base = f"{base} control={self.discretization.control_period:g}"
-        return f"{base}, {self.perturbation.name}" if self.perturbation else base
+    def discretization(self) -> Discretization:
+        """Its engine, integrator and steps."""
+        return Discretization(self.integrator, self.dt, self.control_period, self.engine)
+
+    @property
+    def reference(self) -> bool:
+        """Whether this is the truth column."""
+        return self.perturbation is None and "reference" in (self.kind, self.role)
+
+    @property
+    def scheme(self) -> str:
+        """Integrator, and the engine where it is not ours."""
+        return self.integrator if self.engine == NATIVE else f"{self.engine} {self.integrator}"
+
+    @property
+    def plain(self) -> bool:
+        """Whether the plant and its delays are those of the spec."""
+        return self.perturbation is None and self.kind != "perturbation"
 
     def arguments(self, environment: Mapping[str, Any]) -> dict[str, Any]:
         """Constructor arguments of this cell's environment."""
         values = {**environment, **self.discretization.arguments(), **changes_of(self)}
-        if self.discretization.integrator == "reference":
+        if self.integrator == "reference":
             values["dt"] = dividing_step(values)
         return values
 
@@ -217,7 +299,7 @@ def nominal_setup(testbed: Testbed, control_period: float) -> Any:
 
     Baselines are designed from its parameters.
     """
-    cell = Cell(testbed.truth(control_period) or testbed.home, "grid")
+    cell = Cell.of(testbed.truth(control_period) or testbed.home, "grid")
     environments = environments_of(testbed, cell, 1)
     environments.close()
     return environments.setups[0]
@@ -231,9 +313,9 @@ def training_arguments(home: Home, environment: Mapping[str, Any]) -> dict[str, 
         environment: arguments common to all discretizations.
     """
     if isinstance(home, Discretization):
-        return Cell(home, "grid").arguments(environment)
+        return Cell.of(home, "grid").arguments(environment)
     own = ("engine", "integrator", "dt")
-    cells = [(Cell(d, "grid").arguments(environment), weight) for d, weight in home.weights]
+    cells = [(Cell.of(d, "grid").arguments(environment), weight) for d, weight in home.weights]
     mixture = [{**{name: a[name] for name in own}, WEIGHT: weight} for a, weight in cells]
     common = {name: value for name, value in cells[0][0].items() if name not in own}
     return {**common, "mixture": mixture}

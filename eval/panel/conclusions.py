@@ -1,7 +1,8 @@
-"""What a panel answers, in sentences: terminal, page and ``panel.json`` take them from here.
+"""What a panel concludes, in sentences: terminal, page and figures take them from here.
 
-The first line always has the same order: success at home, on the truth, what is lost, and whether
-dt is the cause. Everything is read from a :class:`Panel`; nothing is computed here but means.
+The answer's first line always has the same order: success at home, on the truth, what is lost, and
+whether dt is the cause. Everything is read from a :class:`Panel`, which holds numbers and codes;
+nothing is computed here but means.
 """
 
 from __future__ import annotations
@@ -10,25 +11,32 @@ import json
 import math
 import shlex
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Final, Literal, TypeAlias
 
 from integ_gym.envs.settings import NATIVE
 from integ_gym.support.terminal import fixed, percent, plural
 
-from ..power import WITHOUT_VERDICT
+from ..power import WITHOUT_VERDICT, Verdict
+from ..statistics import Estimate
 from ..verdict import (
     ALPHA,
     EQUIVALENCE_MARGIN,
     FAIL_MARGIN,
     LEARNED,
+    MIN_SEEDS,
     UNSOLVABLE,
+    UNSOLVED,
     Achievability,
+    CellFinding,
+    PolicyComparison,
     adjust_for_look,
+    p_text,
     share_of_look,
 )
-from .result import Cell, EngineAgreement, Entry, Estimate, PairedEpisodes, Panel, Row, Verdict
+from .cells import Cell
+from .result import EngineAgreement, Entry, PairedEpisodes, Panel, Remedy, Row, Stage
 
 Cause: TypeAlias = Literal["cause", "not_cause", "gained", "closed", "not_learned", "undecided"]
 """Whether dt is the cause of a loss.
@@ -47,6 +55,9 @@ finest step that was evaluated. `exploratory`: a loss of a panel that declared n
 
 RETURN_MARGIN: Final = 0.1
 """Returns are practically equal within this share of the policy's lead over random at home."""
+
+UNSKILLED: Final = ("random", "zero")
+"""Baselines that know nothing of a task."""
 
 _NAMED: Final = 3  # cells in one sentence
 
@@ -79,18 +90,104 @@ class Finding:
 def answer_lines(panel: Panel) -> tuple[str, ...]:
     """The answer, a line for each thing that is said; the first is the headline.
 
-    Where the rule of success looks wrong, the headline begins with that.
+    Where the rule of success looks wrong, the headline begins with that; where training seeds are
+    missing, a line says so before it.
     """
-    first, *others = _lines(panel)
-    doubt = panel.success_doubt
-    return (f"{doubt} {first}" if doubt else first, *others)
-
-
-def _lines(panel: Panel) -> tuple[str, ...]:
     if panel.given_alone:
         finding = finding_of(panel)
-        return ("There is nothing to judge.",) if finding is None else _given(panel, finding)
-    return _trained(panel)
+        lines = ("There is nothing to judge.",) if finding is None else _given(panel, finding)
+    else:
+        lines = _trained(panel)
+    first, *others = lines
+    doubt = success_doubt(panel)
+    undecided = [] if panel.stage is None else [_stage_words(panel.stage)]
+    return (*undecided, f"{doubt} {first}" if doubt else first, *others)
+
+
+def warning_lines(panel: Panel) -> tuple[str, ...]:
+    """What a reader must know before trusting a panel: doubts, and that it was looked at before."""
+    if panel.stage is not None:
+        return (*panel.doubts, _stage_words(panel.stage))
+    return (*panel.doubts, *_look_warnings(panel))
+
+
+def _stage_words(stage: Stage) -> str:
+    return (
+        f"Not decided yet: {stage.seeds} of {stage.of} training seeds are here; the rest is being "
+        "trained and judged, and this page is written again as they arrive."
+    )
+
+
+def _look_warnings(panel: Panel) -> Iterator[str]:
+    """That what is concluded was seen before, with fewer seeds or starts."""
+    if not panel.looks:
+        return
+    planned, now = panel.spec.get("looks") or (), panel.looks[-1]
+    if planned and now.seeds not in planned:
+        yield (
+            f"This look at {plural(now.seeds, 'seed')} was not planned: the specification's "
+            f"`looks` are at {', '.join(map(str, planned))} seeds, which have the whole level. So "
+            "it gives no verdict."
+        )
+    if len(panel.looks) < 2:
+        return
+    before, number = panel.looks[-2], len(panel.looks)
+    if any(row.kind == "given" for row in panel.rows):
+        yield (
+            f"These results were seen before, the last time on {plural(before.episodes, 'start')}: "
+            f"this is look {number}. Looks share the level of {ALPHA}, so p-values are multiplied "
+            f"by {1.0 / share_of_look(number):.0f} here. What is called practically equal goes by "
+            "95 % intervals, which are not adjusted for looks: it is no verdict."
+        )
+    if not (panel.verdicts or panel.policy_comparisons):
+        return
+    seen = f"{plural(before.seeds, 'seed')} of {plural(before.episodes, 'start')}"
+    if before.adopted:
+        seen += " in the run whose policies were taken"
+    levels = {"fails": now.level_exceeds, "transfers": now.level_equivalent}
+    shares = (
+        f"{level:.2g} to `{verdict}`" if level else f"nothing to `{verdict}`"
+        for verdict, level in levels.items()
+    )
+    yield (
+        f"Verdicts were seen before, the last on {seen}; this is look {number}. Looks share the "
+        f"level of {ALPHA}: this one gives {' and '.join(shares)}, and its p-values are multiplied "
+        "accordingly."
+    )
+
+
+def success_doubt(panel: Panel) -> str:
+    """Why the rule of success looks wrong, in a sentence; empty where nothing speaks for it.
+
+    It looks wrong where a baseline that knows nothing of the task succeeds more than a policy and
+    returns less, on the same starts.
+    """
+    found = []
+    for entry in panel.matrix:
+        if panel.row(entry.row).baseline or entry.returns is None:
+            continue
+        for name in UNSKILLED:
+            base = panel.entry(name, entry.cell)
+            if base is None or base.returns is None:
+                continue
+            more = base.success.estimate - entry.success.estimate
+            low = entry.returns.low
+            least = entry.returns.estimate if low is None else low
+            if more > FAIL_MARGIN and base.returns.estimate < least:
+                found.append((more, entry, base))
+    if not found:
+        return ""
+    _, entry, base = max(found, key=lambda one: one[0])
+    theirs, own = (
+        f"{one.row} succeeds in {percent(one.success.estimate)} of episodes with a mean return of "
+        f"{fixed(one.returns.estimate if one.returns else None, 1)}"
+        for one in (base, entry)
+    )
+    return (
+        f"The rule of success looks wrong: on {_place(panel, entry.cell)}, {theirs}, and {own}. "
+        "Compare returns, or say which return is a success (--success-return R, where the task "
+        "takes it)."
+    )
 
 
 def finding_of(panel: Panel) -> Finding | None:
@@ -322,7 +419,7 @@ class _Numbers:
 def _where(panel: Panel, cell: str | None) -> str:
     if cell is None or panel.truth is None:
         return f"at the finest step ({cell})"
-    return "on the truth" if cell == panel.truth.name else f"on {cell}"
+    return f"on {_place(panel, cell)}"
 
 
 def _lost(panel: Panel, finding: Finding, row: Row) -> str:
@@ -350,7 +447,7 @@ def _about_home(panel: Panel, finding: Finding, row: Row) -> str:
     scope = f"One policy from the same {starts} everywhere; another training seed may differ."
     if finding.status == "home_unknown":
         return f"{_range(panel, finding)}{scope}"
-    home = finding.home or "a mixture of " + _named(list(row.shares))
+    home = _place(panel, finding.home or "") or "a mixture of " + _named(panel, row.shares)
     remark = ""
     if panel.truth is not None and finding.measure == "return":
         remark = " It never succeeds, so returns are compared."
@@ -361,7 +458,8 @@ def _about_home(panel: Panel, finding: Finding, row: Row) -> str:
 
 def _range(panel: Panel, finding: Finding) -> str:
     """How a policy of unknown home does from the worst discretization to the best."""
-    found = [(panel.entry(finding.row, cell.name), cell.name) for cell in panel.columns]
+    places = [(cell.name, _place(panel, cell.name)) for cell in panel.columns]
+    found = [(panel.entry(finding.row, cell), place) for cell, place in places]
     known = [(x, cell) for e, cell in found if (x := _value(e, finding.measure)) is not None]
     if not known:
         return ""
@@ -417,7 +515,9 @@ def _tally(
         status = cause_of(lost, shown=p < ALPHA, margin=margin)
         counts[status] += 1
         if status in ("cause", "gained"):
-            changed.append((abs(lost.estimate), f"{one.cell} {told.difference(lost)}"))
+            changed.append(
+                (abs(lost.estimate), f"{_place(panel, one.cell)} {told.difference(lost)}")
+            )
     parts = [
         f"{counts[status]} {words}"
         for status, words in (
@@ -521,10 +621,9 @@ def _trained(panel: Panel) -> tuple[str, ...]:
         return agreed, *_closed(panel)
     trained = [row for row in panel.rows if row.kind == "trained"]
     if not any(row.learned is not False for row in trained):
-        known = {row.name: row.home_success.estimate for row in trained if row.home_success}
-        return (_unlearned("no policies have learned", known),)
+        return (_unlearned(panel, "no policies have learned", trained),)
     if finding is None:
-        names = _named([row.name for row in trained])
+        names = _named(panel, [row.name for row in trained])
         return (f"Policies trained on {names} were judged nowhere but at home.", *_closed(panel))
     return (*_exploratory(panel, finding), *_closed(panel))
 
@@ -534,7 +633,7 @@ def _trained_first(panel: Panel, finding: Finding) -> str:
     return (
         f"Success at home {fixed(finding.at_home)}, {_where(panel, finding.cell)} "
         f"{fixed(finding.there)}, {_Numbers(finding).difference(finding.lost, True)}, trained on "
-        f"{finding.row}"
+        f"{_place(panel, finding.row)}"
     )
 
 
@@ -558,9 +657,13 @@ def _family(panel: Panel, judged: Sequence[Verdict]) -> str:
         ("transfers", "holds", "hold"),
         ("inconclusive", "is undecided", "are undecided"),
     ):
-        names = [f"{x.row} on {x.cell}" for x in judged if x.verdict == verdict]
+        names = [
+            f"{_place(panel, x.row)} on {_place(panel, x.cell)}"
+            for x in judged
+            if x.verdict == verdict
+        ]
         if names:
-            parts.append(f"{len(names)} {one if len(names) == 1 else more} ({_named(names)})")
+            parts.append(f"{len(names)} {one if len(names) == 1 else more} ({_listed(names)})")
     some = " that can be judged" if len(judged) < len(panel.verdicts) else ""
     total = plural(sum(counts.values()), "declared transfer")
     return f"Of {total}{some}, {', '.join(parts)}."
@@ -597,16 +700,18 @@ def _unjudged(panel: Panel) -> tuple[str, ...]:
             *_closed(panel),
         )
     rows = [panel.row(name) for name in dict.fromkeys(one.row for one in panel.verdicts)]
+    return (_unlearned(panel, "no policies of the declared transfers have learned", rows),)
+
+
+def _unlearned(panel: Panel, who: str, rows: Iterable[Row]) -> str:
     home = {row.name: row.home_success.estimate for row in rows if row.home_success}
-    return (_unlearned("no policies of the declared transfers have learned", home),)
-
-
-def _unlearned(who: str, home: dict[str, float]) -> str:
-    best = max(home, key=lambda row: home[row])
+    nearest = ""
+    if home:
+        best = max(home, key=lambda row: home[row])
+        nearest = f"; those trained on {_place(panel, best)} come nearest, with {fixed(home[best])}"
     return (
-        f"Not answered: {who}, which takes a success of {LEARNED} at home; those trained on {best} "
-        f"come nearest, with {fixed(home[best])}. Train longer (`total_steps` in [training]), or "
-        "set an easier task."
+        f"Not answered: {who}, which takes a success of {LEARNED} at home{nearest}. Train longer "
+        "(`total_steps` in [training]), or set an easier task."
     )
 
 
@@ -648,18 +753,187 @@ def _closed(panel: Panel) -> list[str]:
     ):
         names = [cell.name for cell in panel.columns if cell.achievability == status]
         if names:
-            parts.append(words.format(_named(names)))
+            parts.append(words.format(_named(panel, names)))
     if not parts:
         return []
     text = "; ".join(parts)
     return [f"No conclusion is drawn from some cells: {text}."]
 
 
-def _named(names: Sequence[str]) -> str:
+def _place(panel: Panel, name: str) -> str:
+    """A row or a cell in a sentence."""
+    return panel.label(name, "the truth")
+
+
+def _named(panel: Panel, names: Iterable[str]) -> str:
+    return _listed([_place(panel, name) for name in names])
+
+
+def _listed(names: Sequence[str]) -> str:
     """Names in a sentence, cut where it gets too long to read."""
     if len(names) > _NAMED:
         return f"{', '.join(names[:_NAMED])} and {len(names) - _NAMED} more"
     return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else list(names))
+
+
+# Reasons, from the codes and numbers that are stored.
+
+
+def solvable_reason(panel: Panel, cell: Cell) -> str:
+    """Why a cell can or cannot be solved, in a sentence; empty where that was not asked."""
+    best, search = cell.best, cell.search
+    if cell.achievability is None:
+        return ""
+    if search is not None:
+        return (
+            f"A search over controls reaches the goal's energy of {search.required:.3g} J from "
+            f"{percent(search.reached)} of the starts within {search.horizon:g} s (at most "
+            f"{max(search.highest):.3g} J)."
+        )
+    if best is None:
+        return "Success within two horizons: nobody tried; no search rules the goal out."
+    if best.row is None:
+        who = "the hand-made controller"
+    elif panel.row(best.row).kind != "trained":
+        who = best.row
+    elif panel.row(best.row).home == cell.name:
+        who = "policies trained there"
+    else:
+        who = f"policies trained on {_place(panel, best.row)}"
+    if cell.achievability == "undecided":
+        most = f"at most {percent(best.recovered)}, by {who}"
+        return f"Success within two horizons: {most}; no search rules the goal out."
+    soon = cell.achievability == "achievable"
+    rate = percent(best.success if soon else best.recovered)
+    time = "within the horizon" if soon else "within two horizons alone"
+    return f"{who[0].upper()}{who[1:]}: success from {rate} of the starts {time}."
+
+
+def verdict_reason(panel: Panel, judged: Verdict) -> str:
+    """Why a verdict is what it is, in a sentence with numbers."""
+    home = panel.row(judged.row).home_success
+    if judged.verdict == "not_learned":
+        return (
+            f"Home success {fixed(home and home.estimate)} is below {LEARNED}, so there is nothing "
+            "to transfer."
+        )
+    if judged.verdict in WITHOUT_VERDICT:
+        return solvable_reason(panel, panel.cell(judged.cell))
+    if panel.stage is not None:
+        return _stage_words(panel.stage)
+    entry = panel.entry(judged.row, judged.cell)
+    there = fixed(entry and entry.success.estimate)
+    later = fixed(entry and entry.recovered.estimate)
+    seeds = f"{judged.seeds} seeds"
+    if judged.natives is not None:
+        seeds += f" and {judged.natives} native ones"
+    low, high = judged.overfitting.ends
+    level = percent(judged.overfitting.level or 0.0)
+    change = (
+        f"success {fixed(home and home.estimate)} at home and {there} there, {later} within two "
+        f"horizons; overfitting {fixed(judged.overfitting.estimate)} ({level} interval "
+        f"{fixed(low)} to {fixed(high)}), deadline {fixed(judged.deadline.estimate)}, difficulty "
+        f"{fixed(judged.difficulty.estimate)}"
+    )
+    exceeds, equivalent = (
+        p_text(1.0 if p is None else p)
+        for p in (judged.p_exceeds_adjusted, judged.p_equivalent_adjusted)
+    )
+    if judged.few:
+        return f"Only {seeds}, at least {MIN_SEEDS} needed: {change}."
+    if judged.verdict == "fails":
+        return f"Overfitting is above {FAIL_MARGIN} (adjusted {exceeds}, {seeds}): {change}."
+    if judged.verdict == "transfers":
+        return (
+            f"Overfitting is within ±{EQUIVALENCE_MARGIN} (adjusted {equivalent}, {seeds}): "
+            f"{change}."
+        )
+    within = f"adjusted {equivalent}"
+    if judged.seeds < judged.seeds_for_transfers:
+        within = f"at least {judged.seeds_for_transfers} seeds are needed"
+    return (
+        f"Overfitting is shown neither to be above {FAIL_MARGIN} (adjusted {exceeds}) nor to be "
+        f"within ±{EQUIVALENCE_MARGIN} ({within}) with {seeds}: {change}."
+    )
+
+
+def comparison_reason(panel: Panel, compared: PolicyComparison) -> str:
+    """Why a comparison of two rows ends as it does, in a sentence with numbers."""
+    counts = Counter(cell.status for cell in compared.cells)
+    informative = sum(cell.informative for cell in compared.cells)
+    if not informative:
+        return (
+            f"No cell is informative: {counts['unsolved']} solved by nobody (both below "
+            f"{UNSOLVED}), {counts['too_few_seeds']} with fewer than {MIN_SEEDS} seeds."
+        )
+    if counts["reversal"]:
+        worst = min(
+            (cell for cell in compared.cells if cell.status == "reversal"),
+            key=lambda cell: cell.p_reversal_adjusted or 0.0,
+        )
+        return (
+            f"The sign reverses in {counts['reversal']} of {informative} informative cells, most "
+            f"clearly in {_difference_in(panel, worst, worst.p_reversal_adjusted)}."
+        )
+    deciding = [cell for cell in compared.cells if cell.role is not None]
+    thin = [_place(panel, cell.name) for cell in deciding if cell.status == "too_few_seeds"]
+    if thin:
+        return f"Fewer than {MIN_SEEDS} seeds in {', '.join(thin)}, which decides."
+    lost = [cell for cell in deciding if cell.status != "win"]
+    cells = "; ".join(
+        f"in {_place(panel, cell.name)}, which nobody solves"
+        if cell.status == "unsolved"
+        else f"in {_difference_in(panel, cell, cell.p_win_adjusted)}"
+        for cell in lost or deciding
+    )
+    if lost:
+        return f"The win is not significant {cells}."
+    return f"A wins {cells}, and no sign reverses in {informative} informative cells."
+
+
+def _difference_in(panel: Panel, cell: CellFinding, p: float | None) -> str:
+    name, value = _place(panel, cell.name), cell.difference
+    low, high = value.ends
+    level = percent(value.level or 0.0)
+    return (
+        f"{name}: A − B is {fixed(value.estimate)} ({level} interval {fixed(low)} to "
+        f"{fixed(high)}), adjusted {p_text(1.0 if p is None else p)}"
+    )
+
+
+def remedy_summary(panel: Panel, remedy: Remedy) -> str:
+    """Whether a mixture holds where single discretizations lose, in sentences with numbers."""
+    mixture = _place(panel, remedy.row)
+    if not panel.row(remedy.row).learned:
+        return f"Policies trained on {mixture} did not learn, so they are no remedy here."
+    solved = [cell for cell in remedy.cells if cell.solved]
+    harmful = [cell for cell in solved if cell.lost]
+    held = [cell for cell in harmful if cell.overfitting.estimate <= FAIL_MARGIN]
+    if harmful:
+        own = sum(cell.member for cell in held)
+        trained = f", {own} of which they were trained in" if own else ""
+        lost = [_place(panel, cell.cell) for cell in harmful if cell not in held]
+        rest = f"; they lose more in {', '.join(lost)}" if lost else ""
+        summary = (
+            f"In {len(harmful)} of the {len(solved)} discretizations that somebody solves, "
+            f"policies trained on another single one lose more than {FAIL_MARGIN} of success by "
+            f"overfitting; those trained on {mixture} lose no more than that in {len(held)} of "
+            f"these{trained}{rest}."
+        )
+    else:
+        summary = (
+            f"No policy of a single discretization that learned loses more than {FAIL_MARGIN} by "
+            f"overfitting anywhere, so there is nothing for {mixture} to remedy."
+        )
+    own_entry = panel.on_truth(remedy.row)
+    singles = [e.success.estimate for row in remedy.singles if (e := panel.on_truth(row))]
+    if own_entry is None or not singles:
+        return summary
+    return (
+        f"{summary} On the truth they succeed in {percent(own_entry.success.estimate)} of the "
+        f"episodes, policies of single discretizations in {percent(min(singles))} to "
+        f"{percent(max(singles))}."
+    )
 
 
 @dataclass(frozen=True)

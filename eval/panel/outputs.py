@@ -14,17 +14,16 @@ from integ_gym.evidence.store import EvidenceStore
 from integ_gym.support.errors import InputError
 from integ_gym.support.files import told_path
 from integ_gym.support.processes import limit_threads
-from integ_gym.support.terminal import plural
 from integ_gym.train.policy_files.sidecar import policy_file
 
 from ..report.figures import write_figures
 from ..report.page import write_report
-from ..verdict import ALPHA, share_of_look
 from .artefact import as_sealed, build_artefact
+from .cells import Home
 from .checking.sample import check_records
 from .findings import agreements, training_costs
-from .matrix import COLUMNS, Matrix, PanelLayout, Row, applied_in, reward_doubts
-from .result import Cost, Panel, Policy, write_panel
+from .matrix import COLUMNS, Matrix, PanelLayout, applied_in, reward_doubts
+from .result import Cost, Panel, Policy, Row, Stage, write_panel
 from .running.evaluation.achievability import tried
 from .running.evaluation.units import evaluated
 from .running.run_directory import (
@@ -117,9 +116,8 @@ def panel_of(
         called: see :func:`call_of`.
         of: the panel whose stage it is; nothing is decided then.
     """
-    layout, matrix = reduced(spec, directory, rows_of(spec))
-    looked = _looks(layout) if of is None else stage(spec, of)
-    doubts = reward_doubts(spec.env_id, EvidenceStore(directory.evidence))
+    homes = {home.name: home for home in spec.train}
+    layout, matrix = reduced(spec, directory, rows_of(spec), homes)
     return artefact_of(
         directory,
         layout,
@@ -128,21 +126,20 @@ def panel_of(
         **of_plan(of or spec, directory, called),
         cost=cost_of(directory, layout, [unit.training for unit in units_of(spec)], called),
         **trained(spec, directory, layout, matrix),
-        **{**looked, "warnings": (*doubts, *looked["warnings"])},
+        stage=None if of is None else Stage(seeds=len(spec.seeds), of=len(of.seeds)),
+        looks=layout.looks if of is None else (),
+        doubts=reward_doubts(spec.env_id, EvidenceStore(directory.evidence)),
     )
 
 
 def rows_of(spec: PanelSpec) -> tuple[Row, ...]:
     """What was trained, then the baselines."""
-    units, homes = units_of(spec), {home.name: home for home in spec.train}
-    return tuple(
-        Row(
-            name=name,
-            kind="trained" if name in homes else "baseline",
-            policies=tuple(unit.policy for unit in units if unit.row == name),
-            trained_on=homes.get(name),
-        )
-        for name in dict.fromkeys((*homes, *spec.baselines))
+    policies: dict[str, list[Policy]] = {}
+    for unit in units_of(spec):
+        policies.setdefault(unit.row, []).append(Policy(id=unit.policy, seed=unit.seed))
+    return (
+        *(Row.of(home.name, "trained", policies.get(home.name, ()), home) for home in spec.train),
+        *(Row.of(name, "baseline", policies[name]) for name in spec.baselines),
     )
 
 
@@ -169,7 +166,7 @@ def trained(
     spec: PanelSpec, directory: RunDirectory, layout: PanelLayout, matrix: Matrix
 ) -> dict[str, Any]:
     """What a panel finds beside the outcomes of its rows in their cells."""
-    rows = {row.name: row.policies for row in layout.rows if row.kind == "trained"}
+    rows = {row.name: row.policy_ids for row in layout.rows if row.kind == "trained"}
     return {
         "training_steps": training_config(spec, units_of(spec)[-1]).total_steps,
         "training_costs": training_costs(EvidenceStore(directory.evidence), rows),
@@ -184,63 +181,18 @@ def seen_now(spec: PanelSpec) -> Seen:
     return Seen(len(spec.seeds), spec.episodes, natives)
 
 
-def _looks(layout: PanelLayout) -> dict[str, Any]:
-    return {"looks": layout.looks, "warnings": tuple(look_warnings(layout))}
-
-
-def look_warnings(layout: PanelLayout) -> Iterator[str]:
-    """That what is concluded was seen before, with fewer seeds or starts."""
-    planned = layout.looks_before.planned
-    if planned and layout.looks and layout.looks[-1].seeds not in planned:
-        yield (
-            f"This look at {plural(layout.looks[-1].seeds, 'seed')} was not planned: the "
-            f"specification's `looks` are at {', '.join(map(str, planned))} seeds, which have the "
-            "whole level. So it gives no verdict."
-        )
-    if len(layout.looks) < 2:
-        return
-    before, now = layout.looks[-2:]
-    number = len(layout.looks)
-    if any(row.kind == "given" for row in layout.rows):
-        yield (
-            f"These results were seen before, the last time on {plural(before.episodes, 'start')}: "
-            f"this is look {number}. Looks share the level of {ALPHA}, so p-values are multiplied "
-            f"by {1.0 / share_of_look(number):.0f} here. What is called practically equal goes by "
-            "95 % intervals, which are not adjusted for looks: it is no verdict."
-        )
-    if not (layout.family or layout.compare):
-        return
-    seen = f"{plural(before.seeds, 'seed')} of {plural(before.episodes, 'start')}"
-    if before.adopted:
-        seen += " in the run whose policies were taken"
-    levels = {"fails": now.level_exceeds, "transfers": now.level_equivalent}
-    told = (
-        f"{level:.2g} to `{verdict}`" if level else f"nothing to `{verdict}`"
-        for verdict, level in levels.items()
-    )
-    yield (
-        f"Verdicts were seen before, the last on {seen}; this is look {number}. Looks share the "
-        f"level of {ALPHA}: this one gives {' and '.join(told)}, and its p-values are multiplied "
-        "accordingly."
-    )
-
-
-def stage(spec: PanelSpec, of: PanelSpec) -> dict[str, Any]:
-    """What a panel says of itself of which some seeds are there."""
-    sentence = (
-        f"Not decided yet: {len(spec.seeds)} of {len(of.seeds)} training seeds are here; the rest "
-        "is being trained and judged, and this page is written again as they arrive."
-    )
-    return {"undecided": sentence, "warnings": (sentence,)}
-
-
 def reduced(
-    spec: PanelSpec, directory: RunDirectory, rows: tuple[Row, ...]
+    spec: PanelSpec,
+    directory: RunDirectory,
+    rows: tuple[Row, ...],
+    homes: Mapping[str, Home],
 ) -> tuple[PanelLayout, Matrix]:
     """The rows' cells, and what the evaluation episodes on record came to."""
     store = EvidenceStore(directory.evidence)
     table = store.query(f"SELECT {', '.join(COLUMNS)} FROM records WHERE phase = 'evaluation'")
-    layout = PanelLayout.of(spec, rows, tried(directory), applied_in(store), directory.looks())
+    layout = PanelLayout.of(
+        spec, rows, homes, tried(directory), applied_in(store), directory.looks()
+    )
     return layout, Matrix(rows, table.to_pylist(), spec.episodes, spec.trace_every)
 
 
@@ -353,7 +305,7 @@ def cost_of(
         called: see :func:`call_of`.
     """
     found = evaluated(directory)
-    policies = [policy for row in layout.rows for policy in row.policies]
+    policies = [policy for row in layout.rows for policy in row.policy_ids]
     evaluation = sorted({unit for policy in policies for unit in found[policy].units})
     return Cost(
         wall_seconds=round(directory.wall_seconds([*training, *evaluation]), 1),

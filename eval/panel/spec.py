@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from importlib import resources
 from itertools import accumulate
 from pathlib import Path
 from typing import Any
+
+import msgspec
 
 from integ_gym.envs.registries import INTEGRATORS
 from integ_gym.envs.settings import DISCRETIZATION, WEIGHT, Discretization
@@ -190,13 +192,13 @@ class PanelSpec:
     def columns(self) -> tuple[Cell, ...]:
         """Cells that every row is evaluated in: the grid, then the reference if there is one."""
         grid = tuple(
-            Cell(d, "grid", role="quarter_step" if self._decides(d) else None)
+            Cell.of(d, "grid", role="quarter_step" if self._decides(d) else None)
             for d in self.grid
             if d != self.reference
         )
         if self.reference is None:
             return grid
-        return (*grid, Cell(self.reference, "reference", role="reference"))
+        return (*grid, Cell.of(self.reference, "reference", role="reference"))
 
     @cached_property
     def changes(self) -> tuple[Perturbation, ...]:
@@ -248,7 +250,7 @@ class PanelSpec:
         own = () if home is None else tuple(home.shares)
         columns = sorted(self.columns(), key=lambda cell: cell.discretization not in own)
         perturbed = [
-            Cell(d, "perturbation", perturbation=p)
+            Cell.of(d, "perturbation", perturbation=p)
             for p in self.changes
             for d in dict.fromkeys((*own, self.reference))
             if d is not None
@@ -262,7 +264,7 @@ class PanelSpec:
             return ()
         steps = [home.dt / 2.0, home.dt / 4.0]
         return tuple(
-            Cell(Discretization(home.integrator, dt, dt, home.engine), "ladder") for dt in steps
+            Cell.of(Discretization(home.integrator, dt, dt, home.engine), "ladder") for dt in steps
         )
 
     def engine_versions(self) -> dict[str, str]:
@@ -310,7 +312,7 @@ def _plain(value: Any) -> Any:
         members = [{**member.arguments(), WEIGHT: weight} for member, weight in value.weights]
         return {"mixture": value.name, "members": members}
     if isinstance(value, (Perturbation, Sweep)):
-        return asdict(value)
+        return msgspec.to_builtins(value)
     return dict(value) if isinstance(value, Mapping) else value
 
 

@@ -91,7 +91,7 @@ def evaluate_existing(
             panel = _write(existing, spec, directory, command, count, begin)
         directory.finish_work()
     for doubt in panel.warnings:
-        on_doubt(panel.said(doubt))
+        on_doubt(doubt)
     return panel
 
 

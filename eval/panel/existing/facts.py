@@ -23,7 +23,6 @@ from ..matrix import given_rows
 from ..outputs import (
     artefact_of,
     cost_of,
-    look_warnings,
     of_plan,
     reduced,
 )
@@ -96,15 +95,11 @@ def given_panel(spec: PanelSpec, directory: RunDirectory, called: Mapping[str, A
     """
     existing = _kept(spec, directory)
     name = existing.policy.policy_id
-    layout, matrix = reduced(spec, directory, given_rows(spec, name, existing.home))
     file = next((f"policies/{name}/{kept}" for kept in existing.files), None)
-    told: dict[str, Any] = {
-        "seed": existing.seed,
-        "hash": existing.policy.content_hash,
-        "file": file,
-    }
-    policies = [PanelPolicy(id=name, **told)]
-    policies += [PanelPolicy(id=x, seed=None, hash=None, file=None) for x in spec.baselines]
+    policy = PanelPolicy(id=name, seed=existing.seed, hash=existing.policy.content_hash, file=file)
+    rows, homes = given_rows(spec, policy, existing.home)
+    layout, matrix = reduced(spec, directory, rows, homes)
+    policies = [policy for row in rows for policy in row.policies]
     store = EvidenceStore(directory.evidence)
     return artefact_of(
         directory,
@@ -114,10 +109,7 @@ def given_panel(spec: PanelSpec, directory: RunDirectory, called: Mapping[str, A
         **of_plan(spec, directory, called),
         cost=cost_of(directory, layout, (), called),
         looks=layout.looks,
-        warnings=(
-            *doubts_of(existing, spec, layout, matrix, store),
-            *look_warnings(layout),
-        ),
+        doubts=doubts_of(existing, spec, layout, matrix, store),
     )
 
 

@@ -49,8 +49,8 @@ def judged(
     ``tried`` is what others reach on the truth.
     """
     discretizations = [HOME, FINER, RK4, *([TRUTH] if truth else [])]
-    cells = {d.name: Cell(d, "reference" if d == TRUTH else "grid") for d in discretizations}
-    heavy = Cell(HOME, "perturbation", Perturbation(HEAVY, {"mass": 1.2}))
+    cells = {d.name: Cell.of(d, "reference" if d == TRUTH else "grid") for d in discretizations}
+    heavy = Cell.of(HOME, "perturbation", Perturbation(HEAVY, {"mass": 1.2}))
     cells[heavy.name] = heavy
     rows = (Row("mine", "given", ("mine",), home), Row("random", "baseline", ("random",)))
     noise = np.linspace(-1.0, 1.0, starts)

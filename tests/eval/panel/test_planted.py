@@ -40,7 +40,7 @@ def planted(
         Row(home.name, "trained", tuple(f"{home.name}-{seed}" for seed in range(SEEDS)), home)
         for home in ROWS
     )
-    cells = {d.name: Cell(d, "reference" if d == TRUTH else "grid") for d in ROWS}
+    cells = {d.name: Cell.of(d, "reference" if d == TRUTH else "grid") for d in ROWS}
     records = [
         {
             "policy_id": policy, "cell": cell, "episode_index": k,

@@ -45,7 +45,7 @@ def _panel(success=SUCCESS):
         )
         for name in (*homes, "handmade")
     )
-    cells = {d.name: Cell(d, "reference" if d == TRUTH else "grid") for d in (A, B, C, D, TRUTH)}
+    cells = {d.name: Cell.of(d, "reference" if d == TRUTH else "grid") for d in (A, B, C, D, TRUTH)}
     records = [
         {
             "policy_id": policy,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -140,7 +139,7 @@ class Successes:
         """Whether the perturbation changes these arguments alone, from their undisturbed values."""
         if cell.perturbation is None or not set(cell.perturbation.environment) <= names:
             return False
-        plain = replace(cell, perturbation=None).arguments(self._environment)
+        plain = Cell.of(cell.discretization, "grid").arguments(self._environment)
         return all(plain.get(n, getattr(Settings, n)) == getattr(Settings, n) for n in names)
 
 

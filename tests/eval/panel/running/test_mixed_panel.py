@@ -303,7 +303,7 @@ def test_a_failure_is_the_discretizations_where_any_member_succeeds(tmp_path):
     environment = {"start": "hanging", "max_torque": 0.7, "duration": 12.0}
     setup = environment_setup("IntegPendulum-v0", {**environment, **rk4.arguments()})
     home = DiscretizationMixture("both", ((rk4, 1.0), (fine, 1.0)))
-    cells = tuple(Cell(d, "grid") for d in (rk4, fine, coarse))
+    cells = tuple(Cell.of(d, "grid") for d in (rk4, fine, coarse))
     subject = Subject(make_baseline("handmade", setup), cells, home)
     store = EvidenceStore(tmp_path)
     spec = PanelSpec(

@@ -24,12 +24,12 @@ FREE = Pendulum()
 NATIVE = {
     cell.name: cell
     for name in INTEGRATORS.names()
-    for cell in [Cell(Discretization(name, 0.01, 0.05), "grid")]
+    for cell in [Cell.of(Discretization(name, 0.01, 0.05), "grid")]
 }
 
 
 def _twin(engine, integrator, resisted, plant=FREE):
-    cell = Cell(Discretization(integrator, 0.01, 0.05, engine), "grid")
+    cell = Cell.of(Discretization(integrator, 0.01, 0.05, engine), "grid")
     found = twin_of(cell, NATIVE, plant, resisted)
     return None if found is None else NATIVE[found].discretization.integrator
 
