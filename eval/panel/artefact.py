@@ -20,7 +20,7 @@ from .cells import Cell
 from .findings import paired_episodes, rankings, remedies
 from .matrix import Matrix, PanelLayout, mean_success
 from .result import FILE_NAME, Failure, Panel, Policy, Row, Stage, read_panel
-from .running.run_directory import RunDirectory
+from .run_directory import RunDirectory
 
 FAILURE_SAMPLE = 40
 """Failed episodes listed in the artefact; the evidence holds them all."""

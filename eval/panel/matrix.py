@@ -38,10 +38,10 @@ from ..verdict import (
     reference_class,
     split,
 )
+from .achieve import Tried
 from .cells import AppliedDiscretization, Cell, Home, main_home
 from .result import Entry, Failure, Look, Policy, Row
-from .running.evaluation.achievability import Tried
-from .running.run_directory import Seen, looks_before, spent_by
+from .run_directory import Seen, looks_before, spent_by
 from .spec import PanelSpec
 
 Array = npt.NDArray[Any]
