@@ -26,7 +26,7 @@ from integ_gym.support.optional import package_version
 
 from ..panel.cells import Home
 from ..panel.result import FILE_NAME, read_panel
-from ..statistics import Interval, mean_interval
+from ..statistics import Estimate, mean_interval
 from ..verdict import LEARNED
 from .specification import Atlas, Block
 
@@ -262,7 +262,7 @@ def compare(name: str, first: Summary, again: Summary) -> Agreement:
         if same_processor(first, again) or not whole:
             raise InputError(f"block {name}, {told} differ between code {' and '.join(codes)}")
         found = _by_chance(name, _success(before), _success(after))
-        difference = (found.estimate, found.low, found.high)
+        difference = (found.estimate, *found.ends)
     policies = len({(row["home"], row["seed"]) for row in after})
     return Agreement(codes, name, policies, len(after), difference)
 
@@ -299,7 +299,7 @@ def _by_chance(
     name: str,
     before: Mapping[str, npt.NDArray[np.float64]],
     after: Mapping[str, npt.NDArray[np.float64]],
-) -> Interval:
+) -> Estimate:
     """Difference of mean success over all, with its interval over seeds.
 
     Raises:
@@ -308,15 +308,17 @@ def _by_chance(
     changes = {home: after[home] - before[home] for home in before}
     for home, values in changes.items():
         found = _interval(values, 1.0 - 0.05 / len(changes))
-        if found.low > 0.0 or found.high < 0.0:
+        low, high = found.ends
+        if low > 0.0 or high < 0.0:
             raise InputError(f"block {name}, success of {home} is another: by {found}")
     overall = _interval(np.mean(list(changes.values()), axis=0), 0.95)
-    if max(-overall.low, overall.high) > MARGIN:
+    low, high = overall.ends
+    if max(-low, high) > MARGIN:
         raise InputError(f"block {name}, success may be another: by {overall}")
     return overall
 
 
-def _interval(values: npt.NDArray[np.float64], level: float) -> Interval:
+def _interval(values: npt.NDArray[np.float64], level: float) -> Estimate:
     found = mean_interval(values, level)
     if found is None:
         raise InputError("one seed tells nothing of what another processor changes")

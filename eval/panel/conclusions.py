@@ -873,7 +873,7 @@ def comparison_reason(panel: Panel, compared: PolicyComparison) -> str:
         )
         return (
             f"The sign reverses in {counts['reversal']} of {informative} informative cells, most "
-            f"clearly in {_difference_in(panel, worst, worst.p_reversal_adjusted)}."
+            f"clearly on {_difference_in(panel, worst, worst.p_reversal_adjusted)}."
         )
     deciding = [cell for cell in compared.cells if cell.role is not None]
     thin = [_place(panel, cell.name) for cell in deciding if cell.status == "too_few_seeds"]
@@ -881,9 +881,9 @@ def comparison_reason(panel: Panel, compared: PolicyComparison) -> str:
         return f"Fewer than {MIN_SEEDS} seeds in {', '.join(thin)}, which decides."
     lost = [cell for cell in deciding if cell.status != "win"]
     cells = "; ".join(
-        f"in {_place(panel, cell.name)}, which nobody solves"
+        f"on {_place(panel, cell.name)}, which nobody solves"
         if cell.status == "unsolved"
-        else f"in {_difference_in(panel, cell, cell.p_win_adjusted)}"
+        else f"on {_difference_in(panel, cell, cell.p_win_adjusted)}"
         for cell in lost or deciding
     )
     if lost:

@@ -26,7 +26,7 @@ from ..statistics import (
 )
 from ..verdict import FAIL_MARGIN, UNSOLVED, Loss, adjust_for_look, share_of_look
 from .cells import Cell, is_engine, map_of
-from .matrix import Matrix, PanelLayout, Row
+from .matrix import Matrix, PanelLayout
 from .result import (
     EngineAgreement,
     PairedEpisodes,
@@ -34,6 +34,7 @@ from .result import (
     Remedy,
     RemedyCell,
     RemedyLoss,
+    Row,
     TrainingCost,
 )
 from .spec import PanelSpec

@@ -17,25 +17,21 @@ from integ_gym.support.terminal import (
     plural,
     step,
     together,
-    true_minus,
 )
 
 from ..film import LEAST_START
-from ..panel.result import (
-    AppliedDiscretization,
-    CellFinding,
-    Entry,
-    Estimate,
-    Failure,
-    Panel,
-    PolicyComparison,
-    Verdict,
-)
+from ..panel.cells import AppliedDiscretization
+from ..panel.conclusions import comparison_reason, verdict_reason
+from ..panel.result import Entry, Failure, Panel
+from ..power import Verdict
+from ..statistics import Estimate
 from ..verdict import (
     EQUIVALENCE_MARGIN,
     FAIL_MARGIN,
     LEARNED,
     MIN_SEEDS,
+    CellFinding,
+    PolicyComparison,
     p_text,
 )
 from .episodes import TaskWords, Told, chosen_words
@@ -76,8 +72,8 @@ def _quoted(word: str) -> str:
     return shlex.quote(word)
 
 
-Filter: TypeAlias = Callable[[Any, Any], Any]
-"""Of a template: from its context and a value."""
+Filter: TypeAlias = Callable[..., Any]
+"""Of a template: from a value, or its context and a value."""
 
 
 def naming_filters() -> dict[str, Filter]:
@@ -90,17 +86,12 @@ def naming_filters() -> dict[str, Filter]:
 
     @told
     def shown_name(context: Any, name: Any) -> Any:
-        return breakable(context["panel"].called(str(name)))
+        return breakable(context["panel"].label(str(name)))
 
-    @told
-    def shown_text(context: Any, text: Any) -> Any:
-        return breakable(together(context["panel"].said(str(text))))
+    def shown_text(text: Any) -> Any:
+        return breakable(together(str(text)))
 
-    @told
-    def plain_text(context: Any, text: Any) -> Any:
-        return context["panel"].said(str(text))
-
-    return {"called": shown_name, "said": shown_text, "said_plain": plain_text}
+    return {"called": shown_name, "said": shown_text}
 
 
 LABEL_WORDS: Final = {
@@ -201,7 +192,7 @@ def card_of(panel: Panel, judged: Verdict) -> dict[str, Any]:
         "parts": [(part, _signed(getattr(judged, part))) for part in _PARTS],
         "total": _signed(judged.total),
         "marks": [Mark(judged.overfitting, tone)] if judged.verdict in _VERDICTS else [],
-        "reason": true_minus(judged.reason),
+        "reason": verdict_reason(panel, judged),
         "tail": _tail(panel, judged),
         "wanted": judged.seeds_wanted,
         "p_values": [(words, p_text(p)) for words, p in p_values if p is not None],
@@ -234,14 +225,14 @@ def tally_of(cards: Sequence[dict[str, Any]]) -> list[tuple[str, int, str]]:
     ]
 
 
-def comparison_of(compared: PolicyComparison) -> dict[str, Any]:
+def comparison_of(panel: Panel, compared: PolicyComparison) -> dict[str, Any]:
     """One comparison of two policies."""
     tone = _TONES[compared.outcome]
     return {
         "compared": compared,
         "tone": tone,
         "sign": _SIGNS[compared.outcome],
-        "reason": true_minus(compared.reason),
+        "reason": comparison_reason(panel, compared),
         "lines": [_line(compared, cell, tone) for cell in compared.cells],
         "axis": difference_axis([cell.difference for cell in compared.cells], 0.5),
     }
@@ -362,10 +353,10 @@ def carried_by(
         "leastStart": LEAST_START,
         "labelWords": LABEL_WORDS,
         "files": {name: href(name) for name in sorted(files)},
-        "cells": [{"name": c.name, "shown": panel.called(c.name)} for c in panel.cells],
+        "cells": [{"name": c.name, "shown": panel.label(c.name)} for c in panel.cells],
         "rows": [
             {
-                "shown": panel.called(row.name),
+                "shown": panel.label(row.name),
                 "homes": [cells[name] for name in row.shares if name in cells],
                 "policies": [
                     {
@@ -394,7 +385,7 @@ def carried_by(
             if (found := matrix(panel)) is not None
         ],
     }
-    return packed(panel, told, head, lambda text: together(panel.said(text)))
+    return packed(panel, told, head, together)
 
 
 def _place(panel: Panel, entry: Entry) -> str:
@@ -408,7 +399,7 @@ def _measure(panel: Panel, name: str, matrix: Matrix) -> dict[str, Any]:
             shade.text,
             shading(shade),
             " ".join(shade.marks),
-            panel.said(shade.words),
+            shade.words,
             shade.tone,
         ]
         for block in matrix.blocks
@@ -421,7 +412,7 @@ def _measure(panel: Panel, name: str, matrix: Matrix) -> dict[str, Any]:
         "name": name,
         "about": matrix.about,
         "ends": matrix.ends,
-        "notes": [panel.said(note) for note in matrix.notes],
+        "notes": matrix.notes,
         "signed": matrix.signed,
         "cells": cells,
     }
@@ -432,7 +423,7 @@ def _entry(panel: Panel, entry: Entry) -> dict[str, Any]:
         query = readable(shlex.split(entry.query))
     except ValueError:
         query = entry.query
-    facts = [[name, together(panel.said(text))] for name, text in _facts(panel, entry) if text]
+    facts = [[name, together(text)] for name, text in _facts(panel, entry) if text]
     return {"facts": facts, "file": entry.file, "query": query}
 
 
@@ -454,7 +445,7 @@ def _facts(panel: Panel, entry: Entry) -> list[tuple[str, str | None]]:
         ("energy from the numerics", _long(entry.numerics_share, _share)),
         ("transfer gap", _long(entry.transfer_gap, fixed)),
         ("against the truth", CLASS_WORDS.get(entry.reference_class or "")),
-        ("the cell", solved_words(panel.cell(entry.cell))),
+        ("the cell", solved_words(panel, panel.cell(entry.cell))),
         ("episodes", f"{entry.episodes:,}"),
         ("diverged", str(entry.diverged) if entry.diverged else None),
         ("solver not converged", str(entry.not_converged) if entry.not_converged else None),

@@ -33,7 +33,8 @@ from integ_gym.support.figures import (
 )
 from integ_gym.support.terminal import NONE, step
 
-from ..panel.result import Cell, Group
+from ..panel.cells import Cell
+from ..panel.result import Group
 from ..verdict import EQUIVALENCE_MARGIN, FAIL_MARGIN
 from .forests import Forest, Line, Mark
 from .ladders import LadderPlot, LadderPlots, Series

@@ -29,8 +29,9 @@ from integ_gym.train.policy_files.limits import PolicyFileError
 from integ_gym.train.policy_files.reading import read_weights
 from integ_gym.train.policy_files.sidecar import WEIGHTS_FILE
 
+from ..panel.cells import Cell
 from ..panel.conclusions import finding_of
-from ..panel.result import Cell, Entry, Panel, Policy
+from ..panel.result import Entry, Panel, Policy
 from ..power import WITHOUT_VERDICT
 from ..verdict import UNSOLVABLE
 from .forests import ordered_verdicts

@@ -9,7 +9,8 @@ from typing import Final
 
 from integ_gym.support.terminal import NONE, fixed, plural
 
-from ..panel.result import Entry, Panel, Row, Verdict
+from ..panel.result import Entry, Panel, Row
+from ..power import Verdict
 from ..verdict import PASS, UNSOLVABLE
 from .forests import Trust
 from .matrices import CLASS_WORDS
@@ -51,10 +52,11 @@ def findings_of(panel: Panel, trusts: Sequence[Trust]) -> tuple[Finding, ...]:
 def _failing(panel: Panel, judged: Verdict) -> Finding:
     """A declared transfer that fails."""
     home, there = panel.row(judged.row).home_success, panel.entry(judged.row, judged.cell)
-    rates = f"{fixed(home.estimate) if home else NONE} at home and {_rate(there)} on {judged.cell}"
+    row, cell = (_name(panel, name) for name in (judged.row, judged.cell))
+    rates = f"{fixed(home.estimate) if home else NONE} at home and {_rate(there)} on {cell}"
     return Finding(
         "fails",
-        f"{judged.row} does not transfer to {judged.cell}: success is {rates}, of which "
+        f"{row} does not transfer to {cell}: success is {rates}, of which "
         f"{fixed(judged.overfitting.estimate)} is lost by overfitting.",
     )
 
@@ -78,7 +80,7 @@ def _against_truth(panel: Panel, trusts: Sequence[Trust]) -> tuple[Finding, ...]
 
 
 def _agreement(panel: Panel, judged: Sequence[Entry]) -> Finding:
-    left = [cell.name for cell in panel.columns if cell.achievability in UNSOLVABLE]
+    left = [_name(panel, cell.name) for cell in panel.columns if cell.achievability in UNSOLVABLE]
     out = f" Left out: {_and(left, 'cells')}, which cannot be solved in time." if left else ""
     wrong = [entry for entry in judged if entry.contradicted]
     if not wrong:
@@ -100,6 +102,11 @@ def _agreement(panel: Panel, judged: Sequence[Entry]) -> Finding:
     )
 
 
+def _name(panel: Panel, name: str) -> str:
+    """A row or a cell in a sentence."""
+    return panel.label(name, "the truth")
+
+
 def _none_passes(judged: Sequence[Entry]) -> str:
     passing = any(entry.reference_class == "true_pass" for entry in judged)
     return "" if passing else ", but none of them passes: this tells nothing about transfer"
@@ -112,12 +119,15 @@ def _false_passes(panel: Panel, trusts: Sequence[Trust], row: Row) -> Finding | 
         return None
     truth = panel.on_truth(row.name)
     at_home = next((entry for entry in wrong if entry.cell == row.home), None)
-    others = _and([f"{e.cell} ({_rate(e)})" for e in wrong if e is not at_home], "cells")
+    others = _and(
+        [f"{_name(panel, e.cell)} ({_rate(e)})" for e in wrong if e is not at_home], "cells"
+    )
+    name = _name(panel, row.name)
     if at_home is None:
-        text = f"{row.name} reaches {_rate(truth)} on the truth, but passes on {others}."
+        text = f"{name} reaches {_rate(truth)} on the truth, but passes on {others}."
     else:
         given = row.kind == "given"
-        who = f"{row.name} reaches" if given else f"The policies trained on {row.name} reach"
+        who = f"{name} reaches" if given else f"The policies trained on {name} reach"
         text = (
             f"{who} {_rate(at_home)} at home but {_rate(truth)} on the truth: that win belongs "
             "to the simulator, not to the physics."
@@ -138,10 +148,12 @@ def _false_fails(panel: Panel, trust: Trust) -> Finding | None:
     wrong = [entry for entry in trust.of("false_fail") if entry.row not in failing]
     if not wrong:
         return None
-    pairs = [f"{e.row} ({_rate(e)} against {_rate(panel.on_truth(e.row))})" for e in wrong]
+    pairs = [
+        f"{_name(panel, e.row)} ({_rate(e)} against {_rate(panel.on_truth(e.row))})" for e in wrong
+    ]
     rows = _and(pairs, "rows")
     text = (
-        f"{trust.cell.name} fails what passes on the truth: {rows}. Judged there, "
+        f"{_name(panel, trust.cell.name)} fails what passes on the truth: {rows}. Judged there, "
         f"{'policies that work' if len(wrong) > 1 else 'a policy that works'} would be "
         "thrown away."
     )

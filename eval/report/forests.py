@@ -15,20 +15,11 @@ from integ_gym.support.terminal import (
     percent,
 )
 
-from ..panel.cells import swept_name
-from ..panel.result import (
-    Cell,
-    Entry,
-    Estimate,
-    PairedEpisodes,
-    Panel,
-    Remedy,
-    RemedyCell,
-    Row,
-    TrainingCost,
-    Verdict,
-)
-from ..power import WITHOUT_VERDICT
+from ..panel.cells import Cell, swept_name
+from ..panel.conclusions import remedy_summary
+from ..panel.result import Entry, PairedEpisodes, Panel, Remedy, RemedyCell, Row, TrainingCost
+from ..power import WITHOUT_VERDICT, Verdict
+from ..statistics import Estimate
 from ..verdict import (
     ALPHA,
     EQUIVALENCE_MARGIN,
@@ -193,13 +184,13 @@ def _line(panel: Panel, gap: Gap) -> Line:
     low, high = gap.value.ends
     details = [f"{fixed(low)} to {fixed(high)}"] if gap.value.bounded else []
     return Line(
-        panel.called(gap.row),
-        panel.called(gap.cell),
+        panel.label(gap.row),
+        panel.label(gap.cell),
         (gap.row, gap.cell),
         (Mark(gap.value, gap.verdict or "soft", filled=gap.verdict is not None),),
         fixed(gap.value.estimate, 2, True),
         ", ".join(details),
-        f"{gap.row} on {gap.cell}: overfitting {gap.value}",
+        f"{_at(panel, gap.row, gap.cell)}: overfitting {gap.value}",
     )
 
 
@@ -284,25 +275,28 @@ def _mixture(panel: Panel, remedy: Remedy) -> Mixture:
         rivals = sorted((e for e in found if e is not None), key=lambda e: e.success.estimate)
         if own is None:
             continue
-        line = _remedy_line(own, rivals, cell)
+        line = _remedy_line(panel, own, rivals, cell)
         if cell.solved and cell.lost and rivals:
             harmful.append((rivals[0].success.estimate, line))
         else:
             others.append(line)
     harmful.sort(key=lambda pair: pair[0])
     row = panel.row(remedy.row)
-    return Mixture(row, remedy.summary, tuple(line for _, line in harmful), tuple(others))
+    return Mixture(
+        row, remedy_summary(panel, remedy), tuple(line for _, line in harmful), tuple(others)
+    )
 
 
-def _remedy_line(own: Entry, rivals: list[Entry], cell: RemedyCell) -> Line:
+def _remedy_line(panel: Panel, own: Entry, rivals: list[Entry], cell: RemedyCell) -> Line:
     """A mixture in one cell beside rows of a single discretization, the lowest first."""
     lost = {one.row: one.difference for one in cell.lost}
-    words, marks = [f"{own.cell}: {own.row} {own.success}"], []
+    mixture = panel.label(own.row, "the truth")
+    words, marks = [f"{panel.label(own.cell, 'the truth')}: {mixture} {own.success}"], []
     for rival in rivals:
         alone = Estimate(rival.success.estimate)
         marks.append(Mark(alone, "fails" if rival.row in lost else "soft", False, -0.35))
-        less = f", {own.row} minus it {lost[rival.row]}" if rival.row in lost else ""
-        words.append(f"{rival.row} {rival.success}{less}")
+        less = f", {mixture} minus it {lost[rival.row]}" if rival.row in lost else ""
+        words.append(f"{panel.label(rival.row, 'the truth')} {rival.success}{less}")
     rates = [fixed(rival.success.estimate) for rival in rivals]
     notes = ["trained there"] if cell.member else []
     notes += [] if cell.solved else ["nobody solves it"]
@@ -406,14 +400,19 @@ def _paired_line(
     practically = ", practically equal" if equal else ""
     return Line(
         "",
-        panel.called(one.cell),
+        panel.label(one.cell),
         (one.row, one.cell),
         (Mark(value, tone, filled=shown),),
         number,
         f"{interval}{p_text(p)}",
-        f"{one.row} on {one.cell}: {title.lower()} {number}, {interval}adjusted {p_text(p)}"
+        f"{_at(panel, one.row, one.cell)}: {title.lower()} {number}, {interval}adjusted {p_text(p)}"
         f"{practically}",
     )
+
+
+def _at(panel: Panel, row: str, cell: str) -> str:
+    """A row in a cell, in words."""
+    return f"{panel.label(row, 'the truth')} on {panel.label(cell, 'the truth')}"
 
 
 @dataclass(frozen=True)
@@ -440,8 +439,10 @@ def _checks(panel: Panel, rows: Sequence[Row]) -> Mapping[str, tuple[Check, ...]
     for row in rows:
         for cell in panel.cells:
             after = panel.entry(row.name, cell.name)
-            if after is not None and not cell.plain and cell.perturbation not in swept:
-                label = cell.perturbation or cell.name
+            if after is None or cell.plain:
+                continue
+            label = cell.perturbation.name if cell.perturbation else cell.name
+            if label not in swept:
                 checks.setdefault(label, []).append(Check(_before(panel, after), after))
     return {label: tuple(found) for label, found in checks.items()}
 
@@ -456,7 +457,7 @@ def _before(panel: Panel, after: Entry) -> Entry | None:
 def check_forest(panel: Panel) -> Forest | None:
     """Success before and after every change of the plant or its delays; None without any."""
     blocks = [
-        Block(label, [_check_line(change) for change in found])
+        Block(label, [_check_line(panel, change) for change in found])
         for label, found in checks_of(panel).items()
     ]
     if not blocks:
@@ -465,7 +466,7 @@ def check_forest(panel: Panel) -> Forest | None:
     return Forest("Perturbations and latency", about, "success", RATE_AXIS, tuple(blocks))
 
 
-def _check_line(check: Check) -> Line:
+def _check_line(panel: Panel, check: Check) -> Line:
     after = check.after.success
     before = None if check.before is None else check.before.success
     was, marks = NONE, [Mark(after, "accent", down=0.35)]
@@ -473,6 +474,7 @@ def _check_line(check: Check) -> Line:
         was = fixed(before.estimate)
         marks.insert(0, Mark(before, "soft", filled=False, down=-0.35))
     loss = None if before is None else before.estimate - after.estimate
+    who, there = (panel.label(name, "the truth") for name in (check.after.row, check.after.cell))
     return Line(
         check.after.row,
         check.after.cell if check.before is None else check.before.cell,
@@ -480,7 +482,7 @@ def _check_line(check: Check) -> Line:
         tuple(marks),
         fixed(loss, sign=True),
         f"{was} → {fixed(after.estimate)}",
-        f"{check.after.row}: success {before or 'not known'} before, {after} on {check.after.cell}",
+        f"{who}: success {before or 'not known'} before, {after} on {there}",
     )
 
 

@@ -11,9 +11,10 @@ from typing import Any, Final, TypeAlias
 from integ_gym.support.figures import DASHES, SeriesStyle, SeriesStyles
 from integ_gym.support.terminal import step
 
-from ..panel.cells import swept_name
-from ..panel.result import Cell, Entry, Estimate, Panel, Row
+from ..panel.cells import Cell, swept_name
+from ..panel.result import Entry, Panel, Row
 from ..scheme_style import styles_of
+from ..statistics import Estimate
 from .forests import alike, close
 
 _LETTER: Final = 0.027  # width of a letter on the page, as a share of the axis
@@ -114,7 +115,7 @@ def ladder_plots(panel: Panel) -> LadderPlots | None:
     if not ladders:
         return None
     schemes = styles_of(name for one in ladders for name in (*one.fixed, *one.following))
-    rows = tuple((panel.called(ladder.row.name), _plots(ladder, schemes)) for ladder in ladders)
+    rows = tuple((panel.label(ladder.row.name), _plots(ladder, schemes)) for ladder in ladders)
     about = "success of the same policies as the step shrinks; finer to the right"
     paired = any(ladder.following for ladder in ladders)
     return LadderPlots("Refinement ladder", about, schemes, rows, paired)
@@ -262,14 +263,16 @@ def _points(
     """A row's success by value at a discretization; the value that no change has is undisturbed."""
     if home is None:
         return
-    changed = {cell.perturbation for cell in panel.cells}
-    here = {c.perturbation: c for c in panel.cells if c.perturbation and alike(c, home)}
+    cells = [(c.perturbation.name, c) for c in panel.cells if c.perturbation]
+    changed = {name for name, _ in cells}
+    here = {name: cell for name, cell in cells if alike(cell, home)}
     for value in values:
         name = swept_name(argument, value)
         cell = here.get(name) if name in changed else home
         entry = None if cell is None else panel.entry(row.name, cell.name)
         if entry is not None:
-            words = f"{row.name}, {name}: success {entry.success}"
+            row_name = panel.label(row.name, "the truth")
+            words = f"{row_name}, {name}: success {entry.success}"
             yield Point(_place(values, value), entry.success, words)
 
 

@@ -9,14 +9,15 @@ from typing import Final, Literal, TypeAlias
 
 from integ_gym.support.figures import ENERGY_FLOOR, symlog
 from integ_gym.support.terminal import (
-    NONE,
     compact,
     fixed,
     plural,
-    true_minus,
 )
 
-from ..panel.result import Cell, Entry, Estimate, Group, Panel, Row
+from ..panel.cells import Cell
+from ..panel.conclusions import solvable_reason
+from ..panel.result import Entry, Group, Panel, Row
+from ..statistics import Estimate
 from ..verdict import Achievability
 
 _FEW: Final = 5
@@ -199,7 +200,7 @@ def success_matrix(panel: Panel) -> Matrix | None:
         "share of episodes that succeed" + _over_seeds(panel),
         ("0", "1"),
         (*signs, "columns: step in seconds, coarse to fine"),
-        lambda entry, home: _success(entry, home, panel.cell(entry.cell)),
+        lambda entry, home: _success(panel, entry, home),
         hatchings=tuple((name, words) for name, words in HATCHED.items() if name in found),
     )
 
@@ -214,7 +215,7 @@ def return_matrix(panel: Panel) -> Matrix | None:
     def shade(entry: Entry, home: bool) -> Shade:
         value = None if entry.returns is None else entry.returns.estimate
         share = 1.0 if value is None or high == low else (value - low) / (high - low)
-        words = f"{_where(entry)}: return {compact(value, 4)}"
+        words = f"{_where(panel, entry)}: return {compact(value, 4)}"
         return Shade(
             compact(value, 3), "empty" if value is None else "rate", share, (), words, home
         )
@@ -247,12 +248,12 @@ def energy_matrix(panel: Panel) -> Matrix | None:
     def shade(entry: Entry, home: bool) -> Shade:
         residual = entry.energy_residual
         if residual is None:
-            words = f"{_where(entry)}: energy residual not known"
+            words = f"{_where(panel, entry)}: energy residual not known"
             return Shade(compact(None), "empty", 0.0, (), words, home)
         value = residual.estimate
         low, high = (compact(end, 3, True) for end in residual.ends)
         ends = f" ({low} to {high} J)" if residual.bounded else ""
-        words = f"{_where(entry)}: {compact(value, 3, True)} J{ends}"
+        words = f"{_where(panel, entry)}: {compact(value, 3, True)} J{ends}"
         tone: Tone = "warm" if value > 0.0 else "cool"
         share = symlog(abs(value), floor, largest)
         return Shade(compact(value, 2, True), tone, share, (), words, home)
@@ -278,9 +279,9 @@ def loss_matrix(panel: Panel) -> Matrix | None:
     def shade(entry: Entry, home: bool) -> Shade:
         loss = entry.home_drop
         if loss is None:
-            words = f"{_where(entry)}: {'at home' if home else 'no loss is known'}"
+            words = f"{_where(panel, entry)}: {'at home' if home else 'no loss is known'}"
             return Shade("home" if home else compact(None), "empty", 0.0, (), words, home)
-        words = f"{_where(entry)}: {loss} of success lost against home"
+        words = f"{_where(panel, entry)}: {loss} of success lost against home"
         if entry.overfitting is not None:
             words += f", of it {entry.overfitting} by overfitting"
         tone: Tone = "warm" if loss.estimate > 0.0 else "cool"
@@ -307,12 +308,12 @@ def time_matrix(panel: Panel) -> Matrix | None:
 
     def shade(entry: Entry, home: bool) -> Shade:
         if entry.time_to_success is None:
-            words = f"{_where(entry)}: no episode succeeds"
+            words = f"{_where(panel, entry)}: no episode succeeds"
             return Shade(compact(None), "empty", 0.0, (), words, home)
         value = entry.time_to_success.estimate
         share = 1.0 if high == low else (high - value) / (high - low)
         words = (
-            f"{_where(entry)}: {compact(value, 3)} s, mean of "
+            f"{_where(panel, entry)}: {compact(value, 3)} s, mean of "
             f"{plural(entry.time_to_success_episodes, 'episode')} that succeed"
         )
         return Shade(compact(value, 3), "rate", share, (), words, home)
@@ -359,25 +360,27 @@ def _line(panel: Panel, row: Row, shade: Callable[[Entry, bool], Shade]) -> Matr
 
     return MatrixLine(
         row,
-        panel.called(row.name),
+        panel.label(row.name),
         tuple((group, tuple((c, shown(c)) for c in group.cells)) for group in panel.groups),
     )
 
 
-def solved_words(cell: Cell) -> str:
+def solved_words(panel: Panel, cell: Cell) -> str:
     """Whether a cell can be solved, and why; empty where it was not asked."""
     if cell.achievability is None:
         return ""
     status = cell.achievability.replace("_", " ")
-    return f"{status}: {true_minus(cell.achievability_reason or NONE)}"
+    return f"{status}: {solvable_reason(panel, cell)}"
 
 
-def _where(entry: Entry) -> str:
-    return f"{entry.row}, evaluated on {entry.cell}"
+def _where(panel: Panel, entry: Entry) -> str:
+    row, cell = (panel.label(name, "the truth") for name in (entry.row, entry.cell))
+    return f"{row}, evaluated on {cell}"
 
 
-def _success(entry: Entry, home: bool, cell: Cell) -> Shade:
-    words = [f"{_where(entry)}: success {entry.success}", plural(entry.episodes, "episode")]
+def _success(panel: Panel, entry: Entry, home: bool) -> Shade:
+    cell = panel.cell(entry.cell)
+    words = [f"{_where(panel, entry)}: success {entry.success}", plural(entry.episodes, "episode")]
     marks = []
     if home:
         words.append("its training discretization")
@@ -389,7 +392,7 @@ def _success(entry: Entry, home: bool, cell: Cell) -> Shade:
         marks.append(f"✕{entry.diverged}")
     hatched = cell.achievability if cell.achievability in HATCHED else None
     if hatched is not None:
-        words.append(f"the cell is {solved_words(cell)}")
+        words.append(f"the cell is {solved_words(panel, cell)}")
     rate = entry.success.estimate
     span = entry.success.ends if entry.success.bounded else None
     return Shade(fixed(rate), "rate", rate, tuple(marks), "; ".join(words), home, hatched, span)

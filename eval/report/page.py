@@ -218,7 +218,7 @@ def _context(panel: Panel, told: Told | None) -> dict[str, Any]:
         "findings": findings_of(panel, trusts),
         "failure_table": failure_table(panel),
         "failures": failures_of(panel, told),
-        "comparisons": [comparison_of(one) for one in panel.policy_comparisons],
+        "comparisons": [comparison_of(panel, one) for one in panel.policy_comparisons],
         "limits": limits_of(panel),
         "settings": settings_of(panel),
         "applied": applied_of(panel),

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from integ_gym.eval.panel.conclusions import verdict_reason
 from integ_gym.eval.panel.plan import grown
 from integ_gym.eval.panel.run import run_panel, specified
 from integ_gym.eval.panel.spec import BUILT_IN, TRAINERS, PanelSpec
@@ -187,7 +188,7 @@ def main(argv: Sequence[str]) -> int:
         resources=resources_of(arguments),
     )
     for doubt in panel.warnings:
-        say(f"warning: {panel.said(doubt)}", sys.stderr)
+        say(f"warning: {doubt}", sys.stderr)
     print_headline(panel)
     if panel.verdicts:
         print_verdicts(panel, sys.stdout)
@@ -196,9 +197,9 @@ def main(argv: Sequence[str]) -> int:
     if arguments.verbose:
         for verdict in ordered_verdicts(panel):
             name = f"  {verdict.verdict:<13}"
-            print(
-                beside(name, panel.said(f"{verdict.name}: {verdict.reason}"), width_of(sys.stdout))
-            )
+            place = f"{panel.label(verdict.row)} → {panel.label(verdict.cell)}"
+            reason = f"{place}: {verdict_reason(panel, verdict)}"
+            print(beside(name, reason, width_of(sys.stdout)))
     print_next(panel)
     print(f"Page: {told_page(arguments.out)}")
     if is_remote(arguments.out):

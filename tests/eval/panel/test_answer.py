@@ -19,8 +19,8 @@ from integ_gym.eval.panel.conclusions import (
     finding_of,
     next_step,
 )
-from integ_gym.eval.panel.matrix import Matrix, PanelLayout, Row
-from integ_gym.eval.panel.result import Cost, Look, Panel, Policy
+from integ_gym.eval.panel.matrix import Matrix, PanelLayout
+from integ_gym.eval.panel.result import Cost, Look, Panel, Policy, Row
 from integ_gym.eval.report.forests import paired_success
 from integ_gym.eval.report.page import _headline
 from integ_gym.eval.verdict import Search
@@ -52,7 +52,10 @@ def judged(
     cells = {d.name: Cell.of(d, "reference" if d == TRUTH else "grid") for d in discretizations}
     heavy = Cell.of(HOME, "perturbation", Perturbation(HEAVY, {"mass": 1.2}))
     cells[heavy.name] = heavy
-    rows = (Row("mine", "given", ("mine",), home), Row("random", "baseline", ("random",)))
+    rows = (
+        Row.of("mine", "given", [Policy(id="mine")], home),
+        Row.of("random", "baseline", [Policy(id="random")]),
+    )
     noise = np.linspace(-1.0, 1.0, starts)
     earned = {**dict.fromkeys(cells, -10.0), **(returns or {})}
     rates = {**dict.fromkeys(cells, success[HOME.name]), **success}

@@ -108,7 +108,7 @@ def test_damaged_files_are_refused_with_the_place_and_the_remedy(
 
 @pytest.mark.parametrize("version", [1, 2, 3, 4, 6, None, "5"])
 def test_other_versions_are_refused_with_the_remedy(version: Any, tmp_path: Path) -> None:
-    message = f"has panel schema_version {version!r}, expected 5; run the panel's command again"
+    message = f"has panel schema_version {version!r}, expected 6; run the panel's command again"
     with pytest.raises(ValueError, match=re.escape(message)):
         _read({**raw_of("full"), "schema_version": version}, tmp_path)
 

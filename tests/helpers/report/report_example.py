@@ -36,14 +36,9 @@ def base_panel(
     rng = np.random.default_rng(seed)
     skipped = {"perturbation", "ladder"}
     panel: dict[str, Any] = {
-        "schema_version": 5,
+        "schema_version": 6,
         "name": "quick",
         "question": "Does a policy trained on one integrator survive another?",
-        "answer": (
-            "No: policies trained on explicit Euler at 0.05 s swing up in 98 % of the episodes at "
-            "home and in 42 % on the continuous-time truth, while those trained on RK4 lose "
-            "nothing."
-        ),
         "spec": {
             "env_id": "IntegPendulum-v0",
             "environment": {"max_torque": 0.8, "start": "hanging", "duration": 10.0},
@@ -166,8 +161,7 @@ def given_panel() -> dict[str, Any]:
     for entry in panel["matrix"]:
         entry["success"] = {**entry["success"], "low": None, "high": None}
     panel["paired"] = [paired(entry["cell"], k) for k, entry in enumerate(panel["matrix"])]
-    panel["warnings"] = ["The policy file names no training discretization."]
-    panel["answer"] = "One policy was evaluated; one seed cannot tell a policy from its luck."
+    panel["doubts"] = ["The policy file names no training discretization."]
     return panel
 
 
@@ -193,7 +187,7 @@ def none_panel() -> dict[str, Any]:
         line.update(home=None, integrator=None, dt=None, control_period=None)
         line.update(home_success=None, learned=None, training_steps=None, policies=[], shares={})
     for place in panel["cells"]:
-        place.update(role=None, achievability=None, achievability_reason=None)
+        place.update(role=None, achievability=None, best=None, search=None)
     for judged in panel["verdicts"]:
         judged.update(p_exceeds=None, p_equivalent=None)
         judged.update(p_exceeds_adjusted=None, p_equivalent_adjusted=None)
@@ -213,9 +207,8 @@ def hostile_panel() -> dict[str, Any]:
             return {name: poison(entry, name) for name, entry in value.items()}
         if isinstance(value, list):
             return [poison(entry, key) for entry in value]
-        words = {"name", "row", "cell", "home", "reason", "question", "answer", "command", "a", "b"}
+        words = {"name", "row", "cell", "home", "reason", "question", "command", "a", "b"}
         words |= {"integrator", "perturbation", "record_id", "query", "platform", "id", "singles"}
-        words |= {"achievability_reason"}
         return f"{value}{HOSTILE}" if isinstance(value, str) and key in words else value
 
     panel = {name: poison(value, name) for name, value in panel.items()}

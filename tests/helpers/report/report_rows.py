@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import math
-from dataclasses import asdict
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from integ_gym.eval.statistics import mean_interval
@@ -35,6 +35,9 @@ TRUTH = "reference dt=0.05"
 PUMP = {"explicit_euler": 1.0, "implicit_euler": -1.6, "symplectic_euler": 0.05}
 """Energy that a scheme puts in at the coarsest step, in units of what a policy bears."""
 
+CHANGES = {"mass +20 %": {"mass": 1.2}, "latency 50 ms": {"action_latency": 0.05}}
+"""What perturbations change."""
+
 DRAWS = 500
 """Draws of an interval of the matrix: few, because nothing is concluded from it."""
 
@@ -42,7 +45,7 @@ IMPOSSIBLE, SLOW, UNKNOWN = (f"implicit_euler dt={dt:g}" for dt in STEPS)
 CEILING = {IMPOSSIBLE: (0.0, 0.0), SLOW: (0.3, 0.9), UNKNOWN: (0.3, 0.4)}
 """Success that nobody exceeds in a cell, within the horizon and within two."""
 
-SEARCH = Search(20.0, 19.6, [14.2, 15.1, 13.8, 14.9], "a beam over controls")
+SEARCH = Search(20.0, 19.6, (14.2, 15.1, 13.8, 14.9), "a beam over controls")
 """What a search over controls reaches where the goal cannot be reached."""
 
 
@@ -51,8 +54,10 @@ def cell(scheme: str, dt: float, period: float = PERIOD, **more: Any) -> dict[st
     name = f"{scheme} dt={dt:g}"
     if period != PERIOD:
         name += f" control={period:g}"
-    if more.get("perturbation"):
-        name += f", {more['perturbation']}"
+    change = more.get("perturbation")
+    changed = change and {"name": change, "environment": CHANGES[change]}
+    if change:
+        name += f", {change}"
     place = {"engine": "native", "integrator": scheme, "dt": dt, "control_period": period}
     return {
         "name": name,
@@ -62,8 +67,8 @@ def cell(scheme: str, dt: float, period: float = PERIOD, **more: Any) -> dict[st
         "perturbation": None,
         "role": None,
         "achievability": None,
-        "achievability_reason": None,
         **more,
+        **({"perturbation": changed} if changed else {}),
     }
 
 
@@ -162,7 +167,8 @@ def unbounded_skill(line: dict[str, Any], place: dict[str, Any]) -> float:
     off = pumped(place["integrator"], place["dt"]) - pumped(line["integrator"], line["dt"] or 0.05)
     if place["control_period"] != PERIOD:
         off *= 0.7
-    change = {"mass +20 %": 0.35, "latency 50 ms": 0.8}.get(place["perturbation"], 0.0)
+    changed = place["perturbation"] and place["perturbation"]["name"]
+    change = {"mass +20 %": 0.35, "latency 50 ms": 0.8}.get(changed, 0.0)
     return 1.0 / (1.0 + math.exp(6.0 * (abs(off) + change - 0.95)))
 
 
@@ -189,7 +195,7 @@ def spread(middle: float, line: dict[str, Any], rng: np.random.Generator) -> Any
     found = mean_interval(values)
     if found is None:
         return {"estimate": float(values[0]), "low": None, "high": None, "level": 0.95}
-    return asdict(found)
+    return msgspec.to_builtins(found)
 
 
 def matrix_entry(
@@ -258,12 +264,13 @@ def complete(panel: dict[str, Any]) -> None:
     for place in panel["cells"]:
         if place["kind"] in ("grid", "reference"):
             can = solvable(panel, place["name"])
-            place.update(achievability=can.status, achievability_reason=can.reason)
+            can = msgspec.to_builtins(can)
+            place.update(achievability=can["status"], best=can["best"], search=can["search"])
     for entry in panel["matrix"]:
         line, place, own = lines[entry["row"]], cells[entry["cell"]], entry["success_by_seed"]
         made_of = loss_rates(panel, line["name"], place["name"])
         if made_of is not None and line["home"] != place["name"]:
-            parts = asdict(split(made_of, draws=DRAWS))
+            parts = msgspec.to_builtins(split(made_of, draws=DRAWS))
             entry.update(home_drop=parts.pop("total"), **parts)
         other = native.get(entry["cell"])
         if other is not None and line["kind"] == "trained" and other["learned"]:
@@ -279,17 +286,16 @@ def rates_of(panel: dict[str, Any]) -> dict[tuple[str, str], list[float]]:
     return {(e["row"], e["cell"]): e["success_by_seed"] for e in panel["matrix"]}
 
 
-def yardsticks(panel: dict[str, Any], place: str) -> dict[str, list[float]]:
-    """Success of every seed of those who show whether a cell can be solved."""
+def yardsticks(panel: dict[str, Any], place: str) -> dict[str | None, list[float]]:
+    """Success of every seed of those who show whether a cell can be solved, by row.
+
+    Under None, that of the hand-made controller.
+    """
     rate = rates_of(panel)
     natives = [r["name"] for r in panel["rows"] if r["kind"] == "trained" and r["home"] == place]
-    names = {"policies trained there": natives, "the hand-made controller": ["handmade"]}
-    return {
-        words: rate[row, place]
-        for words, rows in names.items()
-        for row in rows
-        if (row, place) in rate
-    }
+    found = {row: rate[row, place] for row in natives if (row, place) in rate}
+    own = rate.get(("handmade", place))
+    return found if own is None else {**found, None: own}
 
 
 def solvable(panel: dict[str, Any], name: str) -> Achieved:
@@ -313,14 +319,14 @@ def loss_rates(panel: dict[str, Any], row: str, name: str) -> Rates | None:
     later = {who: recovered_rates(place, found) for who, found in others.items()}
     starts = [
         float(start < round(mean * EPISODES))
-        for mean in later.get("the hand-made controller", [])
+        for mean in later.pop(None, [])
         for start in range(EPISODES)
     ]
     return Rates(
         home,
         own,
         recovered_rates(place, own),
-        None if line["home"] == name else later.get("policies trained there"),
+        None if line["home"] == name else next(iter(later.values()), None),
         starts or None,
     )
 

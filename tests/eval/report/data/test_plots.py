@@ -14,7 +14,6 @@ from report_pages import every_panel, page_of, panel_of
 from report_rows import IMPOSSIBLE, SLOW
 
 from integ_gym.envs.registries import ENGINES, INTEGRATORS
-from integ_gym.eval.panel.result import Estimate
 from integ_gym.eval.report.figures import FIGURES
 from integ_gym.eval.report.forests import (
     check_forest,
@@ -27,6 +26,7 @@ from integ_gym.eval.report.ladders import ladder_plots
 from integ_gym.eval.report.matrices import energy_matrix, success_matrix, value_axis
 from integ_gym.eval.report.page import render
 from integ_gym.eval.scheme_style import NATIVE, styles_of
+from integ_gym.eval.statistics import Estimate
 from integ_gym.support.figures import HUES, MARKERS, PALETTE, channels
 
 VISION = {
@@ -133,7 +133,7 @@ def test_forests_are_the_same_on_the_page_and_in_the_figure(name, panel, describ
     for block in forest.blocks:
         for line in block.lines:
             assert f"{line.number} {line.detail}" in shown
-            assert panel_of(panel).said(line.words) in page.values("aria-label")
+            assert line.words in page.values("aria-label")
             for part in (line.number, line.detail, line.cell):
                 assert part in text
 
@@ -143,7 +143,7 @@ def test_a_given_policy_is_held_against_itself_cell_by_cell() -> None:
     panel = panel_of("given")
     success, earned = paired_success(panel), paired_return(panel)
     assert [line.cell for line in success.blocks[0].lines] == [
-        panel.called(one.cell) for one in panel.paired
+        panel.label(one.cell) for one in panel.paired
     ]
     filled = {line.cell for line in success.blocks[0].lines if line.marks[0].filled}
     assert filled == {one.cell for one in panel.paired if one.p_success_adjusted < 0.05}
@@ -191,7 +191,7 @@ def test_matrices_are_the_same_on_the_page_and_in_the_figure(name, describe, mea
     assert len(shades) > 100
     for anchor, shade in shades:
         assert told["cells"][anchor][0] == shade.text
-        assert told["cells"][anchor][3] == panel.said(shade.words)
+        assert told["cells"][anchor][3] == shade.words
         assert shade.text in text
     assert told["ends"] == list(matrix.ends)
     for words in (*matrix.notes, *matrix.ends, *(words for _, words in matrix.hatchings)):
@@ -203,7 +203,7 @@ def test_the_matrix_reads_without_a_script() -> None:
     matrix, text = success_matrix(panel), " ".join(page.text.split())
     shown = [s for b in matrix.blocks for x in b.lines for _, cells in x.shades for _, s in cells]
     for shade in shown:
-        assert panel.said(shade.words) in page.values("aria-label")
+        assert shade.words in page.values("aria-label")
     for words in (*matrix.notes, *matrix.ends, *(words for _, words in matrix.hatchings)):
         assert words in text
 
@@ -225,9 +225,9 @@ def test_cells_that_cannot_be_solved_in_time_are_hatched_on_the_page_and_in_the_
     for cell, shade in hatched:
         assert shade.hatched == cell.achievability
         assert shade.words.endswith(
-            f"the cell is {shade.hatched.replace('_', ' ')}: {cell.achievability_reason}"
+            f"the cell is {shade.hatched.replace('_', ' ')}: {solvable_reason(panel, cell)}"
         )
-        assert panel.said(shade.words) in page.values("title")
+        assert shade.words in page.values("title")
     classes = [set(own.get("class", "").split()) for tag, own in page.tags if tag == "a"]
     _, draw = FIGURES["success_matrix"]
     patches = [patch.get_hatch() for patch in draw(matrix).findobj(Rectangle)]

@@ -10,8 +10,9 @@ import pytest
 from report_pages import panel_from, panel_of, raw_of
 
 from integ_gym.eval.panel.conclusions import finding_of
-from integ_gym.eval.panel.result import Estimate, Panel
+from integ_gym.eval.panel.result import Panel
 from integ_gym.eval.report.episodes import Outcomes, chosen, chosen_words
+from integ_gym.eval.statistics import Estimate
 
 EPISODES = 4
 

@@ -23,7 +23,7 @@ from integ_gym.eval.report.cards import LABEL_WORDS
 from integ_gym.eval.report.figures import write_figures
 from integ_gym.eval.report.page import render, write_report
 from integ_gym.evidence.fields import LABELS
-from integ_gym.support.terminal import fixed, together, true_minus
+from integ_gym.support.terminal import fixed, together
 
 SECTIONS = [
     "matrix", "paired", "verdicts", "conclude", "gaps", "remedy", "ladder", "checks", "failures",
@@ -130,12 +130,12 @@ def test_the_answer_comes_first_and_numbers_are_the_panels() -> None:
     text = " ".join(page.text.split())
     places = [
         text.index(panel.question),
-        text.index(panel.said(true_minus(answer_lines(panel)[0]))),
+        text.index(answer_lines(panel)[0]),
     ]
     assert places == sorted(places)
     assert places[1] < text.index("Verdicts on the declared family")
     for judged in panel.verdicts:
-        assert panel.said(true_minus(judged.reason)) in text
+        assert verdict_reason(panel, judged) in text
     for entry in panel.matrix:
         assert fixed(entry.success.estimate) in text
     for failure in panel.failures:
@@ -173,7 +173,7 @@ def test_every_verdict_has_its_card_with_the_parts_of_the_loss() -> None:
     cards = shown.split(tally)[1]
     for word in words:
         judged = judged_in_turn[word]
-        head = f"{word} {panel.called(judged.row)} evaluated on {panel.called(judged.cell)}"
+        head = f"{word} {panel.label(judged.row)} evaluated on {panel.label(judged.cell)}"
         assert head in cards
         card = cards.split(head)[1].split(" evaluated on ")[0]
         parts = " ".join(
@@ -186,7 +186,7 @@ def test_every_verdict_has_its_card_with_the_parts_of_the_loss() -> None:
             )
         )
         assert parts in card
-        assert panel.said(true_minus(judged.reason)) in card
+        assert verdict_reason(panel, judged) in card
     few = " ".join(page_of("nothing learned").text.split())
     assert "0 fails 0 transfers 0 inconclusive 1 not learned" in few
     assert "0 too slow" not in few
@@ -198,8 +198,8 @@ def test_records_say_whether_their_cell_can_be_solved() -> None:
     for entry in panel.matrix:
         cell = panel.cell(entry.cell)
         place = panel.anchor(entry.row, entry.cell)[1:].replace("c", "/")
-        status = f"{cell.achievability.replace('_', ' ')}: {cell.achievability_reason}"
-        assert ["the cell", together(panel.said(status))] in head["entries"][place]["facts"]
+        status = f"{cell.achievability.replace('_', ' ')}: {solvable_reason(panel, cell)}"
+        assert ["the cell", together(status)] in head["entries"][place]["facts"]
 
 
 def test_every_failure_label_has_its_words() -> None:
