@@ -1,6 +1,5 @@
 """Verdicts: every branch of the three decision rules, on seeds whose answer is known."""
 
-from collections.abc import Callable
 from typing import Any
 
 import msgspec
@@ -207,23 +206,21 @@ def test_empty_family() -> None:
 
 
 @pytest.mark.parametrize(
-    ("make", "message"),
+    ("given", "message"),
     [
-        (
-            lambda: [Comparison("a", "j", rates(GOOD, None, GOOD), SOLVED)] * 2,
-            "'a → j' more than once",
-        ),
-        (
-            lambda: [Comparison("a", "j", rates(GOOD, None, GOOD[:-1]), SOLVED)],
-            "got 10, 9 and 9 seeds",
-        ),
-        (lambda: [Comparison("a", "j", rates([], None, []), SOLVED)], "at least one training seed"),
-        (lambda: [Comparison("a", "j", rates(GOOD, [2.0], GOOD), SOLVED)], r"in \[0, 1\], got 2.0"),
+        ([rates(GOOD, None, GOOD)] * 2, "'a → j' more than once"),
+        ([rates([], None, [])], "at least one training seed"),
+        ([rates(GOOD, [2.0], GOOD)], r"in \[0, 1\], got 2.0"),
     ],
 )
-def test_bad_family(make: Callable[[], list[Comparison]], message: str) -> None:
+def test_bad_family(given: list[Rates], message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        judge_family(make())
+        judge_family([Comparison("a", "j", own, SOLVED) for own in given])
+
+
+def test_rates_of_one_policy_are_of_the_same_seeds() -> None:
+    with pytest.raises(ValueError, match="got 10, 9 and 9 seeds"):
+        rates(GOOD, None, GOOD[:-1])
 
 
 # --- loss ----------------------------------------------------------------------------------

@@ -14,6 +14,7 @@ from report_pages import every_panel, page_of, panel_of
 from report_rows import IMPOSSIBLE, SLOW
 
 from integ_gym.envs.registries import ENGINES, INTEGRATORS
+from integ_gym.eval.panel.conclusions import solvable_reason
 from integ_gym.eval.report.figures import FIGURES
 from integ_gym.eval.report.forests import (
     check_forest,

@@ -17,7 +17,7 @@ import pytest
 import report_example as example
 from report_pages import Page, every_panel, page_of, panel_from, panel_of, raw_of
 
-from integ_gym.eval.panel.conclusions import answer_lines
+from integ_gym.eval.panel.conclusions import answer_lines, solvable_reason, verdict_reason
 from integ_gym.eval.report import page as report_page
 from integ_gym.eval.report.cards import LABEL_WORDS
 from integ_gym.eval.report.figures import write_figures
