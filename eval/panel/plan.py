@@ -17,42 +17,25 @@ from .cells import (
     Cell,
     DiscretizationMixture,
     Home,
-    Perturbation,
     SpecError,
-    Sweep,
     changes_of,
 )
-from .spec import TRAINERS, PanelSpec
+from .spec import LATER, NO_RESULT, TRAINERS, PanelSpec, derived_table
 
 _CODE = ("env_id", "environment", "train", "grid")
 """Parts whose texts may name code of somebody's own."""
 
 
-class _Plan(msgspec.Struct, kw_only=True):
-    """What `PanelSpec.to_json` writes."""
-
-    name: str
-    question: str
-    env_id: str
-    control_period: float
-    environment: dict[str, Any]
-    training: dict[str, Any]
-    trainer: dict[str, str | None]
-    train: list[dict[str, Any]]
-    grid: list[Discretization]
-    seeds: list[int]
-    exploratory_seeds: int | None
-    baselines: list[str]
-    perturbations: list[Perturbation]
-    sweeps: list[Sweep] = []
-    family: list[tuple[str, str]]
-    compare: list[tuple[str, str]]
-    looks: list[int] = []
-    ladder: bool
-    episodes: int
-    episode_parts: list[int] = []
-    episode_seed: int
-    trace_every: int
+_Plan = derived_table(
+    "Plan",
+    {
+        "trainer": dict[str, str | None],
+        "train": list[dict[str, Any]],
+        **dict.fromkeys(NO_RESULT),
+    },
+    lambda key: key not in LATER,
+)
+"""What `PanelSpec.to_json` writes."""
 
 
 def planned_spec(plan: Mapping[str, Any]) -> PanelSpec:
@@ -64,18 +47,24 @@ def planned_spec(plan: Mapping[str, Any]) -> PanelSpec:
     Raises:
         SpecError: if it is no plan of a panel, in one sentence.
     """
+    fields = {key: value for key, value in plan.items() if key in _Plan.__struct_fields__}
     try:
-        told = msgspec.convert(dict(plan), _Plan)
-        held = msgspec.structs.asdict(told)
-        own: dict[str, Any] = {k: tuple(x) if isinstance(x, list) else x for k, x in held.items()}
-        if told.trainer.get("name") not in TRAINERS:
-            raise SpecError("its specification is damaged: it names no trainer that there is")
-        own |= {"trainer": str(told.trainer["name"]), "train": tuple(map(_home, told.train))}
-        if told.episode_parts and sum(told.episode_parts) != told.episodes:
-            raise SpecError("its specification is damaged: `episode_parts` do not add up")
-        return PanelSpec(**own)
+        table = msgspec.structs.asdict(msgspec.convert(fields, _Plan))
+        known = {key: value for key, value in table.items() if value is not msgspec.UNSET}
+        spec = PanelSpec(
+            **{
+                **known,
+                "trainer": str(known["trainer"].get("name")),
+                "train": tuple(map(_home, known["train"])),
+            }
+        )
     except (KeyError, msgspec.ValidationError) as error:
         raise SpecError(f"its specification is damaged: {error}") from None
+    if spec.trainer not in TRAINERS:
+        raise SpecError("its specification is damaged: it names no trainer that there is")
+    if spec.episode_parts and sum(spec.episode_parts) != spec.episodes:
+        raise SpecError("its specification is damaged: `episode_parts` do not add up")
+    return spec
 
 
 def planned_home(plan: Mapping[str, Any]) -> Home | None:
