@@ -13,10 +13,10 @@ import numpy.typing as npt
 
 from integ_gym.support.errors import InputError
 from integ_gym.support.terminal import (
-    beside,
-    print_aligned,
-    say,
-    stands_in_columns,
+    hanging_indent,
+    has_room,
+    print_columns,
+    print_wrapped,
     visible,
     width_of,
 )
@@ -48,7 +48,7 @@ def show(record: EvidenceRecord, bars: str = BARS, width: int | None = None) -> 
     outcome = "succeeds" if fields["success"] else f"fails, {fields['failure_label']}"
     title = f"{fields['env_id']}, {fields['cell']}, episode {fields['episode_index']}: {outcome}"
     parts = (_groups(record, width), _arguments(record, width), _trace(record, bars, width))
-    return "\n".join([beside("", title, width), *(line for part in parts for line in part)])
+    return "\n".join([hanging_indent("", title, width), *(line for part in parts for line in part)])
 
 
 def _groups(record: EvidenceRecord, width: int | None) -> Iterator[str]:
@@ -120,7 +120,7 @@ def number(value: Any) -> str:
 
 def _line(name: str, value: str, unit: str, width: int | None) -> str:
     shown = "" if value == NOTHING else _unit(unit)
-    return beside(f"  {name:<{_NAME - 2}}", f"{value} {shown}".rstrip(), width)
+    return hanging_indent(f"  {name:<{_NAME - 2}}", f"{value} {shown}".rstrip(), width)
 
 
 def _unit(unit: str) -> str:
@@ -161,10 +161,10 @@ def _readable(schema: Any, rows: list[list[Any]], file: TextIO) -> None:
     cells = [[_short(value) for value in row] for row in rows]
     width = width_of(file)
     listed = width is not None or len(rows) <= _FEW
-    if listed and not stands_in_columns(names, cells, width or _UNREAD):
+    if listed and not has_room(names, cells, width or _UNREAD):
         _print_lists(names, _with_units(schema, cells), file, width or _UNREAD)
     else:
-        print_aligned(names, cells, file, numeric)
+        print_columns(names, cells, file, numeric)
     print(f"({len(rows)} row{'' if len(rows) == 1 else 's'})", file=file)
 
 
@@ -175,13 +175,15 @@ def _print_lists(
     before, cut = max(map(len, names)) + 2, False
     for row in rows:
         for name, cell in zip(names, row, strict=True):
-            whole = beside(f"{name:<{before}}", cell, width)
-            shown = beside(f"{name:<{before}}", cell, width, _LINES)
+            whole = hanging_indent(f"{name:<{before}}", cell, width)
+            shown = hanging_indent(f"{name:<{before}}", cell, width, _LINES)
             cut = cut or shown != whole
             print(shown, file=file)
         print(file=file)
     if cut:
-        say("Cells that end with ... are cut; --format json gives every value in full.", file)
+        print_wrapped(
+            "Cells that end with ... are cut; --format json gives every value in full.", file
+        )
 
 
 def _with_units(schema: Any, rows: list[list[str]]) -> list[list[str]]:

@@ -9,8 +9,7 @@ from typing import NamedTuple, TextIO
 
 from integ_gym.support.errors import InputError
 from integ_gym.support.files import cannot_write, new_path
-from integ_gym.support.optional import load
-from integ_gym.support.processes import work_bar
+from integ_gym.support.terminal import WorkBar
 
 from ..record import EvidenceRecord
 from ..schema import EvidenceError
@@ -81,8 +80,7 @@ def export(
     if form in _TEXTS:
         return Exported(_write_text(form, chosen.episodes(trace=False), out), chosen.left_out)
     assert isinstance(out, Path)
-    load("tqdm", "exchange")
-    with _new(out) as folder, work_bar(f"export {form}", len(chosen.ids), progress) as bar:
+    with _new(out) as folder, WorkBar(f"export {form}", len(chosen.ids), progress) as bar:
         folder.mkdir()
         chosen.report = bar.update
         written = _FOLDERS[form](chosen, folder)

@@ -24,7 +24,7 @@ from integ_gym.support.options import (
     whole_number,
 )
 from integ_gym.support.storage import is_remote
-from integ_gym.support.terminal import beside, say, width_of
+from integ_gym.support.terminal import hanging_indent, print_wrapped, width_of
 
 from .printed import (
     print_details,
@@ -158,7 +158,7 @@ def main(argv: Sequence[str]) -> int:
         print_power(spec, arguments.out)
         return 0
     if spec.left_out:
-        say(
+        print_wrapped(
             f"Not installed, and left out: {', '.join(spec.left_out)}; docs/reference/engines.md "
             "says how each is installed.",
             sys.stderr,
@@ -188,7 +188,7 @@ def main(argv: Sequence[str]) -> int:
         resources=resources_of(arguments),
     )
     for doubt in panel.warnings:
-        say(f"warning: {doubt}", sys.stderr)
+        print_wrapped(f"warning: {doubt}", sys.stderr)
     print_headline(panel)
     if panel.verdicts:
         print_verdicts(panel, sys.stdout)
@@ -198,8 +198,11 @@ def main(argv: Sequence[str]) -> int:
         for verdict in ordered_verdicts(panel):
             name = f"  {verdict.verdict:<13}"
             place = f"{panel.label(verdict.row)} → {panel.label(verdict.cell)}"
-            reason = f"{place}: {verdict_reason(panel, verdict)}"
-            print(beside(name, reason, width_of(sys.stdout)))
+            print(
+                hanging_indent(
+                    name, f"{place}: {verdict_reason(panel, verdict)}", width_of(sys.stdout)
+                )
+            )
     print_next(panel)
     print(f"Page: {told_page(arguments.out)}")
     if is_remote(arguments.out):

@@ -204,14 +204,6 @@ def test_verify_says_meanwhile_what_it_checks_and_how_much_is_done(two_environme
     assert capsys.readouterr().err == ""
 
 
-def test_verify_needs_nothing_to_draw_a_bar_with(two_environments, monkeypatch, capsys):
-    monkeypatch.setitem(sys.modules, "tqdm", None)
-    assert main(["verify", str(two_environments)]) == 0
-    told = capsys.readouterr()
-    assert "records: 6" in told.out
-    assert told.err == ""
-
-
 def test_verify_of_what_cannot_be_counted_is_a_finding(store, capsys):
     store.files()[0].write_bytes(b"PAR1 and no more")
     assert main(["verify", str(store.directory)]) == 1

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from gymnasium import spaces
 
+from integ_gym.train.fleet.learning import initial_stack, state_dict
 from integ_gym.train.policy_files.card import hashed
 from integ_gym.train.policy_files.limits import PolicyFileError
 from integ_gym.train.policy_files.sidecar import (
@@ -18,7 +19,6 @@ from integ_gym.train.policy_files.sidecar import (
     readable_file,
     write_actor,
 )
-from integ_gym.train.sb3_model import initial_stack, state_dict
 
 TORQUE = spaces.Box(-2.0, 2.0, (1,), np.float32)
 CARD = {"policy_id": "mine", "seed": 0}
