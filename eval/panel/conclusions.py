@@ -11,7 +11,7 @@ import json
 import math
 import shlex
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final, Literal, TypeAlias
 
@@ -196,10 +196,18 @@ def finding_of(panel: Panel) -> Finding | None:
     if panel.given_alone:
         return _finding_of_given(panel, given[0]) if given else None
     if judged := _judged(panel):
-        return _finding_of_verdict(panel, _worst(panel, judged))
-    if panel.verdicts or not panel.exploratory:
+        worst = _worst(panel, judged)
+        row, cell, lost = worst.row, worst.cell, worst.total
+        codes: dict[str, Status] = {"fails": "cause", "transfers": "not_cause"}
+        status = codes.get(worst.verdict, "undecided")
+    elif panel.verdicts or not panel.exploratory or panel.exploratory[0].home_drop is None:
         return None
-    return _finding_of_transfer(panel, panel.exploratory[0])
+    else:
+        entry = panel.exploratory[0]
+        row, cell, lost, status = entry.row, entry.cell, entry.home_drop, "exploratory"
+    own, there = panel.row(row), _value(panel.entry(row, cell), "success")
+    at_home = None if own.home_success is None else own.home_success.estimate
+    return Finding(row, own.home, cell, "success", status, at_home, there, lost)
 
 
 # A policy that was given.
@@ -210,7 +218,7 @@ def _finding_of_given(panel: Panel, row: Row) -> Finding:
     known = bool(row.shares) and all(panel.entry(row.name, cell) for cell in row.shares)
     cell = panel.truth or (_finest(panel, row) if known else None)
     measure: Literal["success", "return"] = "success" if _succeeds(panel, row.name) else "return"
-    at_home = _mean_at_home(panel, row, measure) if known else None
+    at_home = _mean_over(panel, row.name, row.shares, measure) if known else None
     there = None if cell is None else _value(panel.entry(row.name, cell.name), measure)
     found = None if cell is None or not known else _paired_in(panel, row.name, cell.name)
     lost = None if found is None else found.success if measure == "success" else found.returns
@@ -289,13 +297,13 @@ def _finest(panel: Panel, row: Row) -> Cell | None:
     return finest
 
 
-def _mean_at_home(panel: Panel, row: Row, measure: str) -> float | None:
-    values = [
-        (share, _value(panel.entry(row.name, cell), measure)) for cell, share in row.shares.items()
-    ]
-    if any(value is None for _, value in values):
+def _mean_over(panel: Panel, row: str, shares: Mapping[str, float], measure: str) -> float | None:
+    """What a row reaches over cells by their shares; None where one of them is not known."""
+    values = [_value(panel.entry(row, cell), measure) for cell in shares]
+    known = [value for value in values if value is not None]
+    if len(known) < len(values):
         return None
-    return sum(share * value for share, value in values if value is not None)
+    return sum(share * value for share, value in zip(shares.values(), known, strict=True))
 
 
 def _value(entry: Entry | None, measure: str) -> float | None:
@@ -312,17 +320,8 @@ def _paired_in(panel: Panel, row: str, cell: str) -> PairedEpisodes | None:
 
 def _lead(panel: Panel, row: Row) -> float:
     """By how much a row's mean return at home exceeds random's; 0 where that is not known."""
-    random = next((one for one in panel.rows if one.name == "random"), None)
-    own = _mean_at_home(panel, row, "return")
-    if random is None or own is None:
-        return 0.0
-    parts = [
-        (share, _value(panel.entry(random.name, cell), "return"))
-        for cell, share in row.shares.items()
-    ]
-    if any(value is None for _, value in parts):
-        return 0.0
-    return own - sum(share * value for share, value in parts if value is not None)
+    own, random = (_mean_over(panel, name, row.shares, "return") for name in (row.name, "random"))
+    return 0.0 if own is None or random is None else own - random
 
 
 def _margin(panel: Panel, row: Row, measure: str) -> float:
@@ -334,10 +333,11 @@ def _margin(panel: Panel, row: Row, measure: str) -> float:
 
 def _given(panel: Panel, finding: Finding) -> tuple[str, ...]:
     row = panel.row(finding.row)
+    split = finding.status == "cause" and finding.measure == "success"
     lines = [
         _first(panel, finding, row),
         _about_home(panel, finding, row),
-        _parts_of_loss(panel, finding),
+        _split(panel.entry(row.name, finding.cell)) if split and finding.cell else "",
         *_compared(panel, finding, row),
         _returns(panel, finding, row),
         *_closed(panel),
@@ -470,23 +470,16 @@ def _range(panel: Panel, finding: Finding) -> str:
     return f"{what} is from {told.number(low)} ({worst}) to {told.number(high)} ({best}). "
 
 
-def _parts_of_loss(panel: Panel, finding: Finding) -> str:
+def _split(loss: Entry | Verdict | None) -> str:
     """Of what a loss of success is made."""
-    entry = panel.entry(finding.row, finding.cell) if finding.cell else None
-    if finding.status != "cause" or finding.measure != "success" or entry is None:
+    if loss is None or not (loss.overfitting and loss.deadline and loss.difficulty):
         return ""
-    if entry.overfitting is None or entry.deadline is None or entry.difficulty is None:
-        return ""
-    return _split(entry.overfitting, entry.deadline, entry.difficulty)
-
-
-def _split(overfitting: Estimate, deadline: Estimate, difficulty: Estimate) -> str:
-    low, high = overfitting.ends
-    interval = f" ({fixed(low)} to {fixed(high)})" if overfitting.bounded else ""
+    low, high = loss.overfitting.ends
+    interval = f" ({fixed(low)} to {fixed(high)})" if loss.overfitting.bounded else ""
     return (
-        f"Of that loss, {fixed(overfitting.estimate)}{interval} is overfitting to home, "
-        f"{fixed(deadline.estimate)} comes back in twice the time, and "
-        f"{fixed(difficulty.estimate)} others lose there too."
+        f"Of that loss, {fixed(loss.overfitting.estimate)}{interval} is overfitting to home, "
+        f"{fixed(loss.deadline.estimate)} comes back in twice the time, and "
+        f"{fixed(loss.difficulty.estimate)} others lose there too."
     )
 
 
@@ -547,7 +540,7 @@ def _returns(panel: Panel, finding: Finding, row: Row) -> str:
     """Returns beside success."""
     if finding.measure == "return" or finding.cell is None:
         return ""
-    at_home = _mean_at_home(panel, row, "return") if row.shares else None
+    at_home = _mean_over(panel, row.name, row.shares, "return") if row.shares else None
     there = _value(panel.entry(row.name, finding.cell), "return")
     found = _paired_in(panel, row.name, finding.cell)
     lost = None if found is None else found.returns
@@ -588,30 +581,13 @@ def _worst(panel: Panel, judged: Sequence[Verdict]) -> Verdict:
     return max(failed or open_ones, key=lambda one: one.overfitting.estimate)
 
 
-def _finding_of_verdict(panel: Panel, judged: Verdict) -> Finding:
-    statuses: dict[str, Status] = {"fails": "cause", "transfers": "not_cause"}
-    status = statuses.get(judged.verdict, "undecided")
-    return _transfer(panel, judged.row, judged.cell, judged.total, status)
-
-
-def _finding_of_transfer(panel: Panel, entry: Entry) -> Finding:
-    assert entry.home_drop is not None
-    return _transfer(panel, entry.row, entry.cell, entry.home_drop, "exploratory")
-
-
-def _transfer(panel: Panel, row: str, cell: str, lost: Estimate, status: Status) -> Finding:
-    home, there = panel.row(row).home_success, _value(panel.entry(row, cell), "success")
-    at_home = None if home is None else home.estimate
-    return Finding(row, panel.row(row).home, cell, "success", status, at_home, there, lost)
-
-
 def _trained(panel: Panel) -> tuple[str, ...]:
     judged, finding = _judged(panel), finding_of(panel)
     if judged and finding is not None:
         worst = _worst(panel, judged)
         return (
             f"{_trained_first(panel, finding)}: {_verdict_words(worst)}",
-            _split(worst.overfitting, worst.deadline, worst.difficulty),
+            _split(worst),
             _family(panel, judged),
             *_closed(panel),
         )
@@ -681,8 +657,7 @@ def _exploratory(panel: Panel, finding: Finding) -> tuple[str, ...]:
     losses = [entry.overfitting.estimate for entry in found if entry.overfitting]
     small, large = sum(loss <= EQUIVALENCE_MARGIN for loss in losses), panel.exploratory_failures
     lines = [f"{_trained_first(panel, finding)}: {word}"]
-    if worst.deadline is not None and worst.difficulty is not None:
-        lines.append(_split(lost, worst.deadline, worst.difficulty))
+    lines.append(_split(worst))
     lines.append(
         f"Of {plural(len(found), 'transfer')} to cells that can be solved in time, {large} "
         f"{'loses' if large == 1 else 'lose'} more than {FAIL_MARGIN} of success by overfitting "
