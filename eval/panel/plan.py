@@ -1,10 +1,10 @@
-"""A run's plan beside its specification: how it grows, and how two of them differ."""
+"""A run's plan beside its specification: how it grows, how two differ, what its seeds can show."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import msgspec
@@ -12,6 +12,8 @@ import msgspec
 from integ_gym.envs.settings import WEIGHT, Discretization
 from integ_gym.support.terminal import plural
 
+from ..power import Power, fewest_seeds, verdict_chances
+from ..verdict import ALPHA, Looks, Shares
 from .cells import (
     UNNAMED,
     Cell,
@@ -20,7 +22,14 @@ from .cells import (
     SpecError,
     changes_of,
 )
-from .spec import LATER, NO_RESULT, TRAINERS, PanelSpec, derived_table
+from .result import Look
+from .spec import (
+    LATER,
+    NO_RESULT,
+    TRAINERS,
+    PanelSpec,
+    derived_table,
+)
 
 _CODE = ("env_id", "environment", "train", "grid")
 """Parts whose texts may name code of somebody's own."""
@@ -303,3 +312,46 @@ def inputs(spec: PanelSpec, cells: Iterable[Cell]) -> dict[str, Any]:
     shared = {name: value for name, value in told.items() if name not in FREE}
     starts = {"start_sets": list(spec.start_sets)}
     return {**shared, **starts, "sources": sources, "cells": sorted(places)}
+
+
+@dataclass(frozen=True)
+class FamilyPower:
+    """Power of a panel's declared transfers.
+
+    Attributes:
+        family: how many are declared.
+        seeds: of the rows that they name.
+        natives: seeds of the row with the fewest that was trained in a cell that they name.
+        power: by true overfitting.
+        fewest: seeds with which `transfers` can be shown where every episode succeeds.
+    """
+
+    family: int
+    seeds: int
+    natives: int
+    power: tuple[Power, ...]
+    fewest: int
+
+
+def family_power(spec: PanelSpec, before: Sequence[Look] = ()) -> FamilyPower | None:
+    """Power of a panel's declared transfers, simulated; None without any.
+
+    Args:
+        spec: the panel.
+        before: earlier looks at its verdicts.
+    """
+    if not spec.family:
+        return None
+    seen = (
+        Shares(look.level_exceeds / ALPHA, look.level_equivalent / ALPHA)
+        if look.adopted
+        else look.seeds
+        for look in before
+    )
+    looks = Looks(tuple(seen), spec.looks)
+    cells, rows = {cell for _, cell in spec.family}, {row for row, _ in spec.family}
+    seeds = min(len(spec.seeds_of(home)) for home in spec.train if home.name in rows)
+    natives = min((len(spec.seeds_of(h)) for h in spec.train if h.name in cells), default=0)
+    family = len(spec.family)
+    found = verdict_chances(seeds, natives, spec.episodes, family, looks)
+    return FamilyPower(family, seeds, natives, found, fewest_seeds(family, looks))

@@ -8,7 +8,7 @@ from typing import Final, TextIO
 
 from integ_gym.eval.panel.conclusions import next_step
 from integ_gym.eval.panel.costs import fixed_cost, policy_costs, total_cost
-from integ_gym.eval.panel.power import family_power
+from integ_gym.eval.panel.plan import family_power
 from integ_gym.eval.panel.result import FILE_NAME, Look, Panel, read_panel
 from integ_gym.eval.panel.spec import PanelSpec
 from integ_gym.eval.power import Verdict
