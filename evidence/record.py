@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from integ_gym.envs.plants.interface import state_names
-from integ_gym.support.files import Kinds, checked_object, parse_json
+from integ_gym.support.files import Kinds, check_object, parse_json
 
 from .fields import CONTACT_TRACE, SUMMARY_FIELDS, Field, record_fields
 from .schema import EvidenceError, described, is_trace, pyarrow
@@ -349,7 +349,7 @@ def told_arguments(text: str) -> dict[str, dict[str, Any]]:
     """
     told = told_json("arguments", text)
     try:
-        return {name: checked_object(one, _ARGUMENT) for name, one in told.items()}
+        return {name: check_object(one, _ARGUMENT) for name, one in told.items()}
     except (AttributeError, ValueError):
         raise _damaged("arguments", "it is no object of values with units") from None
 

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 from integ_gym.support.errors import InputError
 from integ_gym.support.files import remove_leftovers, write_once
 from integ_gym.support.optional import load
-from integ_gym.support.processes import ahead
+from integ_gym.support.processes import prefetch
 from integ_gym.support.storage import parquet_files
 
 from .fields import SUMMARY_FIELDS
@@ -222,7 +222,7 @@ class EvidenceStore:
             BatchExistsError: if a batch of that name has been committed.
             ValueError: for a name that cannot be a file's.
         """
-        return self.commit_all(name, ahead(map(with_hashes, groups(table))))
+        return self.commit_all(name, prefetch(map(with_hashes, groups(table))))
 
     def commit_all(self, name: str, tables: Iterable[Any]) -> Path:
         """Make several tables of records of one environment visible as one batch.

@@ -88,9 +88,9 @@ def __getattr__(name: str) -> Any:
     except ModuleNotFoundError as error:
         if name not in _EXTRAS:
             raise
-        from integ_gym.support.optional import missing
+        from integ_gym.support.optional import missing_package
 
-        raise missing(str(error.name), _EXTRAS[name]) from error
+        raise missing_package(str(error.name), _EXTRAS[name]) from error
     return value
 
 

@@ -7,12 +7,12 @@ import sys
 from contextlib import suppress
 from pathlib import Path
 
-from .optional import missing
+from .optional import missing_package
 
 try:
     from portalocker import AlreadyLocked, LockException, LockFlags, lock, unlock
 except ModuleNotFoundError as error:
-    raise missing(str(error.name), "evidence") from error
+    raise missing_package(str(error.name), "evidence") from error
 
 
 class FileLock:

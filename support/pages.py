@@ -18,10 +18,10 @@ from .optional import load
 from .terminal import (
     compact,
     fixed,
+    nonbreaking,
     percent,
     seconds,
     step,
-    together,
 )
 
 SCRIPT: Final = """
@@ -84,7 +84,7 @@ def page_environment(templates: Mapping[str, str] | None = None) -> Any:
         lstrip_blocks=True,
     )
     environment.filters.update(
-        together=together,
+        nonbreaking=nonbreaking,
         soft=_soft,
         fixed=fixed,
         compact=compact,
@@ -147,7 +147,7 @@ def _told(name: str) -> str:
 
 
 def _percent(share: float | None) -> str:
-    return together(percent(share))
+    return nonbreaking(percent(share))
 
 
 def _soft(text: Any) -> Any:

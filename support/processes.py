@@ -51,7 +51,7 @@ Item = TypeVar("Item")
 _END: Final = object()
 
 
-def ahead(items: Iterator[Item]) -> Iterator[Item]:
+def prefetch(items: Iterator[Item]) -> Iterator[Item]:
     """The same items, each made in another thread while the one before is used.
 
     What the making of one raises is raised in its place. In a worker, which has one thread, and at

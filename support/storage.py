@@ -44,7 +44,7 @@ class StorageError(IntegGymError, OSError):
     """A store that does not do what it is asked for, in one sentence."""
 
 
-class Busy(Exception):
+class BusyError(Exception):
     """Another driver works there; who, since when and what to do, in one sentence."""
 
 
@@ -77,7 +77,7 @@ class Storage:
 
         lock = FileLock(self.path / LOCK)
         if not lock.acquire(holder_text()):
-            raise Busy(
+            raise BusyError(
                 f"{_format_holder(lock.read())} is running the panel in {self}; wait for it, or "
                 "give another directory with --out"
             )
@@ -140,7 +140,7 @@ class StoredRun(Storage):
                 except exists:
                     self._check_holder()
             else:
-                raise Busy(f"other processes are starting in {self.url}; try again")
+                raise BusyError(f"other processes are starting in {self.url}; try again")
         try:
             yield
         finally:
@@ -167,7 +167,7 @@ class StoredRun(Storage):
         if holder.get("host") == socket.gethostname() and not _is_alive(holder.get("process")):
             self._obstore.delete(self._store, LOCK)
             return
-        raise Busy(
+        raise BusyError(
             f"{_format_holder(text)} is running the panel in {self.url}; wait for it, or, if it "
             f"was killed, remove {self.url}/{LOCK} and run this again"
         )
@@ -237,7 +237,7 @@ def open_storage(place: Place | Storage) -> Iterator[Storage]:
     if isinstance(place, Storage):
         yield place
         return
-    named = named_place(place)
+    named = resolve_place(place)
     if isinstance(named, Path):
         yield Storage(named)
         return
@@ -246,7 +246,7 @@ def open_storage(place: Place | Storage) -> Iterator[Storage]:
 
 
 @contextmanager
-def fetched(place: Place) -> Iterator[Path]:
+def local_copy(place: Place) -> Iterator[Path]:
     """A run as a folder of this machine: where it is, or a copy that goes with the block.
 
     Raises:
@@ -265,7 +265,7 @@ def is_remote(place: Place | Storage) -> bool:
     return str(place).partition("://")[0] in SCHEMES
 
 
-def named_place(place: Place) -> str | Path:
+def resolve_place(place: Place) -> str | Path:
     """A place as it is worked with: the URL of one in an object store, else the path.
 
     Raises:

@@ -64,7 +64,7 @@ def _in_percent(text: str) -> str:
     return text if text == NONE else f"{text} %"
 
 
-def together(text: str) -> str:
+def nonbreaking(text: str) -> str:
     """A sentence in which no line begins with the sign of a per cent."""
     return re.sub(r"(?<=\d) (?=%)", "\N{NO-BREAK SPACE}", text)
 
@@ -244,7 +244,9 @@ def print_columns(
     console = console_of(file=file, width=width or 1 << 20, **plain)
     with console.capture() as captured:
         console.print(table)
-    print("\n".join(line.rstrip() for line in captured.get().splitlines()), file=file)
+    for line in captured.get().splitlines():
+        ruled = not line.strip("- ") and "-" in line
+        print((line.replace("- -", "  -") if ruled else line).rstrip(), file=file)
 
 
 def _print_lists(names: Sequence[str], rows: Rows, file: TextIO, width: int) -> None:
@@ -454,13 +456,13 @@ def report_errors(
         raise
     except Exception as error:
         if is_short_of_memory(error):
-            told = sentence(error) or type(error).__name__
+            told = format_exception(error) or type(error).__name__
             print_wrapped(f"{program}: {mark}{SHORT_OF_MEMORY} ({told}); {_FREE}", sys.stderr)
             return 2
         if not isinstance(error, (IntegGymError, OSError)):
             error.add_note(DEFECT)
             raise
-        print_wrapped(f"{program}: {mark}{sentence(error)}", sys.stderr)
+        print_wrapped(f"{program}: {mark}{format_exception(error)}", sys.stderr)
         return 2
 
 
@@ -500,7 +502,7 @@ def is_short_of_memory(error: BaseException) -> bool:
 _ALLOCATING = ("bad_alloc", "malloc", "realloc", "Cannot allocate memory", "Out of memory")
 
 
-def sentence(error: Exception) -> str:
+def format_exception(error: Exception) -> str:
     """What an error says, on one line; what the operating system refuses, with a remedy."""
     if isinstance(error, OSError) and error.filename is not None:
         return f"cannot use {error.filename}: {error.strerror}; give another path"

@@ -58,7 +58,7 @@ def discretization_gap(
         TypeError, ValueError: for a home that is none, a cell that cannot be made, or a policy that
             gives no such actions.
     """
-    testbed, cells = compared(env_id, home, others, environment or {})
+    testbed, cells = comparison_cells(env_id, home, others, environment or {})
     if episodes < 1:
         raise InputError(f"`episodes` must be 1 or above, got {episodes}")
     found = {name: _played(policy, testbed, cell, episodes, seed) for name, cell in cells.items()}
@@ -72,7 +72,7 @@ def discretization_gap(
     return scores
 
 
-def compared(
+def comparison_cells(
     env_id: str, home: Stated, others: Iterable[Stated], environment: Mapping[str, Any]
 ) -> tuple[Testbed, dict[str, Discretization]]:
     """The testbed and the discretizations of a gap, ``home`` first, each of which can be made.

@@ -20,7 +20,7 @@ FloatArray: TypeAlias = NDArray[np.float32]
 ActionArray: TypeAlias = NDArray[np.float32] | NDArray[np.int64]
 
 
-def frozen(values: ArrayLike, dtype: type[np.generic]) -> NDArray[Any]:
+def freeze_array(values: ArrayLike, dtype: type[np.generic]) -> NDArray[Any]:
     """A read-only contiguous copy of `values` as `dtype`."""
     array = np.array(values, dtype=dtype, order="C", copy=True)
     array.flags.writeable = False
@@ -51,7 +51,7 @@ class Policy(Protocol):
         """
 
 
-def spread(bound: ArrayLike, size: int) -> FloatArray:
+def expand_bound(bound: ArrayLike, size: int) -> FloatArray:
     """A bound as float32 of shape (size,), from one number for all actions or one for each."""
     flat: FloatArray = np.asarray(bound, dtype=np.float32).ravel()
     return np.repeat(flat, size) if flat.size == 1 else flat
@@ -80,8 +80,8 @@ class BoxActions:
 
     def __post_init__(self) -> None:
         """Copy the bounds and check them."""
-        object.__setattr__(self, "low", frozen(self.low, np.float32))
-        object.__setattr__(self, "high", frozen(self.high, np.float32))
+        object.__setattr__(self, "low", freeze_array(self.low, np.float32))
+        object.__setattr__(self, "high", freeze_array(self.high, np.float32))
         if self.low.ndim != 1 or self.low.shape != self.high.shape:
             raise InputError(
                 "the bounds 'low' and 'high' must be one-dimensional and of one shape, got "
@@ -263,8 +263,8 @@ class ObservationStatistics:
 
     def __post_init__(self) -> None:
         """Copy the arrays and check everything."""
-        object.__setattr__(self, "mean", frozen(self.mean, np.float64))
-        object.__setattr__(self, "var", frozen(self.var, np.float64))
+        object.__setattr__(self, "mean", freeze_array(self.mean, np.float64))
+        object.__setattr__(self, "var", freeze_array(self.var, np.float64))
         if self.mean.ndim != 1 or self.mean.shape != self.var.shape:
             raise InputError(
                 "'mean' and 'var' must be two lists of numbers of one length, got shapes "
@@ -326,7 +326,9 @@ class MlpPolicy:
 
     def __post_init__(self) -> None:
         """Copy the weights and check that everything fits together."""
-        layers = tuple((frozen(w, np.float32), frozen(b, np.float32)) for w, b in self.layers)
+        layers = tuple(
+            (freeze_array(w, np.float32), freeze_array(b, np.float32)) for w, b in self.layers
+        )
         object.__setattr__(self, "layers", layers)
         if self.activation not in ACTIVATIONS:
             raise InputError(

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any, ClassVar, NamedTuple, Protocol
 
-from integ_gym.support.isolated import APART
-from integ_gym.support.optional import absent, check_versions
+from integ_gym.support.isolated import ISOLATED
+from integ_gym.support.optional import check_versions, not_installed
 
 from ..mechanics import PlantSystem
 from ..ops.ops import Component, Components, Ops
@@ -85,9 +85,9 @@ def missing_modules(engine: str) -> list[str]:
 
     Its extra brings them; of an engine that runs in an environment of its own, what sets that up.
     """
-    if engine in APART:
-        return [] if APART[engine].installed else [engine]
-    return absent(getattr(ENGINES.load(engine), "modules", ()))
+    if engine in ISOLATED:
+        return [] if ISOLATED[engine].installed else [engine]
+    return not_installed(getattr(ENGINES.load(engine), "modules", ()))
 
 
 def make_engine(name: str, system: Any, integrator: str, dt: Any) -> Engine:

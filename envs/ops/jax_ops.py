@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from integ_gym.support.errors import InputTypeError
-from integ_gym.support.optional import missing
+from integ_gym.support.optional import missing_package
 
 from .ops import Carry, Component, Components
 
@@ -16,7 +16,7 @@ try:
     import jax
     import jax.numpy as jnp
 except ModuleNotFoundError as error:
-    raise missing("jax", "fleet") from error
+    raise missing_package("jax", "fleet") from error
 
 __all__ = ["JaxOps", "jax", "jnp"]
 

@@ -16,7 +16,7 @@ from gymnasium.envs.registration import EnvSpec
 from gymnasium.wrappers import TimeLimit
 from numpy.typing import NDArray
 
-from integ_gym.support.isolated import APART, Apart, Worker
+from integ_gym.support.isolated import ISOLATED, IsolatedEnvironment, Worker
 
 from ..settings import Discretization
 from .gym_testbed import GymTestbed
@@ -71,7 +71,7 @@ class RemoteTestbed(GymTestbed):
         arguments: of the task.
     """
 
-    apart: ClassVar[Apart]
+    apart: ClassVar[IsolatedEnvironment]
     """The environment."""
     served: ClassVar[Path]
     """File that the process serves."""
@@ -127,7 +127,7 @@ class DmControlTask(RemoteTestbed):
     each is made with the step that was asked for. Arguments are those of the suite's task.
     """
 
-    apart = APART["dm_control"]
+    apart = ISOLATED["dm_control"]
     served = Path(__file__).with_name("served_dm_control.py")
     choices = ("Euler", "RK4", "implicit", "implicitfast")
 
@@ -140,6 +140,6 @@ class IsaaclabTask(RemoteTestbed):
     Isaac Lab's, and ``cart_damping``, N s/m, of the cart's actuator.
     """
 
-    apart = APART["isaaclab"]
+    apart = ISOLATED["isaaclab"]
     served = Path(__file__).with_name("served_isaaclab.py")
     choices = ("euler", "implicitfast", "rk4")

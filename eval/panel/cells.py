@@ -27,7 +27,7 @@ from integ_gym.envs.settings import (
 from integ_gym.envs.testbeds.interface import Testbed
 from integ_gym.envs.testbeds.making import make_checked
 from integ_gym.support.errors import IntegGymError
-from integ_gym.support.isolated import APART
+from integ_gym.support.isolated import ISOLATED
 from integ_gym.support.optional import install_command, running_version
 from integ_gym.support.parameters import unknown_name
 
@@ -416,7 +416,7 @@ def evaluated(entries: Sequence[Places], home: Discretization) -> tuple[Discreti
     maps = [name for one in entries if one.engine == INSTALLED for name in many(one.map)]
     if maps and all(one.engine == NATIVE for one in found):
         absent = absent_engines()
-        could = [n for n in absent if n not in APART and integrator_applying(n, maps)]
+        could = [n for n in absent if n not in ISOLATED and integrator_applying(n, maps)]
         name = min(could or [_EASIEST], key=lambda name: name != _EASIEST)
         raise SpecError(
             "it is about other engines, and none that it could use is installed; run: "

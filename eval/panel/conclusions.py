@@ -184,7 +184,7 @@ def success_doubt(panel: Panel) -> str:
         for one in (base, entry)
     )
     return (
-        f"The rule of success looks wrong: on {_place(panel, entry.cell)}, {theirs}, and {own}. "
+        f"The rule of success looks wrong: on {panel.in_words(entry.cell)}, {theirs}, and {own}. "
         "Compare returns, or say which return is a success (--success-return R, where the task "
         "takes it)."
     )
@@ -419,7 +419,7 @@ class _Numbers:
 def _where(panel: Panel, cell: str | None) -> str:
     if cell is None or panel.truth is None:
         return f"at the finest step ({cell})"
-    return f"on {_place(panel, cell)}"
+    return f"on {panel.in_words(cell)}"
 
 
 def _lost(panel: Panel, finding: Finding, row: Row) -> str:
@@ -447,7 +447,7 @@ def _about_home(panel: Panel, finding: Finding, row: Row) -> str:
     scope = f"One policy from the same {starts} everywhere; another training seed may differ."
     if finding.status == "home_unknown":
         return f"{_range(panel, finding)}{scope}"
-    home = _place(panel, finding.home or "") or "a mixture of " + _named(panel, row.shares)
+    home = panel.in_words(finding.home or "") or "a mixture of " + _named(panel, row.shares)
     remark = ""
     if panel.truth is not None and finding.measure == "return":
         remark = " It never succeeds, so returns are compared."
@@ -458,7 +458,7 @@ def _about_home(panel: Panel, finding: Finding, row: Row) -> str:
 
 def _range(panel: Panel, finding: Finding) -> str:
     """How a policy of unknown home does from the worst discretization to the best."""
-    places = [(cell.name, _place(panel, cell.name)) for cell in panel.columns]
+    places = [(cell.name, panel.in_words(cell.name)) for cell in panel.columns]
     found = [(panel.entry(finding.row, cell), place) for cell, place in places]
     known = [(x, cell) for e, cell in found if (x := _value(e, finding.measure)) is not None]
     if not known:
@@ -509,7 +509,7 @@ def _tally(
         counts[status] += 1
         if status in ("cause", "gained"):
             changed.append(
-                (abs(lost.estimate), f"{_place(panel, one.cell)} {told.difference(lost)}")
+                (abs(lost.estimate), f"{panel.in_words(one.cell)} {told.difference(lost)}")
             )
     parts = [
         f"{counts[status]} {words}"
@@ -609,7 +609,7 @@ def _trained_first(panel: Panel, finding: Finding) -> str:
     return (
         f"Success at home {fixed(finding.at_home)}, {_where(panel, finding.cell)} "
         f"{fixed(finding.there)}, {_Numbers(finding).difference(finding.lost, True)}, trained on "
-        f"{_place(panel, finding.row)}"
+        f"{panel.in_words(finding.row)}"
     )
 
 
@@ -634,7 +634,7 @@ def _family(panel: Panel, judged: Sequence[Verdict]) -> str:
         ("inconclusive", "is undecided", "are undecided"),
     ):
         names = [
-            f"{_place(panel, x.row)} on {_place(panel, x.cell)}"
+            f"{panel.in_words(x.row)} on {panel.in_words(x.cell)}"
             for x in judged
             if x.verdict == verdict
         ]
@@ -683,7 +683,9 @@ def _unlearned(panel: Panel, who: str, rows: Iterable[Row]) -> str:
     nearest = ""
     if home:
         best = max(home, key=lambda row: home[row])
-        nearest = f"; those trained on {_place(panel, best)} come nearest, with {fixed(home[best])}"
+        nearest = (
+            f"; those trained on {panel.in_words(best)} come nearest, with {fixed(home[best])}"
+        )
     return (
         f"Not answered: {who}, which takes a success of {LEARNED} at home{nearest}. Train longer "
         "(`total_steps` in [training]), or set an easier task."
@@ -735,13 +737,8 @@ def _closed(panel: Panel) -> list[str]:
     return [f"No conclusion is drawn from some cells: {text}."]
 
 
-def _place(panel: Panel, name: str) -> str:
-    """A row or a cell in a sentence."""
-    return panel.label(name, "the truth")
-
-
 def _named(panel: Panel, names: Iterable[str]) -> str:
-    return _listed([_place(panel, name) for name in names])
+    return _listed([panel.in_words(name) for name in names])
 
 
 def _listed(names: Sequence[str]) -> str:
@@ -774,7 +771,7 @@ def solvable_reason(panel: Panel, cell: Cell) -> str:
     elif panel.row(best.row).home == cell.name:
         who = "policies trained there"
     else:
-        who = f"policies trained on {_place(panel, best.row)}"
+        who = f"policies trained on {panel.in_words(best.row)}"
     if cell.achievability == "undecided":
         most = f"at most {percent(best.recovered)}, by {who}"
         return f"Success within two horizons: {most}; no search rules the goal out."
@@ -851,12 +848,12 @@ def comparison_reason(panel: Panel, compared: PolicyComparison) -> str:
             f"clearly on {_difference_in(panel, worst, worst.p_reversal_adjusted)}."
         )
     deciding = [cell for cell in compared.cells if cell.role is not None]
-    thin = [_place(panel, cell.name) for cell in deciding if cell.status == "too_few_seeds"]
+    thin = [panel.in_words(cell.name) for cell in deciding if cell.status == "too_few_seeds"]
     if thin:
         return f"Fewer than {MIN_SEEDS} seeds in {', '.join(thin)}, which decides."
     lost = [cell for cell in deciding if cell.status != "win"]
     cells = "; ".join(
-        f"on {_place(panel, cell.name)}, which nobody solves"
+        f"on {panel.in_words(cell.name)}, which nobody solves"
         if cell.status == "unsolved"
         else f"on {_difference_in(panel, cell, cell.p_win_adjusted)}"
         for cell in lost or deciding
@@ -867,7 +864,7 @@ def comparison_reason(panel: Panel, compared: PolicyComparison) -> str:
 
 
 def _difference_in(panel: Panel, cell: CellFinding, p: float | None) -> str:
-    name, value = _place(panel, cell.name), cell.difference
+    name, value = panel.in_words(cell.name), cell.difference
     low, high = value.ends
     level = percent(value.level or 0.0)
     return (
@@ -878,7 +875,7 @@ def _difference_in(panel: Panel, cell: CellFinding, p: float | None) -> str:
 
 def remedy_summary(panel: Panel, remedy: Remedy) -> str:
     """Whether a mixture holds where single discretizations lose, in sentences with numbers."""
-    mixture = _place(panel, remedy.row)
+    mixture = panel.in_words(remedy.row)
     if not panel.row(remedy.row).learned:
         return f"Policies trained on {mixture} did not learn, so they are no remedy here."
     solved = [cell for cell in remedy.cells if cell.solved]
@@ -887,7 +884,7 @@ def remedy_summary(panel: Panel, remedy: Remedy) -> str:
     if harmful:
         own = sum(cell.member for cell in held)
         trained = f", {own} of which they were trained in" if own else ""
-        lost = [_place(panel, cell.cell) for cell in harmful if cell not in held]
+        lost = [panel.in_words(cell.cell) for cell in harmful if cell not in held]
         rest = f"; they lose more in {', '.join(lost)}" if lost else ""
         summary = (
             f"In {len(harmful)} of the {len(solved)} discretizations that somebody solves, "

@@ -607,6 +607,10 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
         exact = self.truth.name if name.startswith(self.truth.name) else self.truth.scheme
         return truth + name.removeprefix(exact)
 
+    def in_words(self, name: str) -> str:
+        """The name of a row or a cell in a sentence."""
+        return self.label(name, "the truth")
+
     def on_truth(self, row: str) -> Entry | None:
         """What a row did on the reference, or None."""
         return None if self.truth is None else self.entry(row, self.truth.name)

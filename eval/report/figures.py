@@ -1,4 +1,4 @@
-"""The figures of a panel, written as files: PNG for a page, PDF for print."""
+"""The figures of a panel, written as files: PNG for a page, SVG and PDF for print."""
 
 from __future__ import annotations
 
@@ -11,42 +11,31 @@ from integ_gym.support.optional import load
 
 from ..panel.result import Panel
 from .drawing import draw_forest, draw_ladders, draw_matrix
-from .forests import (
-    check_forest,
-    gap_forest,
-    paired_return,
-    paired_success,
-    remedy_forest,
-)
+from .forests import check_forest, gap_forest, paired_return, paired_success, remedy_forest
 from .ladders import ladder_plots, sweep_plots
 from .matrices import energy_matrix, return_matrix, success_matrix
 from .paper import print_forest, print_ladders, print_matrix
 
-FIGURES: Final[dict[str, tuple[Any, Any]]] = {
-    "success_matrix": (success_matrix, draw_matrix),
-    "return_matrix": (return_matrix, draw_matrix),
-    "transfer_gaps": (gap_forest, draw_forest),
-    "paired_success": (paired_success, draw_forest),
-    "paired_return": (paired_return, draw_forest),
-    "energy_residual": (energy_matrix, draw_matrix),
-    "refinement_ladder": (ladder_plots, draw_ladders),
-    "sweeps": (sweep_plots, draw_ladders),
-    "perturbations": (check_forest, draw_forest),
-    "remedy": (remedy_forest, draw_forest),
-}
-"""Name of a figure to what describes it, as for the page, and what draws that."""
-
-
 STYLES: Final = ("page", "paper")
 """How figures look: as on the page, or as papers print them."""
 
+_MATRIX = (draw_matrix, print_matrix)
+_FOREST = (draw_forest, print_forest)
+_LADDERS = (draw_ladders, print_ladders)
 
-_PRINTED: Final[dict[Any, Any]] = {
-    draw_matrix: print_matrix,
-    draw_forest: print_forest,
-    draw_ladders: print_ladders,
+FIGURES: Final[dict[str, tuple[Any, tuple[Any, Any]]]] = {
+    "success_matrix": (success_matrix, _MATRIX),
+    "return_matrix": (return_matrix, _MATRIX),
+    "transfer_gaps": (gap_forest, _FOREST),
+    "paired_success": (paired_success, _FOREST),
+    "paired_return": (paired_return, _FOREST),
+    "energy_residual": (energy_matrix, _MATRIX),
+    "refinement_ladder": (ladder_plots, _LADDERS),
+    "sweeps": (sweep_plots, _LADDERS),
+    "perturbations": (check_forest, _FOREST),
+    "remedy": (remedy_forest, _FOREST),
 }
-"""What draws a figure as on the page to what draws it for a paper."""
+"""Name of a figure to what describes it, as for the page, and what draws that in each style."""
 
 
 def write_figures(panel: Panel, directory: str | PathLike[str], style: str = "page") -> list[Path]:
@@ -78,8 +67,7 @@ def write_figures(panel: Panel, directory: str | PathLike[str], style: str = "pa
     for name, (describe, draw) in FIGURES.items():
         path, described = Path(directory) / name, describe(panel)
         if described is not None:
-            drawn = draw if style == "page" else _PRINTED[draw]
-            written += write_figure(drawn(described), path)
+            written += write_figure(draw[STYLES.index(style)](described), path)
         else:
             for suffix in FORMATS:
                 path.with_suffix(suffix).unlink(missing_ok=True)

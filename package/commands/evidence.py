@@ -36,7 +36,7 @@ from integ_gym.evidence.store import EvidenceStore, merge, open_run, query_in_pl
 from integ_gym.evidence.verification import missing_episodes, other_columns, replay_some
 from integ_gym.support.files import make_folder
 from integ_gym.support.options import CommandParser, whole_number
-from integ_gym.support.storage import fetched, is_remote
+from integ_gym.support.storage import is_remote, local_copy
 from integ_gym.support.terminal import FITS, WorkBar, plural, width_of
 
 from .work_options import add_progress
@@ -385,7 +385,7 @@ def main(argv: Sequence[str]) -> int:
         )
     runs = given.run if isinstance(given.run, list) else [given.run]
     with ExitStack() as copies:
-        stores = [open_run(copies.enter_context(fetched(run))) for run in runs]
+        stores = [open_run(copies.enter_context(local_copy(run))) for run in runs]
         return int(given.run_command(given, *stores))
 
 

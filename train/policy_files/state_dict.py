@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from integ_gym.support.files import read_bounded
 
-from ..policy import BoxActions, DiscreteActions, Layer, MlpPolicy, spread
+from ..policy import BoxActions, DiscreteActions, Layer, MlpPolicy, expand_bound
 from .limits import MAX_WEIGHTS_BYTES, PolicyFileError
 from .sb3_weights import load_tensors
 
@@ -119,7 +119,7 @@ def _actions(
     if network.get("actions") is not None:
         return DiscreteActions(int(network["actions"]))
     if network.get("action_bounds") is not None:
-        low, high = (spread(side, outputs) for side in network["action_bounds"])
+        low, high = (expand_bound(side, outputs) for side in network["action_bounds"])
         return BoxActions(low, high, squash)
     if {"action_scale", "action_bias"} <= set(tensors):
         scale, middle = (tensors[f"action_{x}"].numpy().ravel() for x in ("scale", "bias"))

@@ -15,7 +15,7 @@ from integ_gym.envs.testbeds import making
 from integ_gym.envs.testbeds import remote as tasks
 from integ_gym.envs.testbeds.interface import Applied
 from integ_gym.envs.testbeds.making import make_checked
-from integ_gym.support.isolated import APART, Apart, Worker, WorkerError
+from integ_gym.support.isolated import ISOLATED, IsolatedEnvironment, Worker, WorkerError
 
 HOMES = {
     "dm_control": Discretization("RK4", 0.01, 0.01, "dm_control"),
@@ -121,14 +121,14 @@ class Stale(Worker):
 def test_a_stale_number_of_steps_is_refused(monkeypatch):
     """As that of an environment of dm_control whose step is changed after it was made."""
     with replayed("dm_control_task"):
-        start = Apart.start
+        start = IsolatedEnvironment.start
 
         def stale(apart, served):
             worker = start(apart, served)
             worker.__class__ = Stale
             return worker
 
-        monkeypatch.setattr(Apart, "start", stale)
+        monkeypatch.setattr(IsolatedEnvironment, "start", stale)
         testbed = _testbed("dm_control")
         make_checked(testbed, testbed.home, 2).close()
         with pytest.raises(ValueError, match=r"`control_period`=0.01 was asked.* applies 0.005;"):
@@ -156,4 +156,4 @@ def test_isaac_labs_damping_is_explicit_in_one_integrator_and_implicit_in_anothe
 
 def test_every_environment_has_its_testbed():
     found = {value.apart.name for value in vars(tasks).values() if hasattr(value, "apart")}
-    assert found == set(APART)
+    assert found == set(ISOLATED)

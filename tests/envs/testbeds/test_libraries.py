@@ -11,7 +11,7 @@ import pytest
 
 from integ_gym.envs.registries import TESTBEDS
 from integ_gym.envs.testbeds.jax_tasks import step_told
-from integ_gym.support.isolated import APART
+from integ_gym.support.isolated import ISOLATED
 
 TASKS = {
     "playground": ("playground:CartpoleBalance", "RK4"),
@@ -57,7 +57,7 @@ print(json.dumps(told))
 
 
 def test_every_library_has_a_task_here_or_a_recording() -> None:
-    assert set(TASKS) == {*TESTBEDS.parts, "gymnasium_robotics"} - set(APART)
+    assert set(TASKS) == {*TESTBEDS.parts, "gymnasium_robotics"} - set(ISOLATED)
 
 
 @pytest.mark.parametrize(("kept", "told"), [(0.02, 0.02), (0.001, 0.001), (1 / 3, 0.33333334)])

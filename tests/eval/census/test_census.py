@@ -14,7 +14,7 @@ from typing import Any
 
 import planted_library as planted
 import pytest
-from browsing import assert_fits
+from driving import assert_fits
 from engine_cases import EVERY, lighter, needs
 from house import page_text
 

@@ -8,7 +8,7 @@ from typing import Any
 import msgspec
 import pytest
 import report_example
-from report_rows import IMPOSSIBLE, SLOW, TRUTH, UNKNOWN
+from report_example import IMPOSSIBLE, SLOW, TRUTH, UNKNOWN
 
 from integ_gym.eval.panel.conclusions import (
     comparison_reason,

@@ -10,16 +10,16 @@ import threading
 import pytest
 
 from integ_gym.support import processes as threads
-from integ_gym.support.processes import ahead
+from integ_gym.support.processes import prefetch
 
 PATIENCE = 60.0
 """Until a thread that should have come is given up, s."""
 
 
 def test_items_come_in_their_order():
-    assert list(ahead(iter(range(5)))) == [0, 1, 2, 3, 4]
-    assert list(ahead(iter([]))) == []
-    assert list(ahead(iter([None, None]))) == [None, None]
+    assert list(prefetch(iter(range(5)))) == [0, 1, 2, 3, 4]
+    assert list(prefetch(iter([]))) == []
+    assert list(prefetch(iter([None, None]))) == [None, None]
 
 
 def test_the_next_item_is_made_while_one_is_used():
@@ -30,7 +30,7 @@ def test_the_next_item_is_made_while_one_is_used():
             event.set()
             yield number
 
-    for number in ahead(items()):
+    for number in prefetch(items()):
         assert made[min(number + 1, 2)].wait(PATIENCE)
 
 
@@ -42,7 +42,7 @@ def test_no_more_than_one_is_made_ahead():
             made.append(number)
             yield number
 
-    following = ahead(items())
+    following = prefetch(items())
     assert next(following) == 0
     following.close()
     assert made in ([0], [0, 1])
@@ -53,7 +53,7 @@ def test_what_making_raises_is_raised_in_its_place():
         yield 1
         raise ValueError("no second")
 
-    following = ahead(items())
+    following = prefetch(items())
     assert next(following) == 1
     with pytest.raises(ValueError, match="no second"):
         next(following)
@@ -91,7 +91,7 @@ def test_a_worker_has_one_thread(parent, monkeypatch):
             made.append(threading.get_ident())
             yield None
 
-    assert list(ahead(items())) == [None] * 3
+    assert list(prefetch(items())) == [None] * 3
     assert {ident == threading.get_ident() for ident in made} == {parent is not None}
 
 
