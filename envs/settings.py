@@ -27,12 +27,10 @@ from integ_gym.support.parameters import (
     unknown_name,
 )
 
-from .engines.interface import DIVERGENCE_SPEED, Engine, make_engine
-from .engines.native import NativeEngine
-from .mechanics import PlantSystem
+from .engines.stepping import DIVERGENCE_SPEED, Engine, NativeEngine, PlantSystem, make_engine
 from .ops.ops import Component
 from .plants.interface import Plant
-from .tasks.interface import Task
+from .tasks import Task
 
 NATIVE = NativeEngine.name
 """Name of integ-gym's own engine."""
@@ -168,16 +166,6 @@ def _parts(whole: float, ratio: float) -> str:
     return " or ".join(f"{whole / n:.12g}" for n in (below + 1, below) if n)
 
 
-def _horizon(duration: float, period: float) -> int:
-    """Decisions until truncation."""
-    if duration / period > MOST:
-        raise InputError(
-            f"`duration`={duration:.12g} s is more than {MOST:.0e} control periods of "
-            f"{period:.12g} s; give a shorter one"
-        )
-    return max(1, math.ceil(duration / period * (1.0 - TOLERANCE)))
-
-
 def _check_within(name: str, value: float, duration: float) -> None:
     if value > duration * (1.0 + TOLERANCE):
         raise InputError(
@@ -197,6 +185,8 @@ class Timing:
         latency: action latency in integration steps.
         sensor: integration steps between two sensor samples, or None for one per decision.
         horizon: decisions until truncation.
+        delay: the latency as (whole decisions, sub-steps beyond them).
+        memory: past commands to keep: those still under way, and the last one to hold.
     """
 
     dt: float
@@ -205,6 +195,8 @@ class Timing:
     latency: int
     sensor: int | None
     horizon: int
+    delay: tuple[int, int]
+    memory: int
 
     @classmethod
     def of(
@@ -224,27 +216,20 @@ class Timing:
         period = dt if control_period is None else control_period
         _check_within("control_period" if control_period else "dt", period, duration)
         _check_within("action_latency", action_latency, duration)
-        return cls(
-            dt=dt,
-            control_period=period,
-            substeps=whole_multiple("control_period", period, "dt", dt),
-            latency=whole_multiple("action_latency", action_latency, "dt", dt, least=0),
-            sensor=None
-            if sensor_period is None
-            else whole_multiple("sensor_period", sensor_period, "dt", dt),
-            horizon=_horizon(duration, period),
-        )
-
-    @property
-    def delay(self) -> tuple[int, int]:
-        """Latency as (whole decisions, sub-steps beyond them)."""
-        return divmod(self.latency, self.substeps)
-
-    @property
-    def memory(self) -> int:
-        """Past commands to keep: those still under way, and the last one to hold."""
-        periods, rest = self.delay
-        return max(1, periods + (1 if rest else 0))
+        substeps = whole_multiple("control_period", period, "dt", dt)
+        latency = whole_multiple("action_latency", action_latency, "dt", dt, least=0)
+        sensor = None
+        if sensor_period is not None:
+            sensor = whole_multiple("sensor_period", sensor_period, "dt", dt)
+        if duration / period > MOST:
+            raise InputError(
+                f"`duration`={duration:.12g} s is more than {MOST:.0e} control periods of "
+                f"{period:.12g} s; give a shorter one"
+            )
+        horizon = max(1, math.ceil(duration / period * (1.0 - TOLERANCE)))
+        delay = periods, rest = divmod(latency, substeps)
+        memory = max(1, periods + (1 if rest else 0))
+        return cls(dt, period, substeps, latency, sensor, horizon, delay, memory)
 
 
 @dataclass(frozen=True)

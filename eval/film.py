@@ -17,7 +17,7 @@ import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.envs.catalogue.lookup import environment_setup, is_integ_environment
+from integ_gym.envs.environment import environment_setup, is_integ_environment
 from integ_gym.envs.plants.interface import state_names
 from integ_gym.envs.registries import ENVIRONMENTS, TRUTH
 from integ_gym.envs.rendering.canvas import load_pygame, open_screen

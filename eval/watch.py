@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from integ_gym.envs.catalogue.lookup import environment_setup
+from integ_gym.envs.environment import environment_setup
 from integ_gym.envs.registries import TRUTH
 from integ_gym.envs.settings import DISCRETIZATION, Discretization
 from integ_gym.evidence.record import EvidenceRecord, told_perturbation, told_training

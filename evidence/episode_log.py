@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.envs.catalogue.lookup import environment_setup
+from integ_gym.envs.environment import environment_setup
 from integ_gym.envs.ops.ops import SCALAR
 from integ_gym.envs.registries import TRUTH
 from integ_gym.envs.settings import NATIVE

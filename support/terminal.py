@@ -331,7 +331,7 @@ class WorkBar:
 
     def fill(self) -> None:
         """Show that the work is done."""
-        self._filled, self._phase = True, ""
+        self._filled = True
         self.update(self.total - self.n)
         if self._progress is not None:
             self._draw(at_once=True)

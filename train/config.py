@@ -12,7 +12,7 @@ from typing import Any, ClassVar, Self
 import gymnasium as gym
 import numpy as np
 
-from integ_gym.envs.catalogue.lookup import OTHER_TESTBEDS
+from integ_gym.envs.environment import OTHER_TESTBEDS
 from integ_gym.envs.registries import ENVIRONMENTS, INTEGRATORS
 from integ_gym.envs.settings import Mixture
 from integ_gym.evidence.context import EpisodeContext

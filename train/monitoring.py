@@ -11,7 +11,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from integ_gym.envs.settings import DISCRETIZATION, Discretization
-from integ_gym.envs.testbeds.interface import Testbed
+from integ_gym.envs.testbeds.gym_testbed import Testbed
 from integ_gym.envs.testbeds.making import find_testbed, make_checked
 from integ_gym.support.errors import InputError
 

@@ -6,12 +6,12 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import Any, ClassVar, NamedTuple
 
-from ..integrators.implicit_euler import ImplicitEuler
-from ..integrators.interface import State, Step, System, along
+from ..integrators.implicit import ImplicitEuler
+from ..integrators.interface import State, Step, System
 from ..integrators.newton import Solved, differences, solve, solve_linear
-from ..mechanics import PlantSystem
-from ..ops.ops import Component, Components, Ops
+from ..ops.ops import Component, Components, Ops, along
 from ..registries import INTEGRATORS, MAPS, TRUTH
+from .stepping import PlantSystem
 
 Row = tuple[float, ...]
 Slopes = tuple[tuple[Components, ...], tuple[Components, ...]]

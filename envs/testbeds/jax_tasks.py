@@ -18,8 +18,7 @@ from integ_gym.support.optional import check_versions, load
 from integ_gym.support.parameters import unknown_name
 
 from ..settings import Discretization
-from .gym_testbed import GymTestbed
-from .interface import Applied, split_period
+from .gym_testbed import Applied, GymTestbed, split_period
 
 
 class StatePassing(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
@@ -65,8 +64,9 @@ class StatePassing(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         return self._observation(), reward, done, False, {}
 
     def _observation(self) -> NDArray[np.float32]:
-        told = self._state.obs
-        return np.array(told[self._entry] if isinstance(told, dict) else told, np.float32)
+        observed = self._state.obs
+        chosen = observed[self._entry] if isinstance(observed, dict) else observed
+        return np.array(chosen, np.float32)
 
 
 @lru_cache(maxsize=32)
@@ -85,7 +85,7 @@ def _compiled(inner: Any) -> tuple[Any, Any]:
     )
 
 
-def step_told(step: Any) -> float:
+def round_trip_step(step: Any) -> float:
     """A step that is kept in single precision, s, as the number that it was given as."""
     return float(str(np.float32(step)))
 
@@ -125,7 +125,7 @@ class Playground(GymTestbed):
             raise InputError(unknown_name("task of Playground", task, self._registry.ALL_ENVS))
         self._tasks: dict[tuple[str | None, str], Any] = {}
         config = self._registry.get_default_config(task)
-        stock = self._made(None, config.sim_dt, config.ctrl_dt, **arguments)
+        stock = self._make(None, config.sim_dt, config.ctrl_dt, **arguments)
         self.home = self.read(stock).discretization
 
     def build(self, discretization: Discretization, **arguments: Any) -> gym.Env[Any, Any]:
@@ -136,7 +136,7 @@ class Playground(GymTestbed):
                 Playground does not take.
         """
         period, _ = split_period(self, discretization)
-        made: gym.Env[Any, Any] = self._made(
+        made: gym.Env[Any, Any] = self._make(
             discretization.integrator, discretization.dt, period, **arguments
         )
         return made
@@ -146,12 +146,12 @@ class Playground(GymTestbed):
         task: Any = env.unwrapped.inner  # type: ignore[attr-defined]
         number = int(task.mjx_model.opt.integrator)
         name = next((own for own, n in INTEGRATORS.items() if n == number), str(number))
-        step = step_told(task.mjx_model.opt.timestep)
+        step = round_trip_step(task.mjx_model.opt.timestep)
         return Applied(
             Discretization(name, step, step * task.n_substeps, PLAYGROUND), task.n_substeps
         )
 
-    def _made(self, integrator: str | None, dt: float, period: float, **arguments: Any) -> Any:
+    def _make(self, integrator: str | None, dt: float, period: float, **arguments: Any) -> Any:
         overrides = {"impl": "jax", **arguments, "sim_dt": dt, "ctrl_dt": period}
         key = integrator, json.dumps(overrides, sort_keys=True)
         if key not in self._tasks:
@@ -210,7 +210,7 @@ class BraxTask(GymTestbed):
         if task not in self._envs._envs:
             raise InputError(unknown_name("task of Brax", task, self._envs._envs))
         stock = self._envs.get_environment(task, backend=backend, **arguments)
-        step = step_told(stock.sys.opt.timestep)
+        step = round_trip_step(stock.sys.opt.timestep)
         self.home = Discretization(backend, step, step * stock._n_frames, BRAX)
 
     def build(self, discretization: Discretization, **arguments: Any) -> gym.Env[Any, Any]:
@@ -231,7 +231,7 @@ class BraxTask(GymTestbed):
     def read(self, env: gym.Env[Any, Any]) -> Applied:
         """From the task's system and its steps per decision."""
         task: Any = env.unwrapped.inner  # type: ignore[attr-defined]
-        step = step_told(task.sys.opt.timestep)
+        step = round_trip_step(task.sys.opt.timestep)
         return Applied(
             Discretization(task._backend, step, step * task._n_frames, BRAX),
             task._n_frames,

@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from integ_gym.envs.ops.ops import SCALAR
-from integ_gym.envs.plants.interface import split_state
+from integ_gym.envs.ops.ops import SCALAR, split_state
 from integ_gym.envs.registries import TRUTH
 
 from .bench import Commands, Rollout

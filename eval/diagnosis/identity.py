@@ -8,15 +8,9 @@ from typing import Any
 import numpy as np
 
 from integ_gym.envs import numerics
-from integ_gym.envs.mechanics import PlantSystem
-from integ_gym.envs.ops.array_ops import ARRAY
-from integ_gym.envs.plants.interface import (
-    Plant,
-    join_state,
-    split_state,
-    state_names,
-    state_units,
-)
+from integ_gym.envs.engines.stepping import PlantSystem
+from integ_gym.envs.ops.ops import ARRAY, join_state, split_state
+from integ_gym.envs.plants.interface import Plant, state_names, state_units
 from integ_gym.envs.registries import TRUTH
 
 from .lines import ANY, Diagnosis, Expectation, above, amount, below, near, undeclared

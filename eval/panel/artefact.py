@@ -19,7 +19,7 @@ from ..verdict import PolicyCell, PolicyComparison, compare_policies
 from .cells import Cell
 from .findings import paired_episodes, rankings, remedies
 from .matrix import Matrix, PanelLayout, mean_success
-from .result import FILE_NAME, Failure, Panel, Policy, Row, Stage, read_panel
+from .result import FILE_NAME, Failure, OtherVersionError, Panel, Policy, Row, Stage, read_panel
 from .run_directory import RunDirectory
 
 FAILURE_SAMPLE = 40
@@ -209,7 +209,10 @@ def as_sealed(directory: RunDirectory, made: Panel) -> Panel:
     """The panel that a run was sealed with, where it says the same; else the one that was made."""
     if not directory.was_sealed:
         return made
-    held = read_panel(directory.path / FILE_NAME)
+    try:
+        held = read_panel(directory.path / FILE_NAME)
+    except OtherVersionError:
+        return made
     other = (place for place, *_ in _of_parts(held, made, (*VOLATILE, *_CALLED)))
     return made if any(not place.endswith(_COMMAND) for place in other) else held
 

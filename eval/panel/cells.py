@@ -12,11 +12,11 @@ from typing import Annotated, Any, Literal, TypeAlias, TypeVar
 
 import msgspec
 
-from integ_gym.envs.catalogue.lookup import is_integ_environment
-from integ_gym.envs.engines.interface import missing_modules
 from integ_gym.envs.engines.maps import map_names
+from integ_gym.envs.engines.stepping import missing_modules
+from integ_gym.envs.environment import is_integ_environment
+from integ_gym.envs.lanes import DiscretizedVectorEnv
 from integ_gym.envs.registries import ENGINES
-from integ_gym.envs.sequential_vector import DiscretizedVectorEnv
 from integ_gym.envs.settings import (
     DISCRETIZATION,
     NATIVE,
@@ -24,7 +24,7 @@ from integ_gym.envs.settings import (
     Discretization,
     dividing_step,
 )
-from integ_gym.envs.testbeds.interface import Testbed
+from integ_gym.envs.testbeds.gym_testbed import Testbed
 from integ_gym.envs.testbeds.making import make_checked
 from integ_gym.support.errors import IntegGymError
 from integ_gym.support.isolated import ISOLATED

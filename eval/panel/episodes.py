@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium.vector import VectorEnv
 
-from integ_gym.envs.sequential_vector import DiscretizedVectorEnv
+from integ_gym.envs.lanes import DiscretizedVectorEnv
 from integ_gym.envs.settings import Discretization, Settings
 from integ_gym.evidence.context import EpisodeContext
 from integ_gym.evidence.fields import ATTEMPT, LATER_ATTEMPT, SECOND_HORIZON

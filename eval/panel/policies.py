@@ -14,8 +14,8 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from integ_gym.envs.catalogue.lookup import environment_setup
-from integ_gym.envs.sequential_vector import DiscretizedVectorEnv
+from integ_gym.envs.environment import environment_setup
+from integ_gym.envs.lanes import DiscretizedVectorEnv
 from integ_gym.envs.testbeds.making import find_testbed, make_training_environments
 from integ_gym.evidence.record import EvidenceRecord, argument_values
 from integ_gym.evidence.replaying import Acting

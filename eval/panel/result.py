@@ -670,6 +670,10 @@ LARGEST = 256 << 20
 """Bytes of it, at most."""
 
 
+class OtherVersionError(InputError):
+    """A ``panel.json`` of another schema version."""
+
+
 class _Version(msgspec.Struct):
     schema_version: Any = None
 
@@ -701,7 +705,7 @@ def read_panel(path: Path) -> Panel:
         raise InputError(
             f"{path} is damaged or holds no panel ({error}); run the panel again to write it anew"
         ) from error
-    raise InputError(
+    raise OtherVersionError(
         f"{path} has panel schema_version {version!r}, expected {SCHEMA_VERSION}; run the panel's "
         "command again, which keeps what is finished and writes the file anew, or use the "
         "integ-gym version that wrote it"

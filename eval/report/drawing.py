@@ -241,25 +241,24 @@ def _draw_row(axes: Axes, line: MatrixLine, columns: dict[str, float], y: float)
         _MATRIX_LEFT - 0.14, y + _CELL_HEIGHT / 2, name, ha="right", va="center", weight="bold",
         size=fitting([name], _MATRIX_LEFT - 0.44, 9.0), color=INK,
     )  # fmt: skip
-    for _, shades in line.shades:
-        for cell, shade in shades:
-            x, size = columns[cell.name], (_CELL_WIDTH, _CELL_HEIGHT)
-            ink, behind = draw_shade(axes, shade, (x, y), size, 0.02, 1.2)
-            if shade is not None and shade.home:
-                draw_box(axes, (x, y), size, 0.03, fill=False, edgecolor=PAPER, linewidth=2.6)
-                draw_box(axes, (x, y), size, 0.008, fill=False, edgecolor=INK, linewidth=1.9)
-            marks = " ".join(shade.marks) if shade else ""
-            text = shade.text if shade else NONE
-            small = 6.8 if len(text) > 7 else 9.0
-            for words, points, up in (
-                (text, small, 0.05 if marks else 0.0),
-                (marks, 6.5, -0.13),
-            ):
-                if not words:
-                    continue
+    for cell, shade in line.shades.items():
+        x, size = columns[cell], (_CELL_WIDTH, _CELL_HEIGHT)
+        ink, behind = draw_shade(axes, shade, (x, y), size, 0.02, 1.2)
+        if shade is not None and shade.home:
+            draw_box(axes, (x, y), size, 0.03, fill=False, edgecolor=PAPER, linewidth=2.6)
+            draw_box(axes, (x, y), size, 0.008, fill=False, edgecolor=INK, linewidth=1.9)
+        marks = " ".join(shade.marks) if shade else ""
+        text = shade.text if shade else NONE
+        up = 0.05 if marks else 0.0
+        for words, points, above in (
+            (text, 6.8 if len(text) > 7 else 9.0, up),
+            (marks, 6.5, -0.13),
+        ):
+            if words:
                 axes.text(
-                    x + _CELL_WIDTH / 2, y + _CELL_HEIGHT / 2 - up, words, size=points, color=ink,
-                    ha="center", va="center_baseline" if up else "center", bbox=behind,
+                    x + _CELL_WIDTH / 2, y + _CELL_HEIGHT / 2 - above, words, size=points,
+                    color=ink, ha="center", va="center_baseline" if above else "center",
+                    bbox=behind,
                 )  # fmt: skip
 
 

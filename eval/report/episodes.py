@@ -14,7 +14,7 @@ from typing import Any, Final, Literal, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.envs.catalogue.lookup import environment_setup
+from integ_gym.envs.environment import environment_setup
 from integ_gym.envs.ops.ops import SCALAR
 from integ_gym.envs.registries import ENVIRONMENTS, INTEGRATORS
 from integ_gym.envs.settings import DISCRETIZATION, NATIVE, Setup

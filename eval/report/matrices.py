@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Final, Literal, TypeAlias
 
@@ -73,12 +73,13 @@ class MatrixLine:
     Attributes:
         row: of the panel.
         name: of the row, as people read it.
-        shades: of each group's cells; None where the row was not evaluated.
+        shades: what it shows by name of the cell, in the order of the columns; None where the row
+            was not evaluated.
     """
 
     row: Row
     name: str
-    shades: tuple[tuple[Group, tuple[tuple[Cell, Shade | None], ...]], ...]
+    shades: Mapping[str, Shade | None]
 
 
 @dataclass(frozen=True)
@@ -294,29 +295,17 @@ def _matrix(
     if not panel.columns:
         return None
 
-    def shown(row: Row, cell: Cell) -> Shade | None:
-        entry, home = panel.entry(row.name, cell.name), cell.name in row.shares
-        if entry is None:
-            return None
-        one = shade(entry, home)
-        where = f"{panel.in_words(row.name)}, evaluated on {panel.in_words(cell.name)}"
-        return replace(one, home=home, words=f"{where}: {one.words}")
-
-    def lines(rows: Sequence[Row]) -> tuple[MatrixLine, ...]:
-        return tuple(
-            MatrixLine(
-                row,
-                panel.label(row.name),
-                tuple(
-                    (group, tuple((cell, shown(row, cell)) for cell in group.cells))
-                    for group in panel.groups
-                ),
-            )
-            for row in rows
-        )
+    def line(row: Row) -> MatrixLine:
+        shades: dict[str, Shade | None] = {}
+        for cell in panel.columns:
+            entry, home = panel.entry(row.name, cell.name), cell.name in row.shares
+            one, there = entry and shade(entry, home), panel.in_words(cell.name)
+            where = f"{panel.in_words(row.name)}, evaluated on {there}"
+            shades[cell.name] = one and replace(one, home=home, words=f"{where}: {one.words}")
+        return MatrixLine(row, panel.label(row.name), shades)
 
     blocks = tuple(
-        Block(heading, lines(rows))
+        Block(heading, tuple(map(line, rows)))
         for kind, heading in KIND_WORDS.items()
         if (rows := [row for row in panel.ordered_rows if row.kind == kind])
     )

@@ -169,10 +169,9 @@ def print_matrix(matrix: Matrix) -> Figure:
         y = top + _MATRIX_HEIGHT * number
         middle = y + _MATRIX_HEIGHT / 2.0
         axes.text(left - 0.05, middle, name, ha="right", va="center", **_TYPE)
-        for _, shades in line.shades:
-            for cell, shade in shades:
-                x, width = places[cell.name]
-                _draw_cell(axes, shade, x, y, width)
+        for column, shade in line.shades.items():
+            x, width = places[column]
+            _draw_cell(axes, shade, x, y, width)
     axes.text(
         (left + right) / 2.0, bottom + _LINE, "judged on (integrator above, step in s)",
         ha="center", va="center", **_TYPE,
@@ -194,17 +193,14 @@ def _places(
     matrix: Matrix, lines: Sequence[MatrixLine], left: float
 ) -> dict[str, tuple[float, float]]:
     """Name of every cell to left edge and width of its column, as wide as its numbers need."""
-    widths = dict.fromkeys((c.name for group in matrix.groups for c in group.cells), _NARROWEST)
-    for line in lines:
-        for _, shades in line.shades:
-            for cell, shade in shades:
-                needed = _LETTER * len(shade.text) + 0.04 if shade else 0.0
-                widths[cell.name] = max(widths[cell.name], needed)
     places, x = {}, left
     for group in matrix.groups:
         for cell in group.cells:
-            places[cell.name] = (x, widths[cell.name])
-            x += widths[cell.name]
+            shades = [shade for line in lines if (shade := line.shades[cell.name])]
+            needed = (_LETTER * len(shade.text) + 0.04 for shade in shades)
+            width = max([_NARROWEST, *needed])
+            places[cell.name] = (x, width)
+            x += width
         x += _GROUP_GAP
     return places
 

@@ -157,11 +157,10 @@ def _measures(panel: Panel) -> list[dict[str, Any]]:
             "notes": matrix.notes,
             "signed": matrix.signed,
             "cells": {
-                panel.anchor(line.row.name, cell.name): shown(shade)
+                panel.anchor(line.row.name, cell): shown(shade)
                 for block in matrix.blocks
                 for line in block.lines
-                for _, shades in line.shades
-                for cell, shade in shades
+                for cell, shade in line.shades.items()
                 if shade is not None
             },
         }

@@ -9,7 +9,7 @@ from typing import Any, Final, NamedTuple
 import gymnasium as gym
 import numpy as np
 
-from integ_gym.envs.catalogue.lookup import environment_setup, is_integ_environment
+from integ_gym.envs.environment import environment_setup, is_integ_environment
 from integ_gym.envs.ops.ops import SCALAR
 from integ_gym.envs.settings import Setup
 from integ_gym.envs.testbeds.making import find_testbed

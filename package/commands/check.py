@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from integ_gym.envs.catalogue.lookup import OTHER_TESTBEDS
+from integ_gym.envs.environment import OTHER_TESTBEDS
 from integ_gym.envs.registries import ENVIRONMENTS
 from integ_gym.eval.loss_check import Check, check
 from integ_gym.eval.panel.spec import TRAINERS

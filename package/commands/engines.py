@@ -9,8 +9,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from integ_gym.envs import numerics
-from integ_gym.envs.engines.interface import integrators_of, missing_modules
-from integ_gym.envs.engines.stepping import CONSTRAINT_VIOLATION
+from integ_gym.envs.engines.stepping import CONSTRAINT_VIOLATION, integrators_of, missing_modules
 from integ_gym.envs.registries import ENGINES
 from integ_gym.envs.settings import NATIVE
 from integ_gym.support.errors import InputError

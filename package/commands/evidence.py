@@ -238,6 +238,7 @@ def verify(store: EvidenceStore, given: argparse.Namespace) -> int:
         raise EvidenceError("--public-key is about the seal; leave --depth whole out")
     with WorkBar("verify", _seconds(store, given), not given.no_progress) as bar:
         found, told = _found(store, given, sealed, exported, bar)
+        bar.describe("", draw=False)
     for line in found or [*_checked(store, given, sealed, exported), *told]:
         print(line)
     if found:

@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from integ_gym.envs.engines.stepping import load_undisturbed
+from integ_gym.envs.engines.simulator import load_undisturbed
 
 NOISY = """
 import os, warnings

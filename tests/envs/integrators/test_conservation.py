@@ -11,8 +11,7 @@ from own_plants import CentralSpring
 
 from integ_gym.envs.numerics.energy import energies, energy_growth
 from integ_gym.envs.numerics.identity import declared
-from integ_gym.envs.numerics.stepping import advance
-from integ_gym.envs.plants._oscillator import Oscillator
+from integ_gym.envs.numerics.stepping import Oscillator, advance
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.plants.elastic_pendulum import ElasticPendulum
 

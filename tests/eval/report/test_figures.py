@@ -140,8 +140,7 @@ def test_papers_get_one_size_of_type_and_the_numbers_of_the_page(name: str) -> N
         assert "trained on" in shown
         for block in described.blocks:
             for line in block.lines:
-                shades = [shade for _, cells in line.shades for _, shade in cells]
-                assert all(shade is None or shade.text in shown for shade in shades)
+                assert all(s is None or s.text in shown for s in line.shades.values())
     elif name == "transfer_gaps":
         assert described.along in shown
         assert {tick for _, tick in described.axis.ticks} <= set(shown)

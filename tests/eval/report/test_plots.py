@@ -155,8 +155,7 @@ def shades_of(matrix):
         (line.row, cell, shade)
         for block in matrix.blocks
         for line in block.lines
-        for _, cells in line.shades
-        for cell, shade in cells
+        for cell, shade in line.shades.items()
         if shade is not None
     ]
 
@@ -172,7 +171,7 @@ def test_matrices_are_the_same_on_the_page_and_in_the_figure(name, describe, mea
     shades = shades_of(matrix)
     assert len(shades) > 100
     for row, cell, shade in shades:
-        entry = carried["cells"][panel.anchor(row.name, cell.name)]
+        entry = carried["cells"][panel.anchor(row.name, cell)]
         assert (entry[0], entry[3]) == (shade.text, shade.words)
         assert shade.text in text
         if measure == "success":  # reads without a script
@@ -189,11 +188,11 @@ def test_cells_that_cannot_be_solved_in_time_are_hatched_on_the_page_and_in_the_
     matrix = success_matrix(panel)
     hatched = [(cell, shade) for _, cell, shade in shades_of(matrix) if shade.hatched]
     rows, statuses = len(panel.rows), {"too_slow", "unachievable"}
-    assert {cell.name for cell, _ in hatched} == {IMPOSSIBLE, SLOW}
+    assert {cell for cell, _ in hatched} == {IMPOSSIBLE, SLOW}
     assert {name for name, _ in matrix.hatchings} == statuses
     for cell, shade in hatched:
-        assert shade.hatched == cell.achievability
-        assert solvable_reason(panel, cell) in shade.words
+        assert shade.hatched == panel.cell(cell).achievability
+        assert solvable_reason(panel, panel.cell(cell)) in shade.words
     classes = [set(own.get("class", "").split()) for tag, own in page.tags if tag == "a"]
     _, (draw, _) = FIGURES["success_matrix"]
     patches = [patch.get_hatch() for patch in draw(matrix).findobj(Rectangle)]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pyarrow as pa
 
-from integ_gym.envs.catalogue.lookup import environment_setup
+from integ_gym.envs.environment import environment_setup
 from integ_gym.evidence.context import EpisodeContext
 from integ_gym.evidence.episode_log import EpisodeHead, EpisodeHeads, EpisodeLog
 from integ_gym.evidence.episode_table import unhashed_table

@@ -20,7 +20,7 @@ from safetensors.numpy import save
 from stable_baselines3 import PPO
 from stable_baselines3.common.logger import Logger
 
-from integ_gym.envs.catalogue.lookup import environment_setup
+from integ_gym.envs.environment import environment_setup
 from integ_gym.envs.registries import ENVIRONMENTS
 from integ_gym.evidence.context import EpisodeContext
 from integ_gym.evidence.store import EvidenceStore

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from integ_gym.envs.catalogue.lookup import environment_setup
+from integ_gym.envs.environment import environment_setup
 from integ_gym.envs.registries import ENVIRONMENTS
 from integ_gym.train.baselines import BASELINES, make_baseline
 from integ_gym.train.called_policy import PolicyStack
