@@ -19,7 +19,7 @@ from ..verdict import PolicyCell, PolicyComparison, compare_policies
 from .cells import Cell
 from .findings import paired_episodes, rankings, remedies
 from .matrix import Matrix, PanelLayout, mean_success
-from .result import FILE_NAME, Failure, OtherVersionError, Panel, Policy, Row, Stage, read_panel
+from .result import FILE_NAME, Failure, OtherVersionError, Panel, Row, Stage, read_panel
 from .run_directory import RunDirectory
 
 FAILURE_SAMPLE = 40
@@ -29,7 +29,6 @@ FAILURE_SAMPLE = 40
 def build_artefact(
     layout: PanelLayout,
     matrix: Matrix,
-    policies: Mapping[str, Policy],
     files: Mapping[str, tuple[str, ...]],
     *,
     directory: str,
@@ -42,7 +41,6 @@ def build_artefact(
     Args:
         layout: rows and cells.
         matrix: outcomes.
-        policies: by id.
         files: evidence files that hold the records of a policy, by id, beside ``panel.json``.
         directory: see :class:`Panel`.
         training_steps: decisions that each policy was trained for; None where none was.
@@ -57,7 +55,8 @@ def build_artefact(
         if not row.baseline
         for failure in matrix.failures(row.name, cell)
     ]
-    hashes = {name: policy.hash for name, policy in sorted(policies.items()) if policy.hash}
+    known = [(p.id, p.hash) for row in layout.rows for p in row.policies if p.hash]
+    hashes = dict(sorted(known))
     return Panel(
         **other,
         stage=stage,
@@ -66,7 +65,7 @@ def build_artefact(
         platform=host(),
         instruction_sets=instruction_sets(),
         weights=hashlib.sha256(json.dumps(hashes).encode()).hexdigest() if hashes else "",
-        rows=tuple(_row(row, matrix, policies, training_steps) for row in layout.rows),
+        rows=tuple(_row(row, matrix, training_steps) for row in layout.rows),
         cells=tuple(_cell(cell, layout, matrix) for cell in layout.cells.values()),
         matrix=tuple(
             matrix.entry(
@@ -125,14 +124,11 @@ def _compare(layout: PanelLayout, matrix: Matrix, a: str, b: str) -> PolicyCompa
     return compare_policies(cells, layout.share, a=a, b=b)
 
 
-def _row(
-    row: Row, matrix: Matrix, policies: Mapping[str, Policy], training_steps: int | None
-) -> Row:
+def _row(row: Row, matrix: Matrix, training_steps: int | None) -> Row:
     """A row with what came out."""
     rates = matrix.home_rates(row.name)
     return msgspec.structs.replace(
         row,
-        policies=tuple(policies[policy] for policy in row.policy_ids),
         home_success=None if rates is None else mean_success(rates),
         learned=matrix.learned(row.name),
         training_steps=training_steps if row.kind == "trained" else None,

@@ -18,7 +18,7 @@ from integ_gym.envs.testbeds.making import find_testbed
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.support.errors import InputError, InputTypeError
 from integ_gym.support.executors import Cluster, Resources, open_cluster
-from integ_gym.support.files import replace_file
+from integ_gym.support.files import display_path, replace_file
 from integ_gym.support.optional import installed_versions, require
 from integ_gym.support.processes import check_spawning, cores
 from integ_gym.support.storage import Storage, open_storage
@@ -38,10 +38,8 @@ from .outputs import (
     CHECKING,
     JUDGING,
     Begin,
+    Call,
     artefact_of,
-    call_of,
-    cost_of,
-    of_plan,
     phases,
     reduced,
     write_outputs,
@@ -109,13 +107,13 @@ def facts_of(existing: Existing) -> dict[str, Any]:
     return dict(msgspec.to_builtins(facts))
 
 
-def given_panel(spec: PanelSpec, directory: RunDirectory, called: Mapping[str, Any]) -> Panel:
+def given_panel(spec: PanelSpec, directory: RunDirectory, called: Call) -> Panel:
     """What ``panel.json`` holds of an evaluation: a function of its manifest and records alone.
 
     Args:
         spec: of the evaluation.
         directory: of the run, all of which is there.
-        called: see :func:`~integ_gym.eval.panel.outputs.call_of`.
+        called: how the run was called.
 
     Raises:
         ValueError: where the manifest does not say what is known of the policy.
@@ -126,15 +124,13 @@ def given_panel(spec: PanelSpec, directory: RunDirectory, called: Mapping[str, A
     policy = PanelPolicy(id=name, seed=existing.seed, hash=existing.policy.content_hash, file=file)
     rows, homes = given_rows(spec, policy, existing.home)
     layout, matrix = reduced(spec, directory, rows, homes)
-    policies = [policy for row in rows for policy in row.policies]
     store = EvidenceStore(directory.evidence)
     return artefact_of(
+        spec,
         directory,
         layout,
         matrix,
-        policies,
-        **of_plan(spec, directory, called),
-        cost=cost_of(directory, layout, (), called),
+        called,
         looks=layout.looks,
         doubts=doubts_of(existing, spec, layout, matrix, store),
     )
@@ -345,7 +341,7 @@ def _write(
     begin(JUDGING)
     directory.note(**{GIVEN: facts_of(existing)})
     directory.record_look(Seen(1, spec.episodes, 0))
-    called = call_of(directory, command, processes)
+    called = Call(command, processes, display_path(str(directory.storage)))
     return write_outputs(directory, given_panel(spec, directory, called), called, begin)
 
 

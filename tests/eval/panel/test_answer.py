@@ -79,7 +79,7 @@ def judged(
         tried={TRUTH.name: tried},
     )  # fmt: skip
     return build_artefact(
-        layout, Matrix(rows, records, starts), {i: Policy(id=i) for i in ("mine", "random")},
+        layout, Matrix(rows, records, starts),
         {"mine": (), "random": ()},
         directory="runs/mine", name="evaluate mine", question="?", command=command, versions={},
         spec={"env_id": "IntegPendulum-v0", "environment": {"max_torque": 0.7}},

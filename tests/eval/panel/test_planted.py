@@ -68,7 +68,7 @@ def planted(
     )
     ids = [policy for row in rows for policy in row.policy_ids]
     return build_artefact(
-        layout, Matrix(rows, records, EPISODES), {i: Policy(id=i) for i in ids},
+        layout, Matrix(rows, records, EPISODES),
         dict.fromkeys(ids, "evidence/x.parquet"),
         directory="runs/planted", name="planted", question="?", spec={}, command="", versions={},
         cost=Cost(wall_seconds=0.0, workers=1, train_seconds=0.0, evaluate_seconds=0.0),
