@@ -200,10 +200,10 @@ def finding_of(panel: Panel) -> Finding | None:
         row, cell, lost = worst.row, worst.cell, worst.total
         codes: dict[str, Status] = {"fails": "cause", "transfers": "not_cause"}
         status = codes.get(worst.verdict, "undecided")
-    elif panel.verdicts or not panel.exploratory or panel.exploratory[0].home_drop is None:
-        return None
     else:
-        entry = panel.exploratory[0]
+        entry = None if panel.verdicts else next(iter(panel.exploratory), None)
+        if entry is None or entry.home_drop is None:
+            return None
         row, cell, lost, status = entry.row, entry.cell, entry.home_drop, "exploratory"
     own, there = panel.row(row), _value(panel.entry(row, cell), "success")
     at_home = None if own.home_success is None else own.home_success.estimate
@@ -783,26 +783,24 @@ def solvable_reason(panel: Panel, cell: Cell) -> str:
 
 def verdict_reason(panel: Panel, judged: Verdict) -> str:
     """Why a verdict is what it is, in a sentence with numbers."""
-    home = panel.row(judged.row).home_success
+    success = panel.row(judged.row).home_success
+    home = fixed(success.estimate if success else None)
     if judged.verdict == "not_learned":
-        return (
-            f"Home success {fixed(home and home.estimate)} is below {LEARNED}, so there is nothing "
-            "to transfer."
-        )
+        return f"Home success {home} is below {LEARNED}, so there is nothing to transfer."
     if judged.verdict in WITHOUT_VERDICT:
         return solvable_reason(panel, panel.cell(judged.cell))
     if panel.stage is not None:
         return _stage_words(panel.stage)
     entry = panel.entry(judged.row, judged.cell)
-    there = fixed(entry and entry.success.estimate)
-    later = fixed(entry and entry.recovered.estimate)
+    there = fixed(entry.success.estimate if entry else None)
+    later = fixed(entry.recovered.estimate if entry else None)
     seeds = f"{judged.seeds} seeds"
     if judged.natives is not None:
         seeds += f" and {judged.natives} native ones"
     low, high = judged.overfitting.ends
     level = percent(judged.overfitting.level or 0.0)
     change = (
-        f"success {fixed(home and home.estimate)} at home and {there} there, {later} within two "
+        f"success {home} at home and {there} there, {later} within two "
         f"horizons; overfitting {fixed(judged.overfitting.estimate)} ({level} interval "
         f"{fixed(low)} to {fixed(high)}), deadline {fixed(judged.deadline.estimate)}, difficulty "
         f"{fixed(judged.difficulty.estimate)}"

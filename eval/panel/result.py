@@ -96,10 +96,10 @@ class Row(Part, frozen=True, kw_only=True):
         return cls(
             name=name,
             kind=kind,
-            home=alone and alone.name,
+            home=alone.name if alone else None,
             shares={} if home is None else {one.name: x for one, x in home.shares.items()},
-            integrator=alone and alone.integrator,
-            dt=alone and alone.dt,
+            integrator=alone.integrator if alone else None,
+            dt=alone.dt if alone else None,
             control_period=None if home is None else home.control_period,
             seeds=len(known),
             policies=known,
@@ -601,7 +601,8 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
         """
         if self.truth is None:
             return name
-        one = next((x for x in (*self.cells, *self.rows) if x.name == name), None)
+        known: tuple[Cell | Row, ...] = (*self.cells, *self.rows)
+        one = next((x for x in known if x.name == name), None)
         if one is None or one.integrator != self.truth.integrator:
             return name
         exact = self.truth.name if name.startswith(self.truth.name) else self.truth.scheme
