@@ -25,7 +25,7 @@ from integ_gym.support.optional import require
 
 from .panel.cells import SpecError, file_name
 from .panel.conclusions import Cause, cause_of, closed_words
-from .panel.plan import grown
+from .panel.plan import with_seed_count
 from .panel.result import Panel
 from .panel.run import check_spec, run_panel
 from .panel.run_directory import MANIFEST, read_manifest
@@ -255,7 +255,7 @@ def check(
     if seeds is None and (place / MANIFEST).exists():
         asked = read_manifest(place / MANIFEST)["specification"].get("seeds", ())
         first = max(first, len(asked))  # that a run there was last asked for
-    spec = grown(spec, first)
+    spec = with_seed_count(spec, first)
     while True:
         panel = run_panel(
             spec, place, workers=workers, progress=progress, command=command, staged=False
@@ -264,7 +264,7 @@ def check(
         wanted = wanted_seeds(found.seeds, found.half_width)
         if seeds is not None or wanted == found.seeds:
             return found
-        spec = grown(spec, wanted)
+        spec = with_seed_count(spec, wanted)
 
 
 def specify(

@@ -98,7 +98,7 @@ def _verdicts(layout: PanelLayout, matrix: Matrix, *, decided: bool) -> tuple[Ve
     tested = sum(verdict.verdict not in WITHOUT_VERDICT for verdict in verdicts)
     return tuple(
         msgspec.structs.replace(
-            verdict, seeds_wanted=seeds_wanted(one.rates, tested, layout.looked)
+            verdict, seeds_wanted=seeds_wanted(one.rates, tested, layout.looks_so_far)
         )
         if verdict.verdict == "inconclusive"
         else verdict

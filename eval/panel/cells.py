@@ -386,7 +386,7 @@ def engine_versions(engines: Iterable[str]) -> dict[str, str]:
     return {package: running_version(package) for package in sorted(packages)}
 
 
-def trained(entries: Sequence[Mapping[str, Any]], home: Discretization) -> tuple[Home, ...]:
+def training_homes(entries: Sequence[Mapping[str, Any]], home: Discretization) -> tuple[Home, ...]:
     """Training discretizations and mixtures, in order.
 
     Args:
@@ -402,12 +402,12 @@ def trained(entries: Sequence[Mapping[str, Any]], home: Discretization) -> tuple
     return tuple(dict.fromkeys(found))
 
 
-def evaluated(entries: Sequence[Places], home: Discretization) -> tuple[Discretization, ...]:
+def evaluation_grid(entries: Sequence[Places], home: Discretization) -> tuple[Discretization, ...]:
     """Discretizations of the grid, in order; on every installed engine where it asks for that.
 
     Args:
         entries: the tables of `evaluate`.
-        home: see :func:`trained`.
+        home: see :func:`training_homes`.
 
     Raises:
         SpecError: if it asks for installed engines, and there is none.

@@ -41,7 +41,7 @@ from .outputs import (
     Call,
     artefact_of,
     phases,
-    reduced,
+    reduce_records,
     write_outputs,
 )
 from .plan import planned_home
@@ -123,7 +123,7 @@ def given_panel(spec: PanelSpec, directory: RunDirectory, called: Call) -> Panel
     file = next((f"policies/{name}/{kept}" for kept in existing.files), None)
     policy = PanelPolicy(id=name, seed=existing.seed, hash=existing.policy.content_hash, file=file)
     rows, homes = given_rows(spec, policy, existing.home)
-    layout, matrix = reduced(spec, directory, rows, homes)
+    layout, matrix = reduce_records(spec, directory, rows, homes)
     store = EvidenceStore(directory.evidence)
     return artefact_of(
         spec,

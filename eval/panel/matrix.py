@@ -332,7 +332,7 @@ class PanelLayout:
         )
 
     @property
-    def looked(self) -> Looks:
+    def looks_so_far(self) -> Looks:
         """All looks so far, this one included."""
         return self.looks_before.then(self.looks[-1].seeds) if self.looks else self.looks_before
 

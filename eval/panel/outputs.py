@@ -51,7 +51,7 @@ Begin = Callable[[Phase], None]
 """Told what is done now."""
 
 
-def untold(phase: Phase) -> None:
+def no_op(phase: Phase) -> None:
     """Nobody is told."""
 
 
@@ -79,7 +79,7 @@ def write_artefact(
     command: str,
     workers: int,
     of: PanelSpec | None = None,
-    begin: Begin = untold,
+    begin: Begin = no_op,
 ) -> Panel:
     """Reduce the evidence and write ``panel.json``, ``figures/`` and ``report.html``.
 
@@ -116,7 +116,7 @@ def panel_of(
         of: the panel whose stage it is; nothing is decided then.
     """
     homes = {home.name: home for home in spec.train}
-    layout, matrix = reduced(spec, directory, _rows_of(spec, directory), homes)
+    layout, matrix = reduce_records(spec, directory, _rows_of(spec, directory), homes)
     trained = {row.name: row.policy_ids for row in layout.rows if row.kind == "trained"}
     store = EvidenceStore(directory.evidence)
     return artefact_of(
@@ -160,7 +160,7 @@ def seen_now(spec: PanelSpec) -> Seen:
     return Seen(len(spec.seeds), spec.episodes, natives)
 
 
-def reduced(
+def reduce_records(
     spec: PanelSpec,
     directory: RunDirectory,
     rows: tuple[Row, ...],
@@ -189,7 +189,7 @@ class Call(msgspec.Struct, frozen=True):
     directory: str
 
 
-def noted_call(directory: RunDirectory) -> Call:
+def read_call(directory: RunDirectory) -> Call:
     """How a run was called when its page was written.
 
     Raises:
@@ -205,7 +205,7 @@ def write_outputs(
     directory: RunDirectory,
     made: Panel,
     called: Call,
-    begin: Begin = untold,
+    begin: Begin = no_op,
     decided: bool = True,
 ) -> Panel:
     """Write ``panel.json`` and the figures, seal the run if it is decided, and write the page.

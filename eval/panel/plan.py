@@ -131,11 +131,11 @@ def additions(held: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[str]:
         now: the other.
     """
     for name in _LISTS:
-        yield from _lacking(name, now, held)
+        yield from _missing_entries(name, now, held)
     new = list(now.get(GROWING) or ())[len(held.get(GROWING) or ()) :]
     if new:
         yield f"{GROWING} {', '.join(map(str, new))}"
-    more = sum(_parts(now)) - sum(_parts(held))
+    more = sum(_episode_parts(now)) - sum(_episode_parts(held))
     if more:
         yield f"{plural(more, 'more episode')}{' a seed' if now.get(GROWING) else ''}"
     if held.get("question") != now.get("question"):
@@ -150,24 +150,24 @@ def contradictions(held: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[
         now: what is asked for there.
     """
     for name in _LISTS:
-        for lost in _lacking(name, held, now):
+        for lost in _missing_entries(name, held, now):
             yield f"it has {lost}, which is missing now"
-    one, other = _parts(held), _parts(now)
+    one, other = _episode_parts(held), _episode_parts(now)
     differ = any(held.get(name) != now.get(name) for name in EPISODES)
     if differ and not (one and other[: len(one)] == one):
-        yield f"`episodes` {_summed(one)} (now {_summed(other)})"
+        yield f"`episodes` {_sum_words(one)} (now {_sum_words(other)})"
     same = {name: now.get(name) for name in (GROWING, *EPISODES, *WORDS, *_LISTS)}
     yield from _differences({**held, **same}, {**now, **same})
 
 
-def continued(spec: PanelSpec, held: Mapping[str, Any]) -> PanelSpec:
+def with_episode_parts(spec: PanelSpec, held: Mapping[str, Any]) -> PanelSpec:
     """The same panel with its episodes in the parts in which a directory has them, and then more.
 
     Args:
         spec: what is asked for there, unchanged if it says the parts itself or has fewer.
         held: what the directory was begun with, as plain data.
     """
-    parts = _parts(held)
+    parts = _episode_parts(held)
     more = spec.episodes - sum(parts)
     if spec.episode_parts or more < 0:
         return spec
@@ -175,30 +175,30 @@ def continued(spec: PanelSpec, held: Mapping[str, Any]) -> PanelSpec:
     return replace(spec, episode_parts=grown if len(grown) > 1 else ())
 
 
-def _parts(plan: Mapping[str, Any]) -> tuple[int, ...]:
+def _episode_parts(plan: Mapping[str, Any]) -> tuple[int, ...]:
     """How many episodes a plan has, in parts; none of one that is damaged."""
     told = plan.get("episode_parts") or [plan.get("episodes")]
     whole = isinstance(told, list) and all(type(part) is int for part in told)
     return tuple(told) if whole else ()
 
 
-def _summed(parts: Sequence[int]) -> str:
+def _sum_words(parts: Sequence[int]) -> str:
     return " + ".join(map(str, parts)) or "none"
 
 
-def _lacking(name: str, one: Mapping[str, Any], other: Mapping[str, Any]) -> Iterator[str]:
+def _missing_entries(name: str, one: Mapping[str, Any], other: Mapping[str, Any]) -> Iterator[str]:
     """Entries of a list that another specification's lacks; of a sweep, its values."""
-    there = _by_entry(other.get(name) or ())
-    for key, (entry, values) in _by_entry(one.get(name) or ()).items():
+    there = _entries_by_key(other.get(name) or ())
+    for key, (entry, values) in _entries_by_key(one.get(name) or ()).items():
         if key not in there:
-            yield _told(name, entry)
+            yield _entry_words(name, entry)
             continue
         missing = [value for value in values if value not in there[key][1]]
         if missing:
-            yield _told(name, {**entry, "values": missing})
+            yield _entry_words(name, {**entry, "values": missing})
 
 
-def _told(name: str, entry: Any) -> str:
+def _entry_words(name: str, entry: Any) -> str:
     """An entry in words; as it is in a manifest that is damaged."""
     kind, words = _LISTS[name]
     try:
@@ -207,7 +207,7 @@ def _told(name: str, entry: Any) -> str:
         return f"{kind} {json.dumps(entry)}"
 
 
-def _by_entry(values: Sequence[Any]) -> dict[str, tuple[Any, tuple[float, ...]]]:
+def _entries_by_key(values: Sequence[Any]) -> dict[str, tuple[Any, tuple[float, ...]]]:
     """Entries of a list; of a sweep, which may have more values, these apart."""
     found = {}
     for value in values:
@@ -217,26 +217,26 @@ def _by_entry(values: Sequence[Any]) -> dict[str, tuple[Any, tuple[float, ...]]]
     return found
 
 
-def _place(entry: Mapping[str, Any]) -> str:
+def _place_words(entry: Mapping[str, Any]) -> str:
     if "mixture" in entry:
         return repr(entry["mixture"])
     return f"{Discretization(**entry).name!r}"
 
 
-def _changed(entry: Mapping[str, Any]) -> str:
+def _change_words(entry: Mapping[str, Any]) -> str:
     changes = ", ".join(f"{name} = {value}" for name, value in entry["environment"].items())
     return f"{entry['name']!r} ({changes})"
 
 
-def _swept(entry: Mapping[str, Any]) -> str:
+def _sweep_words(entry: Mapping[str, Any]) -> str:
     return f"of `{entry['argument']}` at {', '.join(f'{value:g}' for value in entry['values'])}"
 
 
 _LISTS: Final[Mapping[str, tuple[str, Callable[[Any], str]]]] = {
-    "train": ("row", _place),
-    "grid": ("cell", _place),
-    "perturbations": ("perturbation", _changed),
-    "sweeps": ("sweep", _swept),
+    "train": ("row", _place_words),
+    "grid": ("cell", _place_words),
+    "perturbations": ("perturbation", _change_words),
+    "sweeps": ("sweep", _sweep_words),
     "baselines": ("baseline", repr),
 }
 """Lists to which more may be added anywhere, what an entry is called, and how it is told."""
@@ -269,7 +269,7 @@ MOST_SEEDS: Final = 10_000
 """Seeds that a panel may have."""
 
 
-def grown(spec: PanelSpec, seeds: int) -> PanelSpec:
+def with_seed_count(spec: PanelSpec, seeds: int) -> PanelSpec:
     """The same panel with so many training seeds: its first, or all and new ones after the last.
 
     Raises:

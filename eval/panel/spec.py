@@ -42,13 +42,13 @@ from .cells import (
     convert,
     engine_versions,
     environments_of,
-    evaluated,
+    evaluation_grid,
     file_name,
     many,
     nominal_setup,
     standard_perturbations,
     sweeps_of,
-    trained,
+    training_homes,
 )
 
 _DELAYS = {"action_latency", "sensor_period", "observation_noise", "fallback"}
@@ -576,8 +576,8 @@ def _parse(data: Mapping[str, Any]) -> PanelSpec:
     return PanelSpec(
         **{
             **given,
-            "train": trained(given["train"], home),
-            "grid": evaluated(evaluate, home),
+            "train": training_homes(given["train"], home),
+            "grid": evaluation_grid(evaluate, home),
             "sweeps": sweeps_of(given["env_id"], sweep, nominal),
             "left_out": absent_engines() if installed else (),
         }

@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from integ_gym.eval.panel.conclusions import verdict_reason
-from integ_gym.eval.panel.plan import grown
+from integ_gym.eval.panel.plan import with_seed_count
 from integ_gym.eval.panel.run import run_panel, specified
 from integ_gym.eval.panel.spec import BUILT_IN, TRAINERS, PanelSpec
 from integ_gym.eval.report.forests import ordered_verdicts
@@ -145,7 +145,7 @@ def main(argv: Sequence[str]) -> int:
             )
         spec = replace(spec, memory_gib=arguments.memory_gib)
     if arguments.seeds is not None:
-        spec = grown(spec, arguments.seeds)
+        spec = with_seed_count(spec, arguments.seeds)
         words += ["--seeds", str(arguments.seeds)]
     if arguments.policies:
         words += ["--policies", str(arguments.policies)]
