@@ -187,15 +187,28 @@ def hanging_indent(name: str, text: str, width: int | None, most: int | None = N
 
 def has_room(names: Sequence[str], rows: Rows, width: int) -> bool:
     """Whether lines of a width have room for columns, with cells broken where need be."""
-    columns = zip(names, *rows, strict=True)
-    least = [max(map(_least_width, column)) for column in columns]
-    return sum(least) + _GAP * (len(least) - 1) <= width
+    return _column_widths(names, rows, width) is not None
+
+
+def _column_widths(names: Sequence[str], rows: Rows, width: int) -> list[int] | None:
+    """Widths that fit, names broken before cells and no word broken; None if there are none."""
+    words = [max(map(len, name.split(" "))) for name in names]
+    cells = list(zip(*rows, strict=True)) or [()] * len(names)
+    least = [max([word, *map(_least_width, own)]) for word, own in zip(words, cells, strict=True)]
+    widths = [max([word, *map(len, own)]) for word, own in zip(words, cells, strict=True)]
+    room = width - _GAP * (len(names) - 1)
+    if sum(least) > room:
+        return None
+    while sum(widths) > room:
+        widths[max(range(len(widths)), key=lambda i: (widths[i] > least[i], widths[i]))] -= 1
+    for i, name in enumerate(names):
+        widths[i] += max(0, min(len(name) - widths[i], room - sum(widths)))
+    return widths
 
 
 def _least_width(cell: str) -> int:
     """Characters below which a cell would be hard to read."""
-    longest = max(map(len, cell.split()), default=0)
-    return max(longest, min(len(cell), READABLE)) if longest <= READABLE else longest
+    return max(min(len(cell), READABLE), *map(len, cell.split(" ")), 0)
 
 
 def print_columns(
@@ -219,7 +232,8 @@ def print_columns(
     """
     file = file or sys.stdout
     width = width_of(file)
-    if width is not None and not has_room(names, rows, width):
+    widths = _column_widths(names, rows, width or 1 << 20)
+    if widths is None:
         _print_lists(names, rows, file, width)
         return
     console_of, table_of, text_of = (
@@ -231,13 +245,8 @@ def print_columns(
         box=box, show_edge=False, pad_edge=False, padding=(0, 1, 0, 0), header_style=""
     )
     for place, name in enumerate(names):
-        cells = [row[place] for row in rows]
-        table.add_column(
-            text_of(name),
-            justify="right" if right and right[place] else "left",
-            overflow="fold",
-            no_wrap=all(" " not in cell for cell in cells) and " " not in name,
-        )
+        justify = "right" if right and right[place] else "left"
+        table.add_column(text_of(name), justify=justify, overflow="fold", width=widths[place])
     for row in rows:
         table.add_row(*(text_of(cell, style=(colours or {}).get(cell, "")) for cell in row))
     plain = {"color_system": None} if os.environ.get("NO_COLOR") else {}
@@ -249,7 +258,7 @@ def print_columns(
         print((line.replace("- -", "  -") if ruled else line).rstrip(), file=file)
 
 
-def _print_lists(names: Sequence[str], rows: Rows, file: TextIO, width: int) -> None:
+def _print_lists(names: Sequence[str], rows: Rows, file: TextIO, width: int | None) -> None:
     """Each row as lines of a name and a cell."""
     before = max(map(len, names)) + _GAP
     for place, row in enumerate(rows):

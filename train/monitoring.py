@@ -15,7 +15,7 @@ from integ_gym.envs.testbeds.gym_testbed import Testbed
 from integ_gym.envs.testbeds.making import find_testbed, make_checked
 from integ_gym.support.errors import InputError
 
-from .called_policy import CalledPolicy
+from .policy import CalledPolicy
 from .policy_files.sidecar import Stated, stated_arguments
 
 FIRST_SEED = 50_000
