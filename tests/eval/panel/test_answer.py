@@ -179,7 +179,7 @@ def test_an_unknown_home_is_said_first_and_asked_for() -> None:
     first, second, *_ = panel.answer.splitlines()
     assert first.startswith("Success on the truth 0.40 (0.27 to 0.54); home unknown, so what is")
     assert first.endswith("lost is unknown, and so is whether dt is the cause.")
-    assert second.startswith(f"Success is from 0.40 ({TRUTH.name}) to 1.00 (")
+    assert second.startswith("Success is from 0.40 (the truth) to 1.00 (")
     step = next_step(panel)
     assert step is not None
     assert step.command.endswith("runs/mine-home --home integrator=…,dt=…,control_period=…")
