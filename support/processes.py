@@ -246,10 +246,6 @@ class Progress:
         """This thread, which does a task when it is submitted and moves the bar meanwhile."""
         return _AtOnce(self.add)
 
-    def here(self) -> Executor:
-        """One thread of this process that reports here, for work that is not worth a pool."""
-        return ThreadPoolExecutor(1, initializer=_report_to, initargs=(self._done,))
-
 
 class _Pool(ProcessPoolExecutor):
     def __init__(self, stopped: Any, **arguments: Any) -> None:
