@@ -139,31 +139,22 @@ def _guarded(path: Path) -> bool:
         tree = ast.parse(path.read_bytes())
     except (OSError, SyntaxError, ValueError):
         return True
-    guards = [node for node in tree.body if isinstance(node, ast.If) and _is_guard(node.test)]
-    line = next((f.f_lineno for f in _frames() if _is_main(f, path.name)), None)
-    if line is None:
-        return bool(guards)
-    return any(node.lineno <= line <= (node.end_lineno or line) for node in guards)
-
-
-def _is_guard(test: ast.expr) -> bool:
-    names = {node.id for node in ast.walk(test) if isinstance(node, ast.Name)}
-    texts = {node.value for node in ast.walk(test) if isinstance(node, ast.Constant)}
-    return "__name__" in names and "__main__" in texts
-
-
-def _is_main(frame: FrameType, file: str) -> bool:
-    """Whether a frame is of the main program, and not of what forks processes for it."""
-    own = frame.f_globals.get("__name__") == "__main__"
-    code = frame.f_code
-    return own and code.co_name == "<module>" and Path(code.co_filename).name == file
-
-
-def _frames() -> Iterator[FrameType]:
+    guards = []
+    for node in tree.body:
+        if isinstance(node, ast.If):
+            inner = list(ast.walk(node.test))
+            names = {one.id for one in inner if isinstance(one, ast.Name)}
+            texts = {one.value for one in inner if isinstance(one, ast.Constant)}
+            if "__name__" in names and "__main__" in texts:
+                guards.append(node)
     frame: FrameType | None = sys._getframe(1)
     while frame is not None:
-        yield frame
+        own, code = frame.f_globals.get("__name__") == "__main__", frame.f_code
+        if own and code.co_name == "<module>" and Path(code.co_filename).name == path.name:
+            line = frame.f_lineno
+            return any(node.lineno <= line <= (node.end_lineno or line) for node in guards)
         frame = frame.f_back
+    return bool(guards)
 
 
 _report: Callable[[float], None] | None = None

@@ -362,11 +362,11 @@ class WorkBar:
         parts = [f"{self._shown / (self.total or 1.0):.0%}"]
         if self.unit:
             parts.append(f"{self._shown:,.0f} of {self.total:,.0f}{self.unit}")
-        parts.append(f"{_clock(task.elapsed or 0.0)} so far")
+        parts.append(f"{seconds(round(task.elapsed or 0.0))} so far")
         if not self._filled and self.n > MOST_BEFORE_END * self.total:
             parts.append("nearly done")
         elif not self._filled and task.time_remaining is not None:
-            parts.append(f"about {_clock(task.time_remaining)} left")
+            parts.append(f"about {seconds(round(task.time_remaining))} left")
         return ", ".join([*parts, self._phase] if self._phase else parts)
 
     def _draw(self, at_once: bool = False) -> None:
@@ -379,12 +379,6 @@ class WorkBar:
             self._progress.refresh()
         else:
             print(f"{self.label}: {self._words()}", file=sys.stderr, flush=True)
-
-
-def _clock(duration: float) -> str:
-    minutes, rest = divmod(int(duration), 60)
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours}:{minutes:02}:{rest:02}" if hours else f"{minutes}:{rest:02}"
 
 
 INTERRUPTED = 130
