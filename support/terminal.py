@@ -301,10 +301,13 @@ class WorkBar:
             self._terminal = console.is_terminal and not console.is_dumb_terminal
             columns = ("{task.description}", rich.BarColumn(24), "{task.fields[words]}")
             self._progress = rich.Progress(
-                *columns, console=console, auto_refresh=False, disable=not self._terminal
+                *columns,
+                console=console,
+                auto_refresh=False,
+                redirect_stdout=False,  # which may go somewhere else
+                disable=not self._terminal,
             )
             self._task = self._progress.add_task(label, total=total or 1.0, words="")
-            self._progress.start()
 
     def __enter__(self) -> Self:
         return self
@@ -375,6 +378,7 @@ class WorkBar:
             return
         self._drawn = now
         if self._terminal:
+            self._progress.start()  # nothing, once it is
             self._progress.update(self._task, words=self._words())
             self._progress.refresh()
         else:
