@@ -83,19 +83,6 @@ def arguments_on(cell: Discretization, arguments: Mapping[str, Any]) -> dict[str
     return Cell(cell, "grid").arguments(arguments)
 
 
-def check_possible(
-    cells: Iterable[Discretization], env_id: str, arguments: Mapping[str, Any]
-) -> None:
-    """Refuse discretizations that an environment cannot have, before any episode is played.
-
-    Raises:
-        TypeError, ValueError: with the valid choices.
-        ModuleNotFoundError: if an engine is missing, with the command that installs it.
-    """
-    for cell in cells:
-        environment_setup(env_id, arguments_on(cell, arguments))
-
-
 def check_filmed(env_id: str) -> None:
     """Refuse an environment that there are no pictures of.
 

@@ -32,6 +32,7 @@ _MODULES = {
     "evaluate": "integ_gym.eval.panel.existing",
     "EvidenceStore": "integ_gym.evidence.store",
     "GymTestbed": "integ_gym.envs.testbeds.gym_testbed",
+    "IntegGymError": "integ_gym.support.errors",
     "IntegEnv": "integ_gym.envs.environment",
     "Integrator": "integ_gym.envs.integrators.interface",
     "IntegVectorEnv": "integ_gym.envs.vector",

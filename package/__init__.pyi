@@ -27,6 +27,7 @@ from integ_gym.evidence.store import EvidenceStore as EvidenceStore
 from integ_gym.evidence.vector_recorder import (
     RecordVectorEvidence as RecordVectorEvidence,
 )
+from integ_gym.support.errors import IntegGymError as IntegGymError
 from integ_gym.support.parameters import nonnegative as nonnegative
 from integ_gym.support.parameters import parameter as parameter
 from integ_gym.support.parameters import positive as positive

@@ -20,8 +20,7 @@ from integ_gym.evidence.labels import Replays
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.evidence.vector_recorder import RecordVectorEvidence
 from integ_gym.support.processes import report_work
-from integ_gym.train.called_policy import PolicyStack
-from integ_gym.train.policy import Policy
+from integ_gym.train.policy import Policy, PolicyStack
 
 from .cells import Cell, Home, environments_of
 from .costs import cell_seconds

@@ -23,9 +23,8 @@ from integ_gym.evidence.store import EvidenceStore
 from integ_gym.support.errors import InputError
 from integ_gym.support.files import read_object
 from integ_gym.train.baselines import BASELINES, make_baseline
-from integ_gym.train.called_policy import CalledPolicy, behaviour_hash
 from integ_gym.train.monitoring import RawModel
-from integ_gym.train.policy import MlpPolicy, Policy
+from integ_gym.train.policy import CalledPolicy, MlpPolicy, Policy, behaviour_hash
 from integ_gym.train.policy_files.limits import PolicyFileError
 from integ_gym.train.policy_files.onnx import OnnxPolicy, onnx_card, onnx_data
 from integ_gym.train.policy_files.reading import (

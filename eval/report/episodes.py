@@ -431,18 +431,18 @@ def _floats(values: Sequence[float | None] | None, count: int) -> Array:
     return np.concatenate((numbers, np.full(count - len(numbers), np.nan)))
 
 
-def read_network(told: Policy, directory: Path) -> MlpPolicy | None:
+def read_network(judged: Policy, directory: Path) -> MlpPolicy | None:
     """The network of a policy, if it is the one that the panel judged and a page can carry it."""
-    if not told.file:
+    if not judged.file:
         return None
-    file = directory / told.file
+    file = directory / judged.file
     statistics = next(file.parent.glob("obs_stats.*"), None)
     for path in (file.with_name(WEIGHTS_FILE), file):
         with suppress(OSError, ValueError, PolicyFileError, ModuleNotFoundError):
             card = path.with_suffix(".json")
             beside = json.loads(card.read_text("utf-8")) if card.exists() else None
             policy = read_weights(path, beside, statistics)
-            if policy.content_hash == told.hash:
+            if policy.content_hash == judged.hash:
                 simple = isinstance(policy, MlpPolicy) and (
                     policy.activation in ACTIVATIONS
                     and sum(weight.size for weight, _ in policy.layers) <= _MOST_WEIGHTS
@@ -473,11 +473,11 @@ def live_of(
             continue
         parts = {part: getattr(cell, part) for part in DISCRETIZATION}
         try:
-            made = environment_setup(env_id, {**panel.spec.get("environment", {}), **parts})
+            own = environment_setup(env_id, {**panel.spec.get("environment", {}), **parts})
         except (TypeError, ValueError):
             continue
-        if script := script_of(made):
-            setup, scripts[name], periods[name] = made, script, cell.control_period
+        if script := script_of(own):
+            setup, scripts[name], periods[name] = own, script, cell.control_period
     if setup is None:
         return None
     units = setup.plant.coordinate_units

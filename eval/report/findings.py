@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 
 from integ_gym.support.terminal import NONE, fixed, plural
 
-from ..panel.result import Entry, Panel, Row
+from ..panel.result import Entry, Panel
 from ..verdict import PASS, UNSOLVABLE
 from .forests import Trust
 
@@ -97,27 +97,24 @@ def _false_passes(panel: Panel, trusts: Sequence[Trust]) -> Iterator[Finding]:
     """Where rows that fail on the reference pass."""
     for row in panel.ordered_rows:
         wrong = [e for trust in trusts for e in trust.of("false_pass") if e.row == row.name]
-        if wrong:
-            yield _false_pass(panel, row, wrong)
-
-
-def _false_pass(panel: Panel, row: Row, wrong: Sequence[Entry]) -> Finding:
-    truth = panel.on_truth(row.name)
-    at_home = next((entry for entry in wrong if entry.cell == row.home), None)
-    others = _and([f"{e.cell} ({_rate(e)})" for e in wrong if e is not at_home], "cells")
-    if at_home is None:
-        text = f"{row.name} reaches {_rate(truth)} on the truth, but passes on {others}."
-    else:
-        given = row.kind == "given"
-        who = f"{row.name} reaches" if given else f"The policies trained on {row.name} reach"
-        text = (
-            f"{who} {_rate(at_home)} at home but {_rate(truth)} on the truth: that win belongs "
-            "to the simulator, not to the physics."
-        )
-        if others:
-            text += f" {'It also passes' if given else 'They also pass'} on {others}."
-    close = any(_is_undecided(e) for e in (truth, *([at_home] if at_home else wrong)))
-    return Finding("false_pass", text, close, len(wrong))
+        if not wrong:
+            continue
+        truth = panel.on_truth(row.name)
+        at_home = next((entry for entry in wrong if entry.cell == row.home), None)
+        others = _and([f"{e.cell} ({_rate(e)})" for e in wrong if e is not at_home], "cells")
+        if at_home is None:
+            text = f"{row.name} reaches {_rate(truth)} on the truth, but passes on {others}."
+        else:
+            given = row.kind == "given"
+            who = f"{row.name} reaches" if given else f"The policies trained on {row.name} reach"
+            text = (
+                f"{who} {_rate(at_home)} at home but {_rate(truth)} on the truth: that win belongs "
+                "to the simulator, not to the physics."
+            )
+            if others:
+                text += f" {'It also passes' if given else 'They also pass'} on {others}."
+        close = any(_is_undecided(e) for e in (truth, *([at_home] if at_home else wrong)))
+        yield Finding("false_pass", text, close, len(wrong))
 
 
 def _false_fails(panel: Panel, trusts: Sequence[Trust]) -> Iterator[Finding]:

@@ -368,5 +368,5 @@ def _settings(panel: Panel) -> list[tuple[str, str]]:
         )
     }
     inner = [panel.spec.get(group, {}) for group in ("environment", "training")]
-    named = [*entries.items(), *(pair for group in inner for pair in group.items())]
-    return [(str(name), plain(value)) for name, value in named]
+    pairs = [*entries.items(), *(pair for group in inner for pair in group.items())]
+    return [(str(name), plain(value)) for name, value in pairs]

@@ -19,7 +19,13 @@ from integ_gym.support.errors import InputError
 from integ_gym.support.files import parse_json, read_bounded
 from integ_gym.support.optional import load
 
-from ..policy import ActionArray, BoxActions, DiscreteActions, MlpPolicy, ObservationStatistics
+from ..policy import (
+    ActionArray,
+    BoxActions,
+    DiscreteActions,
+    MlpPolicy,
+    ObservationStatistics,
+)
 from .card import check_own_hash, hashed
 from .limits import PolicyFileError
 

@@ -22,7 +22,12 @@ from numpy.typing import NDArray
 from integ_gym.support.files import check_regular
 from integ_gym.support.optional import missing_package
 
-from ..policy import BoxActions, DiscreteActions, MlpPolicy, ObservationStatistics
+from ..policy import (
+    BoxActions,
+    DiscreteActions,
+    MlpPolicy,
+    ObservationStatistics,
+)
 from .limits import PolicyFileError
 
 try:

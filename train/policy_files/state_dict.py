@@ -13,7 +13,13 @@ from typing import Any, NamedTuple
 
 from integ_gym.support.files import read_bounded
 
-from ..policy import BoxActions, DiscreteActions, Layer, MlpPolicy, expand_bound
+from ..policy import (
+    BoxActions,
+    DiscreteActions,
+    Layer,
+    MlpPolicy,
+    expand_bound,
+)
 from .limits import MAX_WEIGHTS_BYTES, PolicyFileError
 from .sb3_weights import load_tensors
 
