@@ -85,7 +85,7 @@ class Rollout:
 
     def so_far(self, name: str) -> Array:
         """What was booked under a name up to each instant, shape (instants, lanes)."""
-        return np.cumsum(self.info[name], axis=0)
+        return np.asarray(np.cumsum(self.info[name], axis=0))
 
     def residual(self) -> Array:
         """Σ |energy residual| over the control periods, J, shape (lanes,); NaN where diverged."""
@@ -93,7 +93,7 @@ class Rollout:
 
     def diverged(self) -> Array:
         """Whether an episode ended before its time, shape (lanes,)."""
-        return ~np.isfinite(self.info["energy"][-1])
+        return np.asarray(~np.isfinite(self.info["energy"][-1]))
 
 
 def follow(

@@ -54,7 +54,7 @@ def diagnose_plant(diagnosis: Diagnosis) -> None:
     def agree(defect: float, what: str) -> tuple[float, str, Expectation]:
         return defect, "", below(EXACT, (defect,), "", f"{what} agree")
 
-    found = {
+    found: dict[str, tuple[float, str, Expectation] | None] = {
         "rate of energy − power of the control + dissipation, by the largest of them": agree(
             energy_defect(plant, states), "energy, accelerations and dissipation"
         ),
@@ -75,7 +75,8 @@ def diagnose_plant(diagnosis: Diagnosis) -> None:
 
 def states_around(rest: Array) -> Array:
     """Random states around a state of shape (n,), shape (STATES, n)."""
-    return rest + np.random.default_rng(0).uniform(-_SPREAD, _SPREAD, (STATES, len(rest)))
+    spread = np.random.default_rng(0).uniform(-_SPREAD, _SPREAD, (STATES, len(rest)))
+    return np.asarray(rest + spread)
 
 
 def rest_energy(plant: Plant, rest: Array) -> float:
