@@ -180,10 +180,6 @@ def _sigmoid(x: FloatArray) -> FloatArray:
     return numerator / (1.0 + decay)
 
 
-def _elu(x: FloatArray) -> FloatArray:
-    return np.where(x > 0, x, np.expm1(np.minimum(x, 0.0)))
-
-
 def _selu(x: FloatArray) -> FloatArray:
     alpha, scale = 1.6732632423543772, 1.0507009873554805
     unscaled: FloatArray = np.where(x > 0, x, alpha * np.expm1(np.minimum(x, 0.0)))
@@ -192,11 +188,6 @@ def _selu(x: FloatArray) -> FloatArray:
 
 def _softplus(x: FloatArray) -> FloatArray:
     return np.logaddexp(np.float32(0.0), x)
-
-
-def _softsign(x: FloatArray) -> FloatArray:
-    size: FloatArray = np.abs(x)
-    return x / (1.0 + size)
 
 
 def _gelu(x: FloatArray) -> FloatArray:
@@ -211,14 +202,14 @@ ACTIVATIONS: dict[str, Callable[[FloatArray], FloatArray]] = {
     "ReLU": lambda x: np.maximum(x, 0.0),
     "ReLU6": lambda x: np.clip(x, 0.0, 6.0),
     "LeakyReLU": lambda x: np.where(x > 0, x, 0.01 * x),
-    "ELU": _elu,
+    "ELU": lambda x: np.where(x > 0, x, np.expm1(np.minimum(x, 0.0))),
     "SELU": _selu,
     "SiLU": lambda x: x * _sigmoid(x),
     "GELU": _gelu,
     "Mish": lambda x: x * np.tanh(_softplus(x)),
     "Sigmoid": _sigmoid,
     "Softplus": _softplus,
-    "Softsign": _softsign,
+    "Softsign": lambda x: x / (1.0 + np.abs(x)),
 }
 
 

@@ -36,8 +36,6 @@ from .forests import (
     RATE_AXIS,
     VERDICT_ORDER,
     Axis,
-    Block,
-    Forest,
     Line,
     Mark,
     Tone,
@@ -154,7 +152,7 @@ def render(panel: Panel, episodes: Episodes | None = None, seal: str | None = No
         failed=_failed(panel),
         failures=_failures(panel),
         place_of=partial(_place_of_episode, panel),
-        comparisons=[(one, _comparison(one)) for one in panel.policy_comparisons],
+        comparisons=[(one, *_comparison(one)) for one in panel.policy_comparisons],
         fewest=None if panel.given_alone or not rows else min(row.seeds for row in rows),
         unlearned=[panel.in_words(row.name) for row in rows if row.learned is False],
         settings=_settings(panel),
@@ -336,7 +334,7 @@ def _failures(panel: Panel) -> list[tuple[str, list[Failure]]]:
     return sorted(by_label.items(), key=lambda pair: -len(pair[1]))
 
 
-def _comparison(compared: PolicyComparison) -> Forest:
+def _comparison(compared: PolicyComparison) -> tuple[list[Line], Axis]:
     """Success of one policy minus that of another in every cell."""
     lines = [
         Line(
@@ -351,8 +349,7 @@ def _comparison(compared: PolicyComparison) -> Forest:
         )
         for cell in compared.cells
     ]
-    axis = difference_axis([cell.difference for cell in compared.cells], 0.5)
-    return Forest("Policy comparison", "", "A − B", axis, (Block("", lines),))
+    return lines, difference_axis([cell.difference for cell in compared.cells], 0.5)
 
 
 def _settings(panel: Panel) -> list[tuple[str, str]]:

@@ -15,13 +15,7 @@ from integ_gym.eval.power import Verdict
 from integ_gym.eval.report.forests import ordered_verdicts
 from integ_gym.eval.statistics import Estimate
 from integ_gym.support.processes import cores
-from integ_gym.support.terminal import (
-    NONE,
-    fixed,
-    plural,
-    print_columns,
-    print_wrapped,
-)
+from integ_gym.support.terminal import NONE, fixed, plural, print_columns, print_wrapped
 
 
 def print_headline(panel: Panel) -> None:

@@ -125,6 +125,7 @@ def test_the_answer_comes_first_and_numbers_are_the_panels() -> None:
     for failure in panel.failures:
         assert f"integ-gym evidence show runs/panel {failure.record_id}" in page.text
     assert panel.command in page.text
+    assert "The task. Swing a torque-limited pendulum up and keep it there." in text
     baselines = {row.name for row in panel.rows if row.baseline}
     failed = sum(
         count
