@@ -343,9 +343,9 @@ class WorkBar:
 
     def fill(self) -> None:
         """Show that the work is done."""
-        self._filled = True
-        self.update(self.total - self.n)
+        self.n, self._filled = self.total, True
         if self._progress is not None:
+            self._progress.update(self._task, completed=self.n)
             self._draw(at_once=True)
 
     def close(self) -> None:

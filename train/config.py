@@ -19,11 +19,7 @@ from integ_gym.evidence.context import EpisodeContext
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.evidence.vector_recorder import RecordVectorEvidence
 from integ_gym.support.errors import InputError, InputTypeError, IntegGymError, is_raised_under
-from integ_gym.support.parameters import (
-    check_values,
-    nonnegative,
-    unknown_name,
-)
+from integ_gym.support.parameters import check_values, nonnegative, unknown_name
 
 
 class TrainingError(IntegGymError, RuntimeError):

@@ -16,12 +16,7 @@ from integ_gym.support.errors import InputError
 from integ_gym.support.optional import install_command
 from integ_gym.support.options import CommandParser
 from integ_gym.support.parameters import unknown_name
-from integ_gym.support.terminal import (
-    FITS,
-    print_columns,
-    print_wrapped,
-    unbroken,
-)
+from integ_gym.support.terminal import FITS, print_columns, print_wrapped, unbroken
 
 EXAMPLES = """\
 examples:

@@ -43,12 +43,7 @@ from integ_gym.train.fleet.learning import (
 )
 from integ_gym.train.fleet.planning import kind_of
 from integ_gym.train.fleet.program import FleetProgram
-from integ_gym.train.fleet.training import (
-    train_chunk,
-    train_fleet,
-    train_in_stages,
-    write_outcome,
-)
+from integ_gym.train.fleet.training import train_chunk, train_fleet, train_in_stages, write_outcome
 from integ_gym.train.policy import ACTIVATIONS as POLICY_ACTIVATIONS
 from integ_gym.train.policy_files.limits import PolicyFileError
 from integ_gym.train.policy_files.safetensors_file import FORMAT, read_safetensors
