@@ -297,8 +297,10 @@ def _matrix(
         shades: dict[str, Shade | None] = {}
         for cell in panel.columns:
             entry, home = panel.entry(row.name, cell.name), cell.name in row.shares
-            one, where = entry and shade(entry, home), f"{row.name}, evaluated on {cell.name}"
-            shades[cell.name] = one and replace(one, home=home, words=f"{where}: {one.words}")
+            shades[cell.name] = None
+            if entry is not None:
+                one, where = shade(entry, home), f"{row.name}, evaluated on {cell.name}"
+                shades[cell.name] = replace(one, home=home, words=f"{where}: {one.words}")
         return MatrixLine(row, panel.called(row.name), shades)
 
     blocks = tuple(
