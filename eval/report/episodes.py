@@ -196,7 +196,7 @@ def read_episodes(panel: Panel, directory: str | PathLike[str]) -> Episodes | No
     traces = _read_traces(panel, store, leads)
     there = {trace.key for trace in traces}
     shown = [lead for lead in leads if (lead.row, lead.cell, lead.seed, lead.episode) in there]
-    policies = {}
+    policies: dict[tuple[str, int], MlpPolicy] = {}
     for row, seed in dict.fromkeys((lead.row, lead.seed) for lead in shown):
         if len(policies) < MOST_POLICIES:
             policy = read_network(panel.row(row).policies[seed], Path(directory))
@@ -443,11 +443,10 @@ def read_network(judged: Policy, directory: Path) -> MlpPolicy | None:
             beside = json.loads(card.read_text("utf-8")) if card.exists() else None
             policy = read_weights(path, beside, statistics)
             if policy.content_hash == judged.hash:
-                simple = isinstance(policy, MlpPolicy) and (
-                    policy.activation in ACTIVATIONS
-                    and sum(weight.size for weight, _ in policy.layers) <= _MOST_WEIGHTS
-                )
-                return policy if simple else None
+                if not isinstance(policy, MlpPolicy) or policy.activation not in ACTIVATIONS:
+                    return None
+                size = sum(weight.size for weight, _ in policy.layers)
+                return policy if size <= _MOST_WEIGHTS else None
     return None
 
 

@@ -161,7 +161,8 @@ def _ladder(panel: Panel, row: Row) -> Ladder | None:
     references = (c for c in panel.cells if c.reference and period)
     same = (c for c in references if are_close(c.control_period, period or 0.0))
     truth = next(same, panel.truth)
-    return Ladder(row, period, own, along, truth and panel.entry(row.name, truth.name))
+    on_truth = panel.entry(row.name, truth.name) if truth else None
+    return Ladder(row, period, own, along, on_truth)
 
 
 def _ladder_plot(

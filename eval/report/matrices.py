@@ -299,9 +299,11 @@ def _matrix(
         shades: dict[str, Shade | None] = {}
         for cell in panel.columns:
             entry, home = panel.entry(row.name, cell.name), cell.name in row.shares
-            one, there = entry and shade(entry, home), panel.in_words(cell.name)
-            where = f"{panel.in_words(row.name)}, evaluated on {there}"
-            shades[cell.name] = one and replace(one, home=home, words=f"{where}: {one.words}")
+            shades[cell.name] = None
+            if entry is not None:
+                one, there = shade(entry, home), panel.in_words(cell.name)
+                where = f"{panel.in_words(row.name)}, evaluated on {there}"
+                shades[cell.name] = replace(one, home=home, words=f"{where}: {one.words}")
         return MatrixLine(row, panel.label(row.name), shades)
 
     blocks = tuple(

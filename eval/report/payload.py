@@ -211,8 +211,10 @@ def _entry(panel: Panel, entry: Entry) -> dict[str, Any]:
 def _interval(
     value: Estimate | None, show: Callable[[float | None], str] = fixed, unit: str = ""
 ) -> str | None:
-    if value is None or not value.bounded:
-        return value and f"{show(value.estimate)}{unit}"
+    if value is None:
+        return None
+    if not value.bounded:
+        return f"{show(value.estimate)}{unit}"
     return f"{show(value.estimate)} ({show(value.low)} to {show(value.high)}){unit}"
 
 
