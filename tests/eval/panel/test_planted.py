@@ -160,7 +160,7 @@ def test_without_a_family_the_largest_loss_that_says_something_is_told() -> None
     assert told == [(TRUTH.name, HERE.name), (HERE.name, TRUTH.name)]
     assert panel.headline.startswith(f"Success at home 1.00, on {HERE.name} 0.30, lost 0.70")
     assert panel.headline.endswith(
-        f"trained on {TRUTH.name}: dt looks like the cause (exploratory: no family was declared)."
+        "trained on the truth: dt looks like the cause (exploratory: no family was declared)."
     )
     assert "1 loses more than 0.2 of success by overfitting and 1 at most 0.1" in panel.answer
     assert f"no control that was found solves {THERE.name}" in panel.answer
