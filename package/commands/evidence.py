@@ -35,6 +35,7 @@ from integ_gym.evidence.sealing import (
 from integ_gym.evidence.store import EvidenceStore, merge, open_run, query_in_place
 from integ_gym.evidence.verification import missing_episodes, other_columns, replay_some
 from integ_gym.support.files import make_folder
+from integ_gym.support.optional import require
 from integ_gym.support.options import CommandParser, whole_number
 from integ_gym.support.storage import is_remote, local_copy
 from integ_gym.support.terminal import FITS, WorkBar, plural, width_of
@@ -310,6 +311,7 @@ def main(argv: Sequence[str]) -> int:
         EvidenceError: on bad input, in one sentence.
     """
     given = parser().parse_args(argv)
+    require("evidence")
     if given.run_command is _query and is_remote(given.run):
         print_table(query_in_place(given.run, given.sql), sys.stdout, given.format)
         return 0
