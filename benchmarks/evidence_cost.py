@@ -67,7 +67,7 @@ QUERIES = {
         "WHERE NOT success GROUP BY failure_label ORDER BY n DESC"
     ),
     "worst residuals": (
-        "SELECT record_id, failure_reason FROM records "
+        "SELECT record_id, failure_numbers FROM records "
         "ORDER BY abs(energy_residual_total) DESC LIMIT 10"
     ),
 }

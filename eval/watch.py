@@ -13,7 +13,8 @@ import numpy as np
 from integ_gym.envs.catalogue.lookup import environment_setup
 from integ_gym.envs.registries import TRUTH
 from integ_gym.envs.settings import DISCRETIZATION, Discretization
-from integ_gym.evidence.record import EvidenceRecord, told_perturbation, told_training
+from integ_gym.evidence.record import EvidenceRecord
+from integ_gym.evidence.schema import parse_field
 from integ_gym.evidence.store import EvidenceStore, open_run
 from integ_gym.support.optional import require
 from integ_gym.train.policy import Policy
@@ -241,7 +242,7 @@ def _check_code(record: EvidenceRecord, own_code: bool) -> None:
 
 
 def _homes(record: EvidenceRecord) -> list[dict[str, Any]]:
-    stated = told_training(record.fields) or []
+    stated = parse_field("training_discretization", record["training_discretization"]) or []
     return [stated] if isinstance(stated, dict) else stated
 
 
@@ -297,7 +298,7 @@ def _ends(success: bool) -> str:
 def _note(
     record: EvidenceRecord, homes: Sequence[Discretization], episodes: Sequence[Episode]
 ) -> str:
-    changed = told_perturbation(record.fields) or {}
+    changed = parse_field("perturbation", record["perturbation"]) or {}
     start = ", ".join(
         [
             f"start {record['episode_index']}",

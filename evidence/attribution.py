@@ -12,7 +12,7 @@ from integ_gym.envs.settings import DISCRETIZATION, Setup
 from integ_gym.envs.transition import STATUS_NAMES
 
 from .context import EpisodeContext
-from .descriptions import in_words, staleness
+from .descriptions import staleness
 from .episode_log import Episodes
 from .fields import SUMMARY_FIELDS
 from .labels import Array, EpisodeFacts, Replays, failure_label
@@ -38,7 +38,7 @@ _COURSE = {
     **{
         name: name
         for name in (
-            *("success", "terminated", "time", "solver_status", "saturated_share"),
+            *("success", "time", "solver_status", "saturated_share"),
             *("goal_reached", "goal_left", "goal_since"),
         )
     },
@@ -67,8 +67,7 @@ def attributed(
         lookup = lookups[context]
         said = lookup if isinstance(lookup, Replays) else lookup.get(index, _NOT_RUN)
         rows.append(explanations.of(episode, said))
-    names = ("failure_label", "failure_reason", *_NOT_RUN.columns())
-    return dict(zip(names, zip(*rows, strict=True), strict=True))
+    return {name: [row[name] for row in rows] for name in rows[0]}
 
 
 class _Explanations:
@@ -88,9 +87,9 @@ class _Explanations:
         self._bits = _bits(episodes)
         self._homes: dict[Any, tuple[Replays, Replays]] = {}
         """What was said, kept so that its identity stays its own, and the same with the home."""
-        self._known: dict[Any, tuple[Any, ...]] = {}
+        self._known: dict[Any, dict[str, Any]] = {}
 
-    def of(self, episode: int, said: Replays) -> tuple[Any, ...]:
+    def of(self, episode: int, said: Replays) -> dict[str, Any]:
         """Label, reason and the columns of what replays said."""
         case = (*self._cases[episode], id(said))
         same = (self._bits[episode], case)
@@ -98,8 +97,8 @@ class _Explanations:
             if case not in self._homes:
                 self._homes[case] = said, self._with_home(*self._cases[episode], said)
             said = self._homes[case][1]
-            label = failure_label(self._facts(episode), said)
-            self._known[same] = (*label, *said.columns().values())
+            failure = failure_label(self._facts(episode), said)
+            self._known[same] = {**failure.columns(), **said.columns()}
         return self._known[same]
 
     def _with_home(self, context: int, setup: int, said: Replays) -> Replays:
@@ -114,8 +113,6 @@ class _Explanations:
         course["solver_status"] = STATUS_NAMES[course["solver_status"]]
         return EpisodeFacts(
             **course,
-            goal=own["metric_definition"],
-            discretization=own["in_words"],
             observation_noise=own["observation_noise"],
             staleness=own["staleness"],
             homes=len(self._contexts[context].homes),
@@ -124,9 +121,9 @@ class _Explanations:
 
 def _circumstances(setup: Setup, lane: int) -> dict[str, Any]:
     """What labels look at that is the same in all episodes of a setup."""
-    names = (*DISCRETIZATION, "metric_definition", "observation_noise")
+    names = (*DISCRETIZATION, "observation_noise")
     own = {name: _ORIGINS[name].value(setup, lane) for name in names}
-    return {**own, "in_words": in_words(own), "staleness": staleness(setup)}
+    return {**own, "staleness": staleness(setup)}
 
 
 def _lookups(

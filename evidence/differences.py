@@ -10,12 +10,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .fields import (
-    SUMMARY_FIELDS,
-    VOLATILE_NAMES,
-)
+from .fields import CODED_REASONS, SUMMARY_FIELDS, VOLATILE_NAMES
 from .record import EvidenceRecord
-from .schema import Finding
+from .schema import Finding, parse_field
 
 
 def deviation(file: str, record_id: str, field: str, recorded: Any, computed: Any) -> Finding:
@@ -56,7 +53,7 @@ GROWTH = 10.0
 
 
 _NOT_REPLAYED = VOLATILE_NAMES | {
-    *("seed", "rng_key", "failure_reason"),
+    *("seed", "rng_key", "failure_reason", "failure_numbers"),
     *("record_id", "run_id", "schema_version", "package_versions", "trace_every"),
 }
 """Fields that say how starts came about, or that a replay is told."""
@@ -71,8 +68,7 @@ _ITERATIONS = "solver_iterations"
 
 
 _NUMBER = re.compile(r"[-+]?\d[\d.,e]*")
-"""A number in a sentence, which rounding changes; controls that are repeated saturate nothing, so
-that the sentence is compared where the policy decided again."""
+"""A number in a sentence, which rounding changes."""
 
 
 OWN_NOISE = 4
@@ -121,10 +117,8 @@ def differences(
         slack = 1.0 if tolerance and own.name.startswith(_ITERATIONS) else 0.0
         if not _alike(recorded, computed, moved, tolerance, slack):
             yield own.name, recorded, computed
-    reasons = [x.fields["failure_reason"] for x in (record, again, nudged or again)]
-    told, computed, moved = (_NUMBER.sub("#", str(reason)) for reason in reasons)
-    if decided and told != computed == moved:
-        yield "failure_reason", reasons[0], reasons[1]
+    if decided:
+        yield from _other_reason(record, again, nudged or again, tolerance)
     for column in {**record.trace, **again.trace} if record.trace else ():
         noisy = column.startswith("sensed_") and fields["observation_noise"]
         if noisy and noise_source(record) is None:
@@ -142,6 +136,30 @@ def differences(
         place = _first_difference(values, other, moved, tolerance, slack)
         if place is not None:
             yield f"{column}[{place}]", values[place].item(), other[place].item()
+
+
+def _other_reason(
+    record: EvidenceRecord, again: EvidenceRecord, nudged: EvidenceRecord, tolerance: float
+) -> Iterator[tuple[str, Any, Any]]:
+    """What of the reasons differs; controls that are repeated saturate nothing."""
+    if record.fields["schema_version"] < CODED_REASONS:
+        sentences = [_NUMBER.sub("#", one.reason) for one in (record, again, nudged)]
+        if sentences[0] != sentences[1] == sentences[2]:
+            yield "failure_reason", record.reason, again.reason
+        return
+    codes = [one.fields["failure_reason"] for one in (record, again, nudged)]
+    if codes[0] != codes[1]:
+        if codes[1] == codes[2]:
+            yield "failure_reason", *codes[:2]
+        return
+    numbers = [
+        parse_field("failure_numbers", one.fields["failure_numbers"])
+        for one in (record, again, nudged)
+    ]
+    for name in sorted({*numbers[0], *numbers[1]}):
+        recorded, computed, moved = (own.get(name) for own in numbers)
+        if not _alike(recorded, computed, moved, tolerance, 0.0):
+            yield f"failure_numbers.{name}", recorded, computed
 
 
 def _may_have_fallen_back(record: EvidenceRecord) -> bool:

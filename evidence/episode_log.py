@@ -17,7 +17,8 @@ from integ_gym.envs.registries import TRUTH
 from integ_gym.envs.settings import NATIVE
 
 from .context import EpisodeContext
-from .record import Layout, argument_values, summarise
+from .record import Layout, summarise
+from .schema import argument_values
 
 Array = npt.NDArray[Any]
 

@@ -84,7 +84,13 @@ def last(entry: str) -> Origin:
     return rows(lambda episodes: episodes.last(entry))
 
 
-SCHEMA_VERSION = 4
+SCHEMA_VERSION = 5
+
+FIRST_WRITTEN = 4
+"""Earliest schema version that this version of integ-gym wrote; as much is asked of its files."""
+
+CODED_REASONS = 5
+"""Schema version since which a reason is a code with numbers; before, it is a sentence."""
 
 SECOND_HORIZON, ATTEMPT, LATER_ATTEMPT = "second_horizon", "attempt", "attempt_second_horizon"
 
@@ -322,7 +328,13 @@ _OUTCOME = _group(
         most("constraint_violation"), nullable=True,
     ),
     _text("failure_label", "first failure rule that fits", None, choices=LABELS),
-    _text("failure_reason", "why, in a sentence with numbers", None),
+    _text(
+        "failure_reason", "code of the reason; its sentence in schema version 4 and before", None
+    ),
+    _json(
+        "failure_numbers", "numbers of the reason, by name, in SI units", None,
+        nullable=True, since=CODED_REASONS,
+    ),
 )  # fmt: skip
 
 _replayed = partial(_flag, origin=None, nullable=True, since=2)

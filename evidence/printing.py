@@ -21,8 +21,8 @@ from integ_gym.support.terminal import (
 )
 
 from .fields import SUMMARY_FIELDS
-from .record import EvidenceRecord, plain, told_arguments
-from .schema import arrow_type
+from .record import EvidenceRecord, plain
+from .schema import arrow_type, parse_arguments
 
 BARS = "▁▂▃▄▅▆▇█"
 ASCII_BARS = "_.-=+*#@"
@@ -47,7 +47,8 @@ def show(record: EvidenceRecord, bars: str = BARS, width: int | None = None) -> 
     outcome = "succeeds" if fields["success"] else f"fails, {fields['failure_label']}"
     title = f"{fields['env_id']}, {fields['cell']}, episode {fields['episode_index']}: {outcome}"
     parts = (_groups(record, width), _arguments(record, width), _trace(record, bars, width))
-    return "\n".join([beside("", title, width), *(line for part in parts for line in part)])
+    head = [beside("", title, width), beside("", record.reason, width)]
+    return "\n".join([*head, *(line for part in parts for line in part)])
 
 
 def _groups(record: EvidenceRecord, width: int | None) -> Iterator[str]:
@@ -64,7 +65,7 @@ def _groups(record: EvidenceRecord, width: int | None) -> Iterator[str]:
 
 def _arguments(record: EvidenceRecord, width: int | None) -> Iterator[str]:
     yield from ("", "constructor arguments")
-    for name, argument in told_arguments(record.fields["arguments"]).items():
+    for name, argument in parse_arguments(record.fields["arguments"]).items():
         yield _line(name, number(argument["value"]), argument["unit"], width)
 
 

@@ -20,18 +20,18 @@ from integ_gym.envs.transition import STATUS_NAMES
 from integ_gym.support.optional import installed_versions
 
 from .context import EpisodeContext
-from .descriptions import in_words
 from .differences import deviation, same
 from .episode_log import told_setup
-from .fields import SCHEMA_VERSION, SUMMARY_FIELDS
+from .fields import CODED_REASONS, FIRST_WRITTEN, SUMMARY_FIELDS
 from .labels import (
     EpisodeFacts,
     Replays,
     failure_label,
+    failure_sentence,
     lacks_home,
 )
-from .record import EvidenceRecord, argument_values, told_json, told_training
-from .schema import EvidenceError, Finding
+from .record import EvidenceRecord
+from .schema import EvidenceError, Finding, argument_values, parse_field
 
 Array = npt.NDArray[Any]
 
@@ -64,6 +64,9 @@ _Told = Callable[[str, Any, Any], Finding]
 
 _ALIKE = ("control_error", "planning_error")
 """Labels that only a trace tells apart."""
+
+_OF_TRACE = ("reached", "left", "since")
+"""Numbers of reasons that only a trace gives."""
 
 
 class _Course(NamedTuple):
@@ -118,7 +121,7 @@ def _recomputed(record: EvidenceRecord, told: _Told) -> Iterator[Finding]:
             tolerance = TOLERANCE.get(record.fields["float_width"], TOLERANCE[32])
             if not same(record.fields[name], computed, tolerance, scale):
                 yield told(name, record.fields[name], computed)
-        course = _course(record)
+        course = course_of(record)
         if course is not None:
             for name in ("success", "terminated", "truncated"):
                 if record.fields[name] != getattr(course, name):
@@ -142,14 +145,7 @@ def _recomputed(record: EvidenceRecord, told: _Told) -> Iterator[Finding]:
 def _told_otherwise(fields: Any, told: _Told) -> Iterator[Finding]:
     """Fields that follow from others of the same record, and are told otherwise."""
     expected: dict[str, Any] = {}
-    context = EpisodeContext(
-        fields["run_id"],
-        fields["cell"],
-        phase=fields["phase"],
-        policy_id=fields["policy_id"],
-        policy_hash=fields["policy_hash"],
-    )
-    expected["record_id"] = context.record_id(fields["episode_index"])
+    expected["record_id"] = context_of(fields).record_id(fields["episode_index"])
     expected["metric"] = "success"
     if fields["phase"] == "training":
         expected |= {"policy_hash": "", "perturbation": None, **Replays().columns()}
@@ -169,7 +165,7 @@ def _of_setup(fields: Any) -> dict[str, Any]:
 
     Nothing for another engine, code of somebody's own, or a record that another version made.
     """
-    made_by = told_json("package_versions", fields["package_versions"])
+    made_by = parse_field("package_versions", fields["package_versions"])
     here = installed_versions(["integ-gym"])
     if not isinstance(made_by, dict) or here.items() - made_by.items():
         return {}
@@ -218,7 +214,7 @@ def _of_ledger(fields: Any, told: _Told) -> Iterator[Finding]:
 
 def _keeps_a_ledger(fields: Any) -> bool:
     """Whether every entry is a number: our own engine reports all while the motion is finite."""
-    own = fields["engine"] == NATIVE and fields["schema_version"] == SCHEMA_VERSION
+    own = fields["engine"] == NATIVE and fields["schema_version"] >= FIRST_WRITTEN
     return bool(own and fields["solver_status"] != "diverged")
 
 
@@ -255,7 +251,7 @@ def _states(record: EvidenceRecord) -> list[Array]:
     return [record.trace[name] for name in names[first : first + len(record["initial_state"])]]
 
 
-def _course(record: EvidenceRecord) -> _Course | None:
+def course_of(record: EvidenceRecord) -> _Course | None:
     """The way to the goal; None where the task is not one of ours."""
     fields = record.fields
     if fields["env_id"] not in ENVIRONMENTS:
@@ -303,21 +299,33 @@ def _setup(fields: Any) -> Any:
 def _label(record: EvidenceRecord, course: _Course | None, told: Any) -> Iterator[Finding]:
     """Whether the label follows from the outcome and the stored replays."""
     fields = record.fields
-    label, reason = failure_label(_facts(fields, course), replays_of(fields))
+    expected = failure_label(facts_of(fields, course), replays_of(fields))
     recorded = fields["failure_label"]
-    if recorded != label and (course is not None or {recorded, label} - set(_ALIKE)):
-        yield told("failure_label", recorded, label)
-    elif course is not None and fields["failure_reason"] != reason:
-        yield told("failure_reason", fields["failure_reason"], reason)
+    if recorded != expected.label:
+        if course is not None or {recorded, expected.label} - set(_ALIKE):
+            yield told("failure_label", recorded, expected.label)
+        return
+    if course is None and recorded in _ALIKE:
+        return
+    if fields["schema_version"] < CODED_REASONS:
+        sentence = failure_sentence({**fields, **expected.columns()})
+        if course is not None and fields["failure_reason"] != sentence:
+            yield told("failure_reason", fields["failure_reason"], sentence)
+        return
+    if fields["failure_reason"] != expected.reason:
+        yield told("failure_reason", fields["failure_reason"], expected.reason)
+    numbers = parse_field("failure_numbers", fields["failure_numbers"])
+    for name in sorted({*numbers, *expected.numbers}):
+        if course is None and name in _OF_TRACE:
+            continue
+        if not same(numbers.get(name), expected.numbers.get(name), 1e-9):
+            yield told(f"failure_numbers.{name}", numbers.get(name), expected.numbers.get(name))
 
 
-def _facts(fields: Any, course: _Course | None) -> EpisodeFacts:
-    given = told_training(fields)
+def facts_of(fields: Any, course: _Course | None) -> EpisodeFacts:
     period = fields["control_period"]
     return EpisodeFacts(
         success=fields["success"],
-        goal=fields["metric_definition"],
-        discretization=in_words(fields),
         time=None if period is None else fields["length"] * period,
         episode_return=fields["return"],
         solver_status=fields["solver_status"],
@@ -327,8 +335,7 @@ def _facts(fields: Any, course: _Course | None) -> EpisodeFacts:
         goal_since=course.since if course else None,
         observation_noise=fields["observation_noise"],
         staleness=_staleness(fields),
-        homes=len(given) if isinstance(given, list) else 1,
-        terminated=fields["terminated"],
+        homes=len(context_of(fields).homes),
     )
 
 
@@ -344,16 +351,9 @@ def _staleness(fields: Any) -> float:
 
 def replays_of(fields: Any) -> Replays:
     """What the record says of its replays."""
-    context = EpisodeContext(
-        fields["run_id"],
-        fields["cell"],
-        phase=fields["phase"],
-        training_discretization=told_training(fields),
-        home_known=is_home_known(fields),
-    )
     home = fields["replay_home"]
     return Replays(
-        home=context.home(fields) if home is None else home,
+        home=context_of(fields).home(fields) if home is None else home,
         without_noise=fields["replay_without_noise"],
         without_delay=fields["replay_without_delay"],
         second_horizon=fields["replay_second_horizon"],
@@ -362,13 +362,29 @@ def replays_of(fields: Any) -> Replays:
     )
 
 
-def is_home_known(fields: Any) -> bool:
-    """Whether a record's training discretization tells all.
+def context_of(fields: Any) -> EpisodeContext:
+    """What a record's fields say of its episode's context.
 
-    Of a policy without one only the label says so, where a replay at an unknown home would have to
-    explain the failure.
+    Of a policy without a training discretization only the reason tells whether that is known:
+    where it is not, a replay at home would have to explain the failure.
+
+    Raises:
+        EvidenceError: for a damaged field.
     """
-    return not lacks_home(fields["failure_label"], fields["failure_reason"])
+    unknown = fields["failure_label"] == "unattributed" and lacks_home(fields)
+    name = "training_discretization"
+    return EpisodeContext(
+        run_id=fields["run_id"],
+        cell=fields["cell"],
+        phase=fields["phase"],
+        policy_id=fields["policy_id"],
+        policy_hash=fields["policy_hash"],
+        training_discretization=parse_field(name, fields[name]),
+        home_known=not unknown,
+        training_seed=fields["training_seed"],
+        perturbation=parse_field("perturbation", fields["perturbation"]),
+        float_width=fields["float_width"],
+    )
 
 
 def _finite(value: Any) -> float | None:

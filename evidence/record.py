@@ -15,10 +15,10 @@ import numpy as np
 import numpy.typing as npt
 
 from integ_gym.envs.plants.interface import state_names
-from integ_gym.support.files import Kinds, checked_object, parse_json
 
 from .fields import CONTACT_TRACE, SUMMARY_FIELDS, Field, record_fields
-from .schema import EvidenceError, described, is_trace, pyarrow
+from .labels import failure_sentence
+from .schema import argument_values, described, is_trace, pyarrow
 
 Array = npt.NDArray[Any]
 
@@ -283,9 +283,6 @@ def _finite(times: Array) -> Array:
     return np.where(np.isfinite(times), times, np.nan)
 
 
-_ARGUMENT: Kinds = {"value": (object, bool), "unit": str}
-
-
 @dataclass(frozen=True)
 class EvidenceRecord:
     """One episode.
@@ -312,6 +309,11 @@ class EvidenceRecord:
         return argument_values(self.fields["arguments"])
 
     @property
+    def reason(self) -> str:
+        """Why the episode ended as it did, in a sentence with numbers."""
+        return failure_sentence(self.fields)
+
+    @property
     def first_of_seed(self) -> bool:
         """Whether its seed gives all that was drawn: it is the first episode of that seed."""
         return self.fields["seed"] is not None and self.fields["rng_key"].endswith("/0")
@@ -329,82 +331,6 @@ class EvidenceRecord:
             if is_trace(name)
         }
         return json.dumps(self.summary() | trace, ensure_ascii=False, allow_nan=False)
-
-
-def argument_values(text: str) -> dict[str, Any]:
-    """Constructor arguments and plant parameters of a record's field, without their units.
-
-    Raises:
-        EvidenceError: if it is not of that form, in one sentence.
-    """
-    told = told_arguments(text)
-    return {name: argument["value"] for name, argument in told.items()}
-
-
-def told_arguments(text: str) -> dict[str, dict[str, Any]]:
-    """Value and unit of constructor arguments and plant parameters, by name.
-
-    Raises:
-        EvidenceError: if the field is not of that form, in one sentence.
-    """
-    told = told_json("arguments", text)
-    try:
-        return {name: checked_object(one, _ARGUMENT) for name, one in told.items()}
-    except (AttributeError, ValueError):
-        raise _damaged("arguments", "it is no object of values with units") from None
-
-
-def told_training(fields: Mapping[str, Any]) -> dict[str, Any] | list[dict[str, Any]] | None:
-    """What the policy of a record with these fields was trained on, a list for a mixture.
-
-    Raises:
-        EvidenceError: if the field is not of that form, in one sentence.
-    """
-    told = told_json("training_discretization", fields["training_discretization"] or "null")
-    members = told if isinstance(told, list) else [told or {}]
-    if not all(isinstance(member, dict) for member in members):
-        raise _damaged("training_discretization", "it is no discretization and no list of some")
-    return told  # type: ignore[no-any-return]
-
-
-def told_perturbation(fields: Mapping[str, Any]) -> dict[str, Any] | None:
-    """Plant parameters that are changed in a record with these fields; None without any.
-
-    Raises:
-        EvidenceError: if the field is not of that form, in one sentence.
-    """
-    told = told_json("perturbation", fields["perturbation"] or "null")
-    if told is None or isinstance(told, dict):
-        return told
-    raise _damaged("perturbation", "it is no object of arguments")
-
-
-def told_engine(text: str) -> dict[str, Any]:
-    """What a record's field `engine_description` says.
-
-    Raises:
-        EvidenceError: if it is not of that form, in one sentence.
-    """
-    told = told_json("engine_description", text)
-    if isinstance(told, dict):
-        return told
-    raise _damaged("engine_description", "it is no object")
-
-
-def told_json(name: str, text: Any) -> Any:
-    """What a field of that name says, whose text holds JSON.
-
-    Raises:
-        EvidenceError: if it holds none, in one sentence.
-    """
-    try:
-        return parse_json(text.encode())
-    except (AttributeError, ValueError) as error:
-        raise _damaged(name, f"it is no JSON ({error})") from None
-
-
-def _damaged(name: str, fault: str) -> EvidenceError:
-    return EvidenceError(f"`{name}` is damaged: {fault}; restore the file from a copy")
 
 
 def records_of(table: Any) -> list[EvidenceRecord]:

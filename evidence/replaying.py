@@ -21,8 +21,8 @@ from integ_gym.envs.settings import NATIVE
 from .context import EpisodeContext
 from .differences import deviation, differences, drawn_again, noise_source
 from .episode_log import choices
-from .recomputing import UNFIT, is_home_known, replays_of
-from .record import EvidenceRecord, records_of, told_perturbation, told_training
+from .recomputing import UNFIT, context_of, replays_of
+from .record import EvidenceRecord, records_of
 from .schema import Finding
 from .vector_recorder import RecordVectorEvidence
 
@@ -132,7 +132,7 @@ def replay(
         try:
             reason = _hindrance(record, own_code, policy is not None)
             if reason is None:
-                _context(record)
+                context_of(record.fields)
         except UNFIT as error:
             name = str(record.fields["record_id"])
             done.findings.append(Finding(file, name, f"cannot be played again: {_line(error)}"))
@@ -204,7 +204,7 @@ def _play(
         return
     try:
         env = _made(records)
-        contexts = [_context(record) for record in records]
+        contexts = [context_of(record.fields) for record in records]
     except (ModuleNotFoundError, TypeError, ValueError) as error:
         done.skip(f"that cannot be made here: {_line(error)}", len(records))
         return
@@ -329,22 +329,6 @@ def _made(records: Sequence[EvidenceRecord]) -> Any:
         len(records),
         vectorization_mode="vector_entry_point",
         **records[0].arguments(),
-    )
-
-
-def _context(record: EvidenceRecord) -> EpisodeContext:
-    fields = record.fields
-    return EpisodeContext(
-        run_id=fields["run_id"],
-        cell=fields["cell"],
-        phase=fields["phase"],
-        policy_id=fields["policy_id"],
-        policy_hash=fields["policy_hash"],
-        training_discretization=told_training(fields),
-        home_known=is_home_known(fields),
-        training_seed=fields["training_seed"],
-        perturbation=told_perturbation(fields),
-        float_width=fields["float_width"],
     )
 
 

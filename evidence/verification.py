@@ -13,20 +13,21 @@ from integ_gym.support.terminal import plural
 
 from .episode_log import told_setup
 from .fields import (
+    FIRST_WRITTEN,
     LATER_ATTEMPT,
     SCHEMA_VERSION,
     SECOND_HORIZON,
     record_fields,
 )
 from .parquet_file import check_schema, read
-from .record import EvidenceRecord, told_json
+from .record import EvidenceRecord
 from .replaying import (
     UNDECIDED,
     Acting,
     Replayed,
     replay,
 )
-from .schema import ENV_KEY, VERSION_KEY, EvidenceError, Finding, described
+from .schema import ENV_KEY, VERSION_KEY, EvidenceError, Finding, described, parse_field
 from .store import EvidenceStore
 
 _COUNTED = """
@@ -86,17 +87,19 @@ def other_columns(store: EvidenceStore) -> Iterator[Finding]:
                 yield Finding(file.name, None, f"its metadata say {name} {said!r}, its records not")
         version, own = told[VERSION_KEY.decode()], package_version("integ-gym")
         made_by = map(_maker, set(rows.column("package_versions").to_pylist()))
-        if version != str(SCHEMA_VERSION) and own in made_by:
+        if int(version) < FIRST_WRITTEN and own in made_by:
             message = (
                 f"it has schema version {version}, and its records say that integ-gym {own} made "
                 f"them, which writes {SCHEMA_VERSION}"
             )
             yield Finding(file.name, None, message)
         env_id = told.get(ENV_KEY.decode(), "")
-        if version != str(SCHEMA_VERSION) or env_id not in ENVIRONMENTS:
+        if int(version) < FIRST_WRITTEN or env_id not in ENVIRONMENTS:
             continue
         setup = told_setup(env_id, rows.column("arguments")[0].as_py())
         for field in record_fields(setup.plant, setup.task):
+            if field.since > int(version):
+                continue
             found = described(schema.field(field.name)) if field.name in schema.names else {}
             for about in _MEANT:
                 wanted = getattr(field, about)
@@ -110,7 +113,7 @@ def other_columns(store: EvidenceStore) -> Iterator[Finding]:
 def _maker(package_versions: str) -> str | None:
     """Version of integ-gym that made a record; None where it does not say."""
     try:
-        return str(told_json("package_versions", package_versions)["integ-gym"])
+        return str(parse_field("package_versions", package_versions)["integ-gym"])
     except (EvidenceError, LookupError, TypeError):
         return None
 

@@ -16,8 +16,8 @@ from integ_gym.envs.registries import ENVIRONMENTS, TRUTH
 from integ_gym.envs.settings import NATIVE
 from integ_gym.support.optional import load
 
-from ..record import EvidenceRecord, argument_values, told_engine
-from ..schema import EvidenceError
+from ..record import EvidenceRecord
+from ..schema import EvidenceError, argument_values, parse_field
 from .selection import (
     NO_CHOICE,
     Columns,
@@ -85,9 +85,9 @@ def dataset_id(chosen: Selection) -> str:
 
 def _spaces(chosen: Selection, columns: Columns) -> tuple[Any, Any, Any]:
     """Spaces that hold all episodes, and the environment if it is the same for all."""
-    texts = chosen.distinct("arguments")
+    texts, of = chosen.distinct("arguments"), "engine_description"
     if chosen.env_id not in ENVIRONMENTS:
-        told = list(map(told_engine, chosen.distinct("engine_description")))
+        told = [parse_field(of, text) for text in chosen.distinct(of)]
         return (
             _stated("observation", told, columns.sensed, np.float32),
             _stated("action", told, columns.controls, np.float64),

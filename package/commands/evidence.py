@@ -376,7 +376,7 @@ _EXAMPLES = """\
 examples:
   integ-gym evidence query runs/panel "SELECT policy_id, cell, avg(success::INT) AS success
                                        FROM records WHERE phase = 'evaluation' GROUP BY ALL"
-  integ-gym evidence query runs/panel "SELECT record_id, failure_reason FROM records
+  integ-gym evidence query runs/panel "SELECT record_id, failure_numbers FROM records
                                        WHERE failure_label = 'discretization_error' LIMIT 5"
   integ-gym evidence query s3://bucket/panel "SELECT count(*) FROM records"
   integ-gym evidence show runs/panel 3f9a

@@ -17,8 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from integ_gym.evidence.fields import ATTEMPT, LATER_ATTEMPT, SECOND_HORIZON
-from integ_gym.evidence.record import argument_values
-from integ_gym.evidence.schema import Finding
+from integ_gym.evidence.schema import Finding, argument_values
 from integ_gym.evidence.store import EvidenceStore
 
 from ..running.evaluation.achievability import (

@@ -10,8 +10,9 @@ from typing import Any
 
 from integ_gym.envs.catalogue.lookup import environment_setup
 from integ_gym.envs.testbeds.making import find_testbed
-from integ_gym.evidence.record import EvidenceRecord, argument_values
+from integ_gym.evidence.record import EvidenceRecord
 from integ_gym.evidence.replaying import Acting
+from integ_gym.evidence.schema import argument_values
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.support.files import read_object
 from integ_gym.train.baselines.making import BASELINES, make_baseline

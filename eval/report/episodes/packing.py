@@ -16,6 +16,7 @@ from typing import Any, Final
 import numpy as np
 from gymnasium import spaces
 
+from integ_gym.evidence.labels import failure_sentence
 from integ_gym.train.policy import MlpPolicy
 
 from ...panel.model.panel import Panel
@@ -170,7 +171,7 @@ def _trace(
         "n": trace.ledger.shape[1],
         "success": fields["success"],
         "label": fields["failure_label"],
-        "reason": said(fields["failure_reason"] or ""),
+        "reason": said(failure_sentence(fields)),
         "since": fields["time_to_success"],
         "return": _finite(fields["return"]),
         "state": fields["initial_state"],

@@ -16,6 +16,7 @@ from integ_gym.envs.catalogue.lookup import environment_setup, is_integ_environm
 from integ_gym.envs.ops.ops import SCALAR
 from integ_gym.envs.settings import Setup
 from integ_gym.envs.testbeds.making import find_testbed
+from integ_gym.evidence.labels import SENTENCE_COLUMNS
 from integ_gym.evidence.store import EvidenceStore
 
 from ...panel.model.panel import Panel
@@ -188,9 +189,9 @@ MOST_SAMPLES: Final = 480
 
 _FIELDS: Final = (
     "record_id", "policy_id", "cell", "episode_index", "success", "failure_label",
-    "failure_reason", "time_to_success", '"return"', "energy_start", "energy_end", "length",
+    "time_to_success", '"return"', "energy_start", "energy_end", "length",
     "work_total", "energy_residual_total", "dissipated_total", "contact_loss_total",
-    "clip_loss_total", "control_period", "initial_state",
+    "clip_loss_total", "initial_state", *SENTENCE_COLUMNS,
 )  # fmt: skip
 _SUMS: Final = ("work", "energy_residual", "dissipated", "contact_loss", "clip_loss")
 

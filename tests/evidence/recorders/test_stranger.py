@@ -74,7 +74,7 @@ def _check(records, tmp_path, *wrappers):
         assert said["known"] is False
         assert said["wrappers"][: len(wrappers)] == list(wrappers)
         assert record["failure_label"] == "unattributed"
-        assert "not known" in record["failure_reason"]
+        assert "not known" in record.reason
         jsonschema.validate(json.loads(record.to_json()), json_schema())
         assert list(recompute(record, "file")) == []
     store = EvidenceStore(tmp_path)

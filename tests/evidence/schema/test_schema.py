@@ -39,9 +39,10 @@ PROMISED = """
     truncated energy_start energy_end work_total dissipated_total clip_loss_total
     energy_residual_total energy_residual_abs_total solver_iterations_max solver_iterations_mean
     solver_status fallback_count recovery_count saturated_share penetration_max
-    constraint_violation_max failure_label failure_reason replay_home replay_without_noise
-    replay_without_delay replay_second_horizon home_success cell_status inference_latency_mean
-    inference_latency_p99 latency_budget wall_start wall_end package_versions platform
+    constraint_violation_max failure_label failure_reason failure_numbers replay_home
+    replay_without_noise replay_without_delay replay_second_horizon home_success cell_status
+    inference_latency_mean inference_latency_p99 latency_budget wall_start wall_end package_versions
+    platform
     float_width content_hash
 """.split()  # noqa: SIM905
 

@@ -251,14 +251,14 @@ def _table(width, *argv):
     return shown.decode().splitlines()
 
 
-@pytest.mark.parametrize("selected", ["record_id, failure_reason", "*"])
+@pytest.mark.parametrize("selected", ["record_id, metric_definition", "*"])
 def test_a_query_fits_the_terminal_and_nothing_is_cut(two_environments, selected):
     sql = f"SELECT {selected} FROM records ORDER BY record_id LIMIT 2"
-    reasons = open_run(two_environments).query(sql).column("failure_reason").to_pylist()
+    goals = open_run(two_environments).query(sql).column("metric_definition").to_pylist()
     lines = _table(80, "query", two_environments, sql)
     assert max(map(len, lines)) <= 80
     words = "".join(lines).replace(" ", "")
-    assert all(reason.replace(" ", "") in words for reason in reasons)
+    assert all(goal.replace(" ", "") in words for goal in goals)
     assert lines[-1] == "(2 rows)"
 
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import csv
+import gzip
 import io
 import json
+from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
@@ -14,14 +16,16 @@ import pytest
 
 from integ_gym.cli import main as run
 from integ_gym.evidence.exchange.exporting import TEXT_FORMATS, export
-from integ_gym.evidence.fields import SCHEMA_VERSION, SUMMARY_FIELDS
+from integ_gym.evidence.fields import LABELS, SCHEMA_VERSION, SUMMARY_FIELDS
 from integ_gym.evidence.hashing import with_hashes
-from integ_gym.evidence.labels import Replays
+from integ_gym.evidence.labels import Replays, failure_label, failure_sentence
 from integ_gym.evidence.printing import show
+from integ_gym.evidence.recomputing import course_of, facts_of, replays_of
 from integ_gym.evidence.recorder import RecordEvidence
 from integ_gym.evidence.schema import VERSION_KEY, EvidenceError
 from integ_gym.evidence.store import EvidenceStore
 
+DATA = Path(__file__).parents[1] / "data"
 LATER = tuple(field.name for field in SUMMARY_FIELDS if field.since > 1)
 
 
@@ -78,23 +82,50 @@ def test_an_earlier_version_is_not_taken_from_what_this_one_made(old, table, cap
     assert "it has schema version 1, and its records say that integ-gym" in capsys.readouterr().out
 
 
-def test_what_each_version_brought():
-    """A field without its version would have files of earlier ones refused."""
-    assert SCHEMA_VERSION == 4
-    assert {field.since for field in SUMMARY_FIELDS} == {1, 2, 3}
-    assert len(SUMMARY_FIELDS) - len(LATER) == 68
-    assert LATER == (
-        "replay_home",
-        "replay_without_noise",
-        "replay_without_delay",
-        "replay_second_horizon",
-        "home_success",
-        "cell_status",
-        "arrival_time",
-        "arrival_energy",
-        "arrival_residual",
-    )
-    assert all(field.nullable for field in SUMMARY_FIELDS if field.name in LATER)
+@pytest.fixture
+def fourth(tmp_path):
+    """A store of a file that was written when the schema version was 4, with every label."""
+    run_directory = tmp_path / "fourth"
+    (run_directory / "evidence").mkdir(parents=True)
+    content = gzip.decompress((DATA / "version-4.parquet.gz").read_bytes())
+    (run_directory / "evidence" / "version-4.parquet").write_bytes(content)
+    return EvidenceStore(run_directory / "evidence")
+
+
+def test_a_file_of_version_4_is_read_queried_and_verified(fourth, capsys):
+    """Its reasons are sentences, which stay; they are derived again and compared."""
+    records = list(fourth.records())
+    labels = {record["failure_label"] for record in records}
+    assert labels == set(LABELS)
+    for record in records:
+        assert record["schema_version"] == 4
+        assert record["failure_numbers"] is None
+        assert record.reason == record["failure_reason"]
+        expected = failure_label(
+            facts_of(record.fields, course_of(record)), replays_of(record.fields)
+        )
+        assert failure_sentence({**record.fields, **expected.columns()}) == record.reason
+    sql = "SELECT failure_reason, failure_numbers FROM records WHERE cell = 'euler'"
+    ((sentence, numbers),) = (row.values() for row in fourth.query(sql).to_pylist())
+    assert sentence.startswith("the same policy succeeds from the same start on its training")
+    assert numbers is None
+    assert run(["evidence", "verify", str(fourth.run), "--exact", "--all", "--no-progress"]) == 0
+    assert "replayed: 17 of 17 records, 17 of them to the last bit" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("column", "value"),
+    [("failure_reason", "it was the weather."), ("energy_end", 1.0), ("work_total", None)],
+)
+def test_as_much_is_asked_of_version_4_as_before(fourth, column, value, capsys):
+    (file,) = fourth.files()
+    table = pq.read_table(file)
+    index = table.schema.get_field_index(column)
+    field = table.schema.field(index)
+    values = pa.array([value] * len(table), field.type)
+    pq.write_table(with_hashes(table.set_column(index, field, values)), file)
+    assert run(["evidence", "verify", str(fourth.run), "--depth", "whole", "--no-progress"]) == 1
+    assert f"`{column}` is recorded as {value!r}" in capsys.readouterr().out
 
 
 def test_an_older_file_is_read_with_null_for_what_it_lacks(old, table):

@@ -93,7 +93,7 @@ def test_replays_that_were_not_run_are_told_apart(known, latency, missed, tmp_pa
     play(env, range(3))
     env.close()
     store = EvidenceStore(tmp_path)
-    reasons = [record["failure_reason"] for record in store.records()]
+    reasons = [record.reason for record in store.records()]
     assert all(reason.startswith(f"the replay {missed}") for reason in reasons)
     assert _found(store) == []
     assert _replayed(store, exact=True).exact == 3
@@ -112,7 +112,8 @@ FORGED = {
     "solver_status": lambda values: ["not_converged" for _ in values],
     "initial_state": lambda values: [[x[0] + 0.1, x[1]] for x in values],
     "failure_label": lambda values: ["discretization_error" for _ in values],
-    "failure_reason": lambda values: ["it was the weather" for _ in values],
+    "failure_reason": lambda values: ["saturated" for _ in values],
+    "failure_numbers": lambda values: [x.replace('"time":', '"time":1') for x in values],
     "replay_home": lambda values: [True for _ in values],
     "cell_status": lambda values: ["unachievable" for _ in values],
     "reward": lambda values: [[0.0 * x if x else None for x in row] for row in values],
