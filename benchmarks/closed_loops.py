@@ -28,11 +28,9 @@ from tqdm import tqdm
 
 from integ_gym.envs.settings import Discretization
 from integ_gym.envs.testbeds.making import find_testbed
-from integ_gym.eval.panel.model.files import FILE_NAME, read_panel
-from integ_gym.eval.panel.model.matrix import Cell, Row
-from integ_gym.eval.panel.model.panel import Panel
-from integ_gym.eval.panel.specification.cells.cell import Cell as Place
-from integ_gym.eval.panel.specification.cells.cell import environments_of
+from integ_gym.eval.panel.cells import Cell as Place
+from integ_gym.eval.panel.cells import environments_of
+from integ_gym.eval.panel.result import FILE_NAME, Cell, Panel, Row, read_panel
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.train.called_policy import PolicyStack
 from integ_gym.train.policy_files.sidecar import read_trained, readable_file

@@ -22,7 +22,7 @@ from measuring.trained import Done, Experiment, Unit, by_fleet, command, gained
 from integ_gym.eval.atlas.running import finished
 from integ_gym.eval.atlas.specification import Atlas, read_atlas
 from integ_gym.eval.atlas.summaries import Point, noted_in, points
-from integ_gym.eval.panel.specification.cells.cell import training_arguments
+from integ_gym.eval.panel.cells import training_arguments
 from integ_gym.eval.statistics import draws_for, rate_interval, unpaired_difference
 from integ_gym.train.ppo import PPOConfig
 

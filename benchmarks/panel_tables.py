@@ -18,9 +18,7 @@ from typing import Any
 
 from measuring.results import interval, p_value
 
-from integ_gym.eval.panel.model.files import FILE_NAME, read_panel
-from integ_gym.eval.panel.model.panel import Panel
-from integ_gym.eval.panel.model.part import Estimate
+from integ_gym.eval.panel.result import FILE_NAME, Estimate, Panel, read_panel
 
 CELLS = {
     "explicit_euler dt=0.05": "explicit Euler 0.05",

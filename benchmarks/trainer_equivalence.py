@@ -33,7 +33,7 @@ from measuring import results
 from scipy import stats
 
 import integ_gym  # noqa: F401
-from integ_gym.eval.panel.specification.reading import built_in_spec
+from integ_gym.eval.panel.spec import built_in_spec
 from integ_gym.eval.statistics import iqm_interval, p_equivalent, rate_interval
 from integ_gym.evidence.context import EpisodeContext
 from integ_gym.evidence.store import EvidenceStore

@@ -18,6 +18,8 @@ from gymnasium import spaces
 from gymnasium.envs import registration
 from gymnasium.envs.registration import EnvSpec
 
+from integ_gym.support.errors import InputError, InputTypeError
+
 from .lanes import Array
 from .ops.ops import SCALAR, Components
 from .plants.interface import split_state
@@ -88,13 +90,13 @@ class IntegEnv(gym.Env[Observation, Any]):
     def __init__(self, *, render_mode: str | None = None, **arguments: Any) -> None:
         for name in _OF_LANES:
             if name in arguments:
-                raise TypeError(
+                raise InputTypeError(
                     f"`{name}` is for many environments; give it to gym.make_vec, without a "
                     "`vectorization_mode`"
                 )
         for name, value in arguments.items():
             if isinstance(value, np.ndarray) and value.ndim:
-                raise ValueError(
+                raise InputError(
                     f"`{name}` must be one value, got an array; give arrays to gym.make_vec"
                 )
         self.setup = make_setup(type(self), arguments)
@@ -398,7 +400,7 @@ def checked_render_mode(render_mode: str | None, modes: list[str]) -> str | None
         ValueError: otherwise, with the valid modes.
     """
     if render_mode is not None and render_mode not in modes:
-        raise ValueError(f"`render_mode` must be one of {modes} or None, got {render_mode!r}")
+        raise InputError(f"`render_mode` must be one of {modes} or None, got {render_mode!r}")
     return render_mode
 
 
@@ -433,7 +435,7 @@ def box_action(action: Any) -> float:
     except OverflowError:
         return math.inf
     except (TypeError, ValueError):
-        raise ValueError(
+        raise InputError(
             f"action must have shape (1,), got {shown(action)} of shape {np.shape(action)}"
         ) from None
 
@@ -452,7 +454,7 @@ def discrete_action(action: Any, count: int) -> float:
         return math.nan
     if value not in range(count):
         choices = ", ".join(map(str, range(count)))
-        raise ValueError(f"action must be one of {choices}, got {shown(action)}")
+        raise InputError(f"action must be one of {choices}, got {shown(action)}")
     return value
 
 

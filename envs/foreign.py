@@ -13,6 +13,7 @@ from gymnasium import spaces, wrappers
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.wrappers import TimeLimit
 
+from integ_gym.support.errors import InputError, InputTypeError
 from integ_gym.support.optional import running_version
 from integ_gym.support.parameters import unknown_name
 
@@ -124,7 +125,7 @@ def return_of_success(wanted: float | None, spec: EnvSpec | None) -> float | Non
     if spec.name not in ENDS_AT_GOAL:
         return threshold if threshold is not None and threshold < 0.0 else None
     if threshold is None:
-        raise ValueError(
+        raise InputError(
             f"{spec.name} ends at its goal, so lasting until the time limit is no success, and it "
             "has no `reward_threshold`; say which return is a success: --success-return R with "
             "evaluate, --env-arg success_return=R with train, success_return = R under "
@@ -227,13 +228,13 @@ def stated_setup(
     if not isinstance(observation, spaces.Box) or not isinstance(
         action, (spaces.Box, spaces.Discrete)
     ):
-        raise TypeError(
+        raise InputTypeError(
             f"a testbed's environment must have a Box of observations and a Box or Discrete of "
             f"actions, got {observation} and {action}"
         )
     limit = time_limit(env)
     if limit is None:
-        raise ValueError(
+        raise InputError(
             f"{type(env.unwrapped).__name__} has no time limit, so its episodes may never end; "
             "wrap it in gymnasium.wrappers.TimeLimit"
         )
@@ -313,7 +314,7 @@ class Repeated(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs)
 
     def __init__(self, env: gym.Env[Any, Any], count: int, rewards: Rewards | None = None) -> None:
         if rewards is not None and rewards not in REWARDS:
-            raise ValueError(unknown_name("meaning of rewards", rewards, REWARDS))
+            raise InputError(unknown_name("meaning of rewards", rewards, REWARDS))
         gym.utils.RecordConstructorArgs.__init__(self, count=count, rewards=rewards)
         super().__init__(env)
         self.count = count
@@ -349,7 +350,7 @@ def without_time_limit(env: gym.Env[Any, Any]) -> gym.Env[Any, Any]:
         for kind, reason in _REFUSED.items():
             if isinstance(one, kind):
                 name = type(one).__name__
-                raise ValueError(f"`held` cannot keep the wrapper {name}: it {reason}")
+                raise InputError(f"`held` cannot keep the wrapper {name}: it {reason}")
     kept = [one for one in chain if not isinstance(one, wrappers.TimeLimit)]
     inner = chain[-1].env if chain else env
     for one in reversed(kept):

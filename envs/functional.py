@@ -14,6 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from gymnasium.experimental.functional import FuncEnv
 
+from integ_gym.support.errors import InputError
+
 from .catalogue.lookup import environment_mixture, environment_setup
 from .environment import observation_space
 from .ops.jax_ops import JaxOps, jax, jnp
@@ -216,13 +218,13 @@ def checked_setup(env_id: str, arguments: Mapping[str, Any]) -> Setup:
         TypeError, ValueError: see :func:`make`.
     """
     if arguments.get("contact") == "engine":
-        raise ValueError(
+        raise InputError(
             "the functional environment has no `contact`='engine'; use 'compliant', the same law "
             "in every engine, or gym.make or gym.make_vec"
         )
     setup = environment_setup(env_id, arguments)
     if not setup.engine.batched:
-        raise ValueError(
+        raise InputError(
             "the functional environment needs an engine made of JAX's operations, 'native' or "
             f"'mjx', got {setup.settings.engine!r}; use gym.make or gym.make_vec"
         )
@@ -253,9 +255,9 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
         **arguments: Any,
     ) -> None:
         if dtype not in DTYPES:
-            raise ValueError(f"`dtype` must be one of {', '.join(DTYPES)}, got {dtype!r}")
+            raise InputError(f"`dtype` must be one of {', '.join(DTYPES)}, got {dtype!r}")
         if dtype == "float64" and not jax.config.jax_enable_x64:  # type: ignore[attr-defined]
-            raise ValueError(
+            raise InputError(
                 "float64 needs JAX's 64-bit mode; make and use the environment inside "
                 "`with jax.enable_x64(True):`"
             )
@@ -495,7 +497,7 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
 
     def _check_structure(self, structure: Hashable) -> None:
         if structure != self.structure:
-            raise ValueError(
+            raise InputError(
                 f"these arguments need another program ({structure}) than this environment's "
                 f"({self.structure}); make another environment"
             )
@@ -649,7 +651,7 @@ class FunctionalMixture(FunctionalEnv):
         if count % unit or not count:
             names = (f"{g.env.setup.settings.integrator} {g.share}" for g in self._groups)
             parts = ", ".join(names)
-            raise ValueError(
+            raise InputError(
                 f"{count} environments cannot be shared out among the integrators of the mixture "
                 f"({parts}); their number (`n_envs`) must be a multiple of {unit}"
             )
@@ -706,7 +708,7 @@ class FunctionalMixture(FunctionalEnv):
     def _parts(self, values: Component) -> list[Component]:
         """Values of shape (…, lanes), by group."""
         if jnp.ndim(values) == 0:
-            raise ValueError("a mixture needs a batch of environments; give lanes=(n,)")
+            raise InputError("a mixture needs a batch of environments; give lanes=(n,)")
         return [values[..., lanes] for lanes in self._slices(values.shape[-1])]
 
 

@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from integ_gym.support.errors import InputError
+
 from .ops.ops import Component, map_leaves
 from .settings import Setup
 
@@ -55,10 +57,10 @@ def check_lanes(setup: Setup, lanes: int) -> None:
         ValueError: otherwise.
     """
     if lanes < 1:
-        raise ValueError(f"`num_envs` must be 1 or above, got {lanes}")
+        raise InputError(f"`num_envs` must be 1 or above, got {lanes}")
     for name, value in varied(setup).items():
         if value.shape != (lanes,):
-            raise ValueError(
+            raise InputError(
                 f"`{name}` must be a number or one value per environment, shape ({lanes},), "
                 f"got shape {value.shape}"
             )
@@ -75,7 +77,7 @@ def lane_seeds(seed: int | Sequence[int | None] | None, lanes: int) -> Sequence[
     if isinstance(seed, (int, np.integer)):
         return [int(seed) + lane for lane in range(lanes)]
     if len(seed) != lanes:
-        raise ValueError(f"`seed` must be an int or one per lane ({lanes}), got {len(seed)}")
+        raise InputError(f"`seed` must be an int or one per lane ({lanes}), got {len(seed)}")
     return seed
 
 
@@ -101,14 +103,14 @@ def as_floats(values: Any, large: bool = True) -> Array:
     array = np.asarray(values)
     kind = array.dtype.kind
     if kind not in _KINDS or (kind == "O" and any(value is None for value in array.flat)):
-        raise ValueError(f"actions must be numbers, got {values!r:.60}")
+        raise InputError(f"actions must be numbers, got {values!r:.60}")
     try:
         floats: Array = np.array(array, dtype=np.float64)
     except TypeError:
-        raise ValueError(f"actions must be numbers, got {values!r:.60}") from None
+        raise InputError(f"actions must be numbers, got {values!r:.60}") from None
     except OverflowError:
         if not large:
-            raise ValueError(f"an action is larger than any number, got {values!r:.60}") from None
+            raise InputError(f"an action is larger than any number, got {values!r:.60}") from None
         floats = np.asarray(np.frompyfunc(_as_float, 1, 1)(array), dtype=np.float64)
     return floats
 

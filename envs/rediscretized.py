@@ -14,6 +14,7 @@ import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 
+from integ_gym.support.errors import InputError, InputTypeError, SetupError
 from integ_gym.support.optional import check_versions, load, package_version
 from integ_gym.support.parameters import (
     check_values,
@@ -121,7 +122,7 @@ class Choice:
         if self.integrator is None:
             return next(own for own, number in known.items() if number == model.opt.integrator)
         if self.integrator not in known:
-            raise ValueError(unknown_name("integrator of MuJoCo", self.integrator, known))
+            raise InputError(unknown_name("integrator of MuJoCo", self.integrator, known))
         return self.integrator
 
 
@@ -404,7 +405,7 @@ class RediscretizedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstruc
         Raises:
             TypeError: always.
         """
-        raise TypeError(
+        raise InputTypeError(
             "a rediscretized task cannot be pickled or copied; make another one and set its state"
         )
 
@@ -488,7 +489,7 @@ class RediscretizedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstruc
         """
         space = self.action_space
         if not isinstance(space, gym.spaces.Box) or space.shape != (self._model.nu,):
-            raise TypeError(
+            raise InputTypeError(
                 f"rediscretize takes tasks whose actions are one number for each of the model's "
                 f"{self._model.nu} actuators, got {space}; apply the wrapper that changes them to "
                 "what rediscretize returns"
@@ -508,7 +509,7 @@ class RediscretizedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstruc
         except Exception as error:
             if not is_of_opengl(error):
                 raise
-            raise RuntimeError(no_context(os.environ.get("MUJOCO_GL"))) from error
+            raise SetupError(no_context(os.environ.get("MUJOCO_GL"))) from error
 
     @contextmanager
     def _timed(self, timestep: float, frame_skip: int) -> Iterator[None]:
@@ -533,13 +534,13 @@ class RediscretizedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstruc
         """
         timing = self.setup.timing
         if count != self._stock[1]:
-            raise ValueError(
+            raise InputError(
                 f"a task must be advanced by one control period at once, {self._stock[1]} of its "
                 f"own timesteps, got {count}"
             )
         control = np.asarray(control, dtype=np.float64)
         if control.shape != (self._model.nu,):
-            raise ValueError(f"an action must have shape ({self._model.nu},), got {control.shape}")
+            raise InputError(f"an action must have shape ({self._model.nu},), got {control.shape}")
         data, model = self._data, self._model
         q, v = data.qpos.copy(), data.qvel.copy()
         data.ctrl[:] = control
@@ -628,13 +629,13 @@ def _mujoco_env(env: gym.Env[Any, Any]) -> Any:
     from gymnasium.envs.mujoco import MujocoEnv
 
     if not isinstance(env.unwrapped, MujocoEnv):
-        raise TypeError(
+        raise InputTypeError(
             f"rediscretize takes one of Gymnasium's MuJoCo environments, got "
             f"{type(env.unwrapped).__name__}; for our own, give `integrator` and `dt` to gym.make"
         )
     wrapper: Any = env
     while wrapper is not env.unwrapped:
         if isinstance(wrapper, RediscretizedEnv):
-            raise TypeError("the environment is rediscretized already; make a new one")
+            raise InputTypeError("the environment is rediscretized already; make a new one")
         wrapper = wrapper.env
     return env.unwrapped

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from gymnasium import spaces
 
+from integ_gym.support.errors import InputError, InputTypeError
 from integ_gym.support.parameters import (
     check_values,
     nonnegative,
@@ -131,7 +132,7 @@ def whole_multiple(name: str, value: float, unit_name: str, unit: float, least: 
     """
     ratio = value / unit
     if ratio > MOST:
-        raise ValueError(
+        raise InputError(
             f"`{name}`={value:.12g} s is more than {MOST:.0e} times `{unit_name}`={unit:.12g} s; "
             f"give a longer `{unit_name}`"
         )
@@ -141,7 +142,7 @@ def whole_multiple(name: str, value: float, unit_name: str, unit: float, least: 
     below = max(least, math.floor(ratio))
     nearest = " or ".join(f"{n * unit:.12g}" for n in (below, below + 1))
     kept = "" if value <= 0.0 else f"; or keep it, with `{unit_name}` {_parts(value, ratio)} s"
-    raise ValueError(
+    raise InputError(
         f"`{name}`={value:.12g} s is not a whole multiple of `{unit_name}`={unit:.12g} s; "
         f"nearest valid: {nearest} s{kept}"
     )
@@ -155,7 +156,7 @@ def check_divides(name: str, value: float, whole_name: str, whole: float) -> Non
     """
     ratio = whole / value
     if ratio <= MOST and (round(ratio) < 1 or not is_multiple(whole, value)):
-        raise ValueError(
+        raise InputError(
             f"`{name}`={value:.12g} s does not divide {whole_name} of {whole:.12g} s into whole "
             f"steps; nearest valid: {_parts(whole, ratio)} s"
         )
@@ -170,7 +171,7 @@ def _parts(whole: float, ratio: float) -> str:
 def _horizon(duration: float, period: float) -> int:
     """Decisions until truncation."""
     if duration / period > MOST:
-        raise ValueError(
+        raise InputError(
             f"`duration`={duration:.12g} s is more than {MOST:.0e} control periods of "
             f"{period:.12g} s; give a shorter one"
         )
@@ -179,7 +180,7 @@ def _horizon(duration: float, period: float) -> int:
 
 def _check_within(name: str, value: float, duration: float) -> None:
     if value > duration * (1.0 + TOLERANCE):
-        raise ValueError(
+        raise InputError(
             f"`{name}`={value:.12g} s is longer than an episode, `duration`={duration:.12g} s; all "
             "times are in seconds"
         )
@@ -351,7 +352,7 @@ class Setup:
             return self
         whole = isinstance(max_episode_steps, (int, np.integer))
         if not (whole and 1 <= max_episode_steps <= horizon):
-            raise ValueError(
+            raise InputError(
                 f"`max_episode_steps` must be from 1 to {horizon}, the decisions in "
                 f"`duration`={settings.duration:g} s, got {max_episode_steps!r}; for longer "
                 "episodes give a longer `duration`"
@@ -397,12 +398,12 @@ def build_setup(
     names = tuple(f.name for owner in (Settings, plant, task) for f in fields(owner))
     for name in arguments:
         if name == "max_episode_steps":
-            raise TypeError(
+            raise InputTypeError(
                 "the environment got an unexpected keyword argument 'max_episode_steps', which "
                 "gym.make and gym.make_vec take; here give `duration`, s"
             )
         if name not in names:
-            raise TypeError(
+            raise InputTypeError(
                 f"the environment got an unexpected keyword argument {name!r}. "
                 f"{suggestion(name, names)}"
             )
@@ -413,16 +414,16 @@ def build_setup(
     given = _parse(Settings, values)
     settings = replace(given, start=given.start or task.starts[0])
     if settings.start not in task.starts:
-        raise ValueError(unknown_name("start", settings.start, task.starts))
+        raise InputError(unknown_name("start", settings.start, task.starts))
     timing = _timing(settings)
     the_plant = _parse(plant, values)
     if settings.max_speed is not None and settings.max_speed > DIVERGENCE_SPEED:
-        raise ValueError(
+        raise InputError(
             f"`max_speed`={settings.max_speed} is above {DIVERGENCE_SPEED:g}, where a motion "
             "counts as diverged; give a smaller limit or None"
         )
     if settings.contact == "engine" and getattr(the_plant, "stops", None) is None:
-        raise ValueError(
+        raise InputError(
             f"`contact`='engine' needs stops, and this {the_plant.name} has none; give its limit"
         )
     system = _system(the_plant, settings, settings.max_speed)
@@ -454,7 +455,7 @@ def _parse(owner: type[Any], values: Mapping[str, Any]) -> Any:
     for name, value in own.items():
         if owner is Settings and isinstance(value, (np.ndarray, list, tuple)):
             kind = "an array" if isinstance(value, np.ndarray) else repr(value)
-            raise ValueError(
+            raise InputError(
                 f"`{name}` must be one value for all environments, got {kind}; parameters "
                 "of the plant and the task may be arrays in gym.make_vec, and its `mixture` is a "
                 "list of discretizations"
@@ -522,7 +523,7 @@ def make_mixture(
     checked = _checked_members(members)
     for name in DISCRETIZATION:
         if name in arguments and all(name in member for member in checked):
-            raise ValueError(
+            raise InputError(
                 f"`{name}`={arguments[name]!r} acts nowhere: each member of `mixture` has its own; "
                 "leave one of them out"
             )
@@ -532,7 +533,7 @@ def make_mixture(
     )
     periods = sorted({setup.timing.control_period for setup in setups})
     if len(periods) > 1:
-        raise ValueError(
+        raise InputError(
             f"all discretizations of a mixture must have one control period, got {periods} s; "
             "give `control_period`"
         )
@@ -543,19 +544,19 @@ def make_mixture(
 def _checked_members(members: Any) -> Sequence[Mapping[str, Any]]:
     """Dicts with nothing but known keys, and possible weights."""
     if isinstance(members, str | Mapping) or not isinstance(members, Sequence):
-        raise ValueError(f"`mixture` must be a list of discretizations, got {members!r}")
+        raise InputError(f"`mixture` must be a list of discretizations, got {members!r}")
     if not members:
-        raise ValueError("`mixture` must list at least one discretization, got none")
+        raise InputError("`mixture` must list at least one discretization, got none")
     for member in members:
         if not isinstance(member, Mapping):
-            raise ValueError(
+            raise InputError(
                 f'every member of `mixture` must be like {{"integrator": "rk4", "dt": 0.01}}, got '
                 f"{member!r}"
             )
         for name in member:
             if name not in (*DISCRETIZATION, WEIGHT):
-                raise ValueError(unknown_name("key in `mixture`", name, (*DISCRETIZATION, WEIGHT)))
+                raise InputError(unknown_name("key in `mixture`", name, (*DISCRETIZATION, WEIGHT)))
         wrong = positive(member.get(WEIGHT, 1.0))
         if wrong:
-            raise ValueError(f"`{WEIGHT}` in `mixture` {wrong}, got {member[WEIGHT]!r}")
+            raise InputError(f"`{WEIGHT}` in `mixture` {wrong}, got {member[WEIGHT]!r}")
     return members

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from integ_gym.support.errors import InputError
 from integ_gym.support.parameters import unknown_name
 
 from .ops.array_ops import ARRAY, rows_of
@@ -66,7 +67,7 @@ def check_options(setup: Setup, options: Mapping[str, Any], more: tuple[str, ...
     known = ("state", "episode", "reset_mask", *setup.task.start_options, *more)
     for name in options:
         if name not in known:
-            raise ValueError(unknown_name("reset option", name, known))
+            raise InputError(unknown_name("reset option", name, known))
 
 
 def checked_episodes(episodes: Any, shape: tuple[int, ...]) -> Array:
@@ -77,7 +78,7 @@ def checked_episodes(episodes: Any, shape: tuple[int, ...]) -> Array:
     """
     array = np.asarray(episodes)
     if array.shape != shape or array.dtype.kind not in "iu" or (array < 0).any():
-        raise ValueError(
+        raise InputError(
             f"reset option `episode` must be whole numbers from 0, shape {shape}, got "
             f"{episodes!r:.60}"
         )
@@ -105,11 +106,11 @@ def checked_state(setup: Setup, state: Any) -> Components:
     try:
         values = np.asarray(state, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
-        raise ValueError(
+        raise InputError(
             f"reset option `state` must be numbers ({', '.join(names)}), got {state!r:.60}"
         ) from None
     if values.shape != (len(names),):
-        raise ValueError(
+        raise InputError(
             f"reset option `state` must be ({', '.join(names)}), shape ({len(names)},), "
             f"got shape {values.shape}"
         )
@@ -118,7 +119,7 @@ def checked_state(setup: Setup, state: Any) -> Components:
 
 def _checked_size(setup: Setup, start: Components) -> Components:
     if not possible(setup, start):
-        raise ValueError(
+        raise InputError(
             f"a start state must be finite, with speeds up to {top_speed(setup):g}, got {start}; "
             "mend the reset option `state` or the start's bounds"
         )
@@ -143,7 +144,7 @@ def check_starts(setup: Setup) -> None:
         except Exception:  # whatever a task of the user's own does with what is not a generator
             return
     if fastest > setup.settings.max_speed:
-        raise ValueError(
+        raise InputError(
             f"`max_speed` {setup.settings.max_speed:g} is below the speed of starts, which is up "
             f"to {fastest:g}; give at least that"
         )

@@ -8,6 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from integ_gym.support.errors import InputError
+
 from .ops.array_ops import ARRAY, rows_of
 from .ops.compiling import (
     Repeated,
@@ -123,7 +125,7 @@ def compiled_array_step(setup: Setup) -> Repeated:
         except NotTraceable as error:
             made = error
     settings = setup.settings
-    raise ValueError(
+    raise InputError(
         f"`compiled` cannot be had of integrator {settings.integrator!r} on engine "
         f"{settings.engine!r}: {made}; leave it out"
     )

@@ -14,6 +14,8 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
+from integ_gym.support.errors import InputError
+
 from .environment import (
     IntegEnv,
     checked_render_mode,
@@ -95,7 +97,7 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         **arguments: Any,
     ) -> None:
         if not isinstance(compiled, (bool, np.bool_)):
-            raise ValueError(f"`compiled` must be True or False, got {compiled!r}")
+            raise InputError(f"`compiled` must be True or False, got {compiled!r}")
         self.num_envs = num_envs
         self.autoreset_mode = _checked_autoreset_mode(autoreset_mode)
         self.mixed = mixture is not None
@@ -302,19 +304,19 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         if mask is None:
             mask = np.ones(self.num_envs, dtype=bool)
         if not isinstance(mask, np.ndarray) or mask.dtype != bool or mask.shape != (self.num_envs,):
-            raise ValueError(
+            raise InputError(
                 "reset option `reset_mask` must be a boolean array of shape "
                 f"({self.num_envs},), got {mask!r}"
             )
         if not mask.any():
-            raise ValueError("reset option `reset_mask` must select at least one lane")
+            raise InputError("reset option `reset_mask` must select at least one lane")
         return mask
 
     def _given_members(self, members: Any) -> Array:
         array = np.asarray(members)
         whole = array.shape == (self.num_envs,) and array.dtype.kind in "iu"
         if not whole or (array < 0).any() or (array >= len(self.setups)).any():
-            raise ValueError(
+            raise InputError(
                 f"reset option `mixture_index` must be whole numbers from 0 to "
                 f"{len(self.setups) - 1}, shape ({self.num_envs},), got {members!r}"
             )
@@ -384,7 +386,7 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         if "state" in options:
             states: Any = options["state"]
             if not hasattr(states, "__len__") or len(states) != self.num_envs:
-                raise ValueError(
+                raise InputError(
                     f"reset option `state` must have one row per lane ({self.num_envs}), "
                     f"got {states!r:.60}"
                 )
@@ -395,7 +397,7 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         """Actions as floats; those of lanes that are being reset are not looked at."""
         values = as_floats(actions, self.setup.task.discrete is None)
         if values.shape != self._action_shape:
-            raise ValueError(f"actions must have shape {self._action_shape}, got {values.shape}")
+            raise InputError(f"actions must have shape {self._action_shape}, got {values.shape}")
         if ignored.size:
             values[ignored] = 0.0
         count = self.setup.task.discrete
@@ -409,7 +411,7 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         if np.count_nonzero(known) < known.size:
             wrong = np.isfinite(values) & ~known
             if wrong.any():
-                raise ValueError(
+                raise InputError(
                     f"actions must be 0 … {count - 1}, got {values[wrong][0]:g} in "
                     f"lane {np.flatnonzero(wrong)[0]}"
                 )
@@ -509,4 +511,4 @@ def _checked_autoreset_mode(mode: AutoresetMode | str) -> AutoresetMode:
         return AutoresetMode(mode)
     except ValueError:
         choices = ", ".join(repr(m.value) for m in AutoresetMode)
-        raise ValueError(f"`autoreset_mode` must be one of {choices}, got {mode!r}") from None
+        raise InputError(f"`autoreset_mode` must be one of {choices}, got {mode!r}") from None

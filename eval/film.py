@@ -26,10 +26,11 @@ from integ_gym.envs.settings import DISCRETIZATION, NATIVE, Discretization, Setu
 from integ_gym.envs.testbeds.making import find_testbed
 from integ_gym.envs.transition import LOSSES
 from integ_gym.evidence.record import EvidenceRecord
+from integ_gym.support.errors import InputError
 from integ_gym.support.optional import load, require
 from integ_gym.train.policy import Policy
 
-from .panel.specification.cells.cell import Cell
+from .panel.cells import Cell
 
 Asked: TypeAlias = Discretization | Mapping[str, Any] | str
 """A discretization; some of its parts; or its name, as panels write it."""
@@ -55,7 +56,7 @@ def chosen(asked: Asked, like: Discretization, env_id: str) -> Discretization:
     parts = _parts(asked) if isinstance(asked, str) else dict(asked)
     unknown = sorted(set(parts) - set(DISCRETIZATION))
     if unknown or "integrator" not in parts:
-        raise ValueError(
+        raise InputError(
             f"a discretization is an integrator, and if need be its engine before it and dt=S "
             f"after it, such as 'explicit_euler dt=0.0125'; got {asked!r}"
         )
@@ -77,7 +78,7 @@ def _parts(name: str) -> dict[str, Any]:
         try:
             dt = {"dt": float(last.removeprefix("dt="))}
         except ValueError:
-            raise ValueError(f"dt must be a number of seconds, got {last!r} in {name!r}") from None
+            raise InputError(f"dt must be a number of seconds, got {last!r} in {name!r}") from None
     else:
         words.append(last)
     if not all(words) or len(words) not in (1, 2):
@@ -115,7 +116,7 @@ def check_filmed(env_id: str) -> None:
     remedy = f"of a record of {env_id} `integ-gym evidence show` prints the numbers"
     if env_id in gym.registry:
         remedy = f'{env_id} has pictures of its own, see render_mode="rgb_array" of gymnasium.make'
-    raise ValueError(f"films show {', '.join(ENVIRONMENTS)}; {remedy}")
+    raise InputError(f"films show {', '.join(ENVIRONMENTS)}; {remedy}")
 
 
 Array = npt.NDArray[np.float64]
@@ -270,7 +271,7 @@ def check_writable(path: Path) -> None:
         ModuleNotFoundError: if the extra is missing, with the command that installs it.
     """
     if path.suffix.lower() not in FORMATS:
-        raise ValueError(f"a film is written as {' or '.join(FORMATS)}, got {path.name!r}")
+        raise InputError(f"a film is written as {' or '.join(FORMATS)}, got {path.name!r}")
     require("render")
     if path.is_dir():
         raise IsADirectoryError(f"{path} is a folder; give another path for the film")
@@ -477,7 +478,7 @@ def show_film(film: Film) -> None:
     try:
         screen = open_screen(frames[0].get_size(), "integ-gym watch")
     except ValueError as error:
-        raise ValueError(f"{error}; write the film with --out film.gif or film.mp4") from None
+        raise InputError(f"{error}; write the film with --out film.gif or film.mp4") from None
     began = perf_counter()
     while not _is_closed(pygame):
         passed = (perf_counter() - began) % (len(frames) / film.fps + _PAUSE)

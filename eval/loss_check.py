@@ -20,19 +20,17 @@ import numpy as np
 from integ_gym.envs.catalogue.lookup import is_integ_environment
 from integ_gym.envs.settings import DISCRETIZATION, NATIVE, Discretization
 from integ_gym.envs.testbeds.making import find_testbed
+from integ_gym.support.errors import InputError
 from integ_gym.support.optional import require
 
-from .panel.answer import Cause, cause_of, closed_words
 from .panel.calls import run_panel
-from .panel.model.panel import Panel
-from .panel.model.part import Estimate
+from .panel.cells import SpecError, file_name
+from .panel.conclusions import Cause, cause_of, closed_words
+from .panel.plan import grown
+from .panel.result import Estimate, Panel
 from .panel.running.panel import check_spec
 from .panel.running.run_directory import MANIFEST, read_manifest
-from .panel.specification.cells.cell import file_name
-from .panel.specification.checks import check_parts
-from .panel.specification.growth import grown
-from .panel.specification.panel_spec import PanelSpec
-from .panel.specification.values import SpecError
+from .panel.spec import PanelSpec, check_parts
 from .statistics import (
     DRAWS,
     Interval,
@@ -259,7 +257,7 @@ def _home(
     """What the policies learn in."""
     for name in DISCRETIZATION:
         if name in environment:
-            raise ValueError(f"`environment` gives `{name}`; give it as an argument of its own")
+            raise InputError(f"`environment` gives `{name}`; give it as an argument of its own")
     testbed = find_testbed(env_id, environment)
     period = testbed.control_period if control_period is None else control_period
     home = Discretization(
@@ -269,7 +267,7 @@ def _home(
         testbed.home.engine if engine is None else engine,
     )
     if home.integrator == "reference" and home.engine == NATIVE:
-        raise ValueError(
+        raise InputError(
             "`reference` is the truth itself, so that nothing can be lost on it; check another "
             "integrator"
         )

@@ -24,6 +24,7 @@ from integ_gym.envs.rendering.cockpit import (
 )
 from integ_gym.envs.settings import NATIVE, Setup
 from integ_gym.envs.transition import LOSSES
+from integ_gym.support.errors import InputError
 
 STEPS = (4.0, 2.0, 1.0, 0.5, 0.25, 0.125)
 """Steps to choose from, in units of the first one, as far as the arguments allow them."""
@@ -55,7 +56,7 @@ class Game:
 
     def __init__(self, env_id: str, arguments: Mapping[str, Any], seed: int) -> None:
         if "control_period" in arguments:
-            raise ValueError(
+            raise InputError(
                 "`control_period` follows the step while somebody plays: it is dt, or half of the "
                 "first dt where that is longer; leave it out"
             )
@@ -273,7 +274,7 @@ class Window:
         try:
             self._screen = open_screen(picture.get_size(), "integ-gym play")
         except ValueError as error:
-            raise ValueError(f"{error}; play on a machine with a display") from None
+            raise InputError(f"{error}; play on a machine with a display") from None
 
     def frame(self) -> bool:
         """Heed keys, let the time pass that has passed, draw; whether the game goes on."""

@@ -12,6 +12,7 @@ from typing import Final, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from integ_gym.support.errors import InputError
 from integ_gym.support.optional import load
 from integ_gym.support.terminal import percent
 
@@ -63,7 +64,7 @@ def one_dimensional(rates: RatesLike, name: str) -> Floats:
     """Success rates of shape (seeds,), checked."""
     array = checked_rates(rates, name)
     if array.ndim != 1:
-        raise ValueError(f"expected {name} of shape (seeds,), got {array.shape}")
+        raise InputError(f"expected {name} of shape (seeds,), got {array.shape}")
     return array
 
 
@@ -71,25 +72,25 @@ def checked_rates(rates: RatesLike, name: str) -> Floats:
     """Success rates of shape (..., seeds), checked to be in [0, 1]."""
     array = np.asarray(rates, dtype=np.float64)
     if array.ndim < 1 or array.size == 0:
-        raise ValueError(f"expected {name} with at least one training seed, got {array.shape}")
+        raise InputError(f"expected {name} with at least one training seed, got {array.shape}")
     wrong = array[~((array >= 0.0) & (array <= 1.0))]
     if wrong.size:
-        raise ValueError(f"expected {name} in [0, 1], got {wrong.flat[0]}")
+        raise InputError(f"expected {name} in [0, 1], got {wrong.flat[0]}")
     return array
 
 
 def require_finite(array: Floats, name: str) -> None:
     """Refuse an empty array and values that are not finite."""
     if array.size == 0:
-        raise ValueError(f"expected at least one value in {name}, got none")
+        raise InputError(f"expected at least one value in {name}, got none")
     if not np.all(np.isfinite(array)):
-        raise ValueError(f"expected finite {name}, got {array[~np.isfinite(array)][0]}")
+        raise InputError(f"expected finite {name}, got {array[~np.isfinite(array)][0]}")
 
 
 def check_level(level: float) -> None:
     """Refuse a nominal coverage outside (0, 1)."""
     if not 0.0 < level < 1.0:
-        raise ValueError(f"expected a level in (0, 1), got {level!r}")
+        raise InputError(f"expected a level in (0, 1), got {level!r}")
 
 
 def mean_interval(values: RatesLike, level: float = 0.95) -> Interval | None:
@@ -118,7 +119,7 @@ def mean_interval(values: RatesLike, level: float = 0.95) -> Interval | None:
     """
     array = np.asarray(values, dtype=np.float64)
     if array.ndim != 1:
-        raise ValueError(f"expected values of shape (seeds,), got {array.shape}")
+        raise InputError(f"expected values of shape (seeds,), got {array.shape}")
     check_level(level)
     finite = array[np.isfinite(array)]
     if finite.size < 2:
@@ -157,7 +158,7 @@ def median_interval(values: RatesLike, level: float = 0.95) -> Interval | None:
     """
     array = np.sort(np.asarray(values, dtype=np.float64))
     if array.ndim != 1 or np.isnan(array).any():
-        raise ValueError(f"expected values of shape (seeds,) without NaN, got {values!r}")
+        raise InputError(f"expected values of shape (seeds,) without NaN, got {values!r}")
     check_level(level)
     count = array.size
     if count < 2:
@@ -211,9 +212,9 @@ def holm(p_values: RatesLike) -> Floats:
     """
     p = np.asarray(p_values, dtype=np.float64)
     if p.ndim != 1:
-        raise ValueError(f"expected p-values of shape (m,), got {p.shape}")
+        raise InputError(f"expected p-values of shape (m,), got {p.shape}")
     if not np.all((p >= 0.0) & (p <= 1.0)):
-        raise ValueError(f"expected p-values in [0, 1], got {p.tolist()}")
+        raise InputError(f"expected p-values in [0, 1], got {p.tolist()}")
     order = np.argsort(p, kind="stable")
     stepped = np.maximum.accumulate(p[order] * np.arange(p.size, 0, -1))
     adjusted = np.empty_like(p)
@@ -284,7 +285,7 @@ def paired_posterior(first: RatesLike, second: RatesLike, *, draws: int = DRAWS)
     """
     one, other = checked_rates(first, "first"), checked_rates(second, "second")
     if one.shape != other.shape:
-        raise ValueError(
+        raise InputError(
             f"paired rates need one value per seed on both sides, got shapes {one.shape} "
             f"and {other.shape}; for different policies use unpaired_difference"
         )
@@ -313,7 +314,7 @@ def unpaired_posterior(first: RatesLike, second: RatesLike, *, draws: int = DRAW
     """
     one, other = checked_rates(first, "first"), checked_rates(second, "second")
     if one.ndim != other.ndim:
-        raise ValueError(f"expected as many axes in both groups, got {one.shape}, {other.shape}")
+        raise InputError(f"expected as many axes in both groups, got {one.shape}, {other.shape}")
     return _posterior_of_mean(one, _RATE_PRIOR, Stream.FIRST, draws) - _posterior_of_mean(
         other, _RATE_PRIOR, Stream.SECOND, draws
     )
@@ -479,7 +480,7 @@ def p_equivalent(first: RatesLike, second: RatesLike, margin: float) -> float:
         If ``margin`` is not positive, or as `rate_interval`.
     """
     if not margin > 0.0:
-        raise ValueError(f"expected an equivalence margin > 0, got {margin!r}")
+        raise InputError(f"expected an equivalence margin > 0, got {margin!r}")
     one, other = one_dimensional(first, "first"), one_dimensional(second, "second")
     return max(
         share(difference_draws(one, other, 1.0, PROVEN) >= margin),
@@ -694,7 +695,7 @@ def iqm_interval(
     """
     array = np.asarray(values, dtype=np.float64)
     if array.ndim != 2:
-        raise ValueError(f"expected shape (seeds, episodes), got {array.shape}")
+        raise InputError(f"expected shape (seeds, episodes), got {array.shape}")
     require_finite(array, "values")
     check_level(level)
     if array.shape[0] < 2:
@@ -793,7 +794,7 @@ def paired_return(
     """
     one, other = np.asarray(first, dtype=np.float64), np.asarray(second, dtype=np.float64)
     if one.shape != other.shape or one.ndim != 1:
-        raise ValueError(
+        raise InputError(
             f"paired returns need one value per start on both sides, got shapes {one.shape} and "
             f"{other.shape}"
         )

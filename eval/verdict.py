@@ -11,6 +11,7 @@ from typing import Final, Literal, TypeAlias
 
 import numpy as np
 
+from integ_gym.support.errors import InputError
 from integ_gym.support.terminal import percent
 
 from .statistics import (
@@ -73,7 +74,7 @@ def require_unique(names: Sequence[str], kind: str) -> None:
     """Refuse names of which one occurs more than once."""
     twice = [name for name, count in Counter(names).items() if count > 1]
     if twice:
-        raise ValueError(f"expected {kind} names that differ, got {twice[0]!r} more than once")
+        raise InputError(f"expected {kind} names that differ, got {twice[0]!r} more than once")
 
 
 ReferenceClass: TypeAlias = Literal["true_pass", "false_pass", "false_fail", "true_fail"]
@@ -106,7 +107,7 @@ def reference_class(s_cell: float, s_reference: float, threshold: float = PASS) 
         ("threshold", threshold),
     ):
         if not 0.0 <= value <= 1.0:
-            raise ValueError(f"expected {name} in [0, 1], got {value!r}")
+            raise InputError(f"expected {name} in [0, 1], got {value!r}")
     if s_cell >= threshold:
         return "true_pass" if s_reference >= threshold else "false_pass"
     return "false_fail" if s_reference >= threshold else "true_fail"
@@ -171,7 +172,7 @@ class Rates:
     def __post_init__(self) -> None:
         counts = [len(self.home), len(self.transferred), len(self.recovered)]
         if len(set(counts)) > 1:
-            raise ValueError(
+            raise InputError(
                 f"expected home, transferred and recovered rates of the same policies, got "
                 f"{counts[0]}, {counts[1]} and {counts[2]} seeds"
             )
@@ -609,7 +610,7 @@ def compare_policies(cells: Sequence[PolicyCell], share: float = FIRST_SHARE) ->
     require_unique([cell.name for cell in cells], "cell")
     for role in ("quarter_step", "reference"):
         if not any(cell.role == role for cell in cells):
-            raise ValueError(f"expected a cell with role {role!r}; the claim is decided there")
+            raise InputError(f"expected a cell with role {role!r}; the claim is decided there")
     findings = _find(cells, share)
     outcome, reason = _decide(findings)
     return PolicyComparison(outcome, reason, findings)

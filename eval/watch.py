@@ -16,6 +16,7 @@ from integ_gym.envs.settings import DISCRETIZATION, Discretization
 from integ_gym.evidence.record import EvidenceRecord
 from integ_gym.evidence.schema import parse_field
 from integ_gym.evidence.store import EvidenceStore, open_run
+from integ_gym.support.errors import InputError
 from integ_gym.support.optional import require
 from integ_gym.train.policy import Policy
 from integ_gym.train.policy_files.sidecar import read_trained, readable_file
@@ -84,12 +85,12 @@ def side_by_side(
         homes = tuple(existing.home.shares) if existing.home is not None else ()
     else:
         if own_code:
-            raise ValueError(
+            raise InputError(
                 "own_code lets a side-car name classes, and a policy that is no file has none; "
                 "leave it out"
             )
         if env_id is None:
-            raise ValueError("a policy alone does not say what it acts in; give env_id as well")
+            raise InputError("a policy alone does not say what it acts in; give env_id as well")
         check_filmed(env_id)
         acting, arguments, homes, seed_of = policy, given, (), None
     like = homes[0] if homes else Discretization.of(environment_setup(env_id, arguments))
@@ -235,7 +236,7 @@ def _check_code(record: EvidenceRecord, own_code: bool) -> None:
     told = (record["env_id"], *record.arguments().values())
     named = [x for x in told if isinstance(x, str) and ":" in x]
     if named and not own_code:
-        raise ValueError(
+        raise InputError(
             f"the record names {named[0]!r}, whose code would be run; if it is yours, pass "
             "--own-code"
         )

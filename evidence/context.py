@@ -10,6 +10,7 @@ from functools import cached_property
 from typing import Any
 
 from integ_gym.envs.settings import DISCRETIZATION, agrees
+from integ_gym.support.errors import InputError
 
 from .fields import PHASES
 from .labels import Home, Replays
@@ -65,13 +66,13 @@ class EpisodeContext:
 
     def __post_init__(self) -> None:
         if self.phase not in PHASES:
-            raise ValueError(f"`phase` must be one of {', '.join(PHASES)}, got {self.phase!r}")
+            raise InputError(f"`phase` must be one of {', '.join(PHASES)}, got {self.phase!r}")
         if self.trace_every < 1:
-            raise ValueError(f"`trace_every` must be 1 or above, got {self.trace_every}")
+            raise InputError(f"`trace_every` must be 1 or above, got {self.trace_every}")
         for member in self.homes:
             unknown = sorted(set(member) - set(DISCRETIZATION))
             if unknown or not member:
-                raise ValueError(
+                raise InputError(
                     f"`training_discretization` must have some of "
                     f"{', '.join(DISCRETIZATION)}, got {dict(member)!r}"
                 )

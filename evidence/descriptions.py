@@ -11,6 +11,7 @@ import numpy as np
 
 from integ_gym.envs import numerics
 from integ_gym.envs.settings import NATIVE, Setup
+from integ_gym.support.errors import InputTypeError
 from integ_gym.support.optional import installed_versions
 
 _PACKAGES = ("integ-gym", "gymnasium", "numpy")
@@ -92,4 +93,4 @@ def _plain(value: Any) -> Any:
     try:
         return value.tolist()
     except AttributeError:
-        raise TypeError(f"{value!r} cannot be written as JSON") from None
+        raise InputTypeError(f"{value!r} cannot be written as JSON") from None

@@ -17,7 +17,7 @@ from integ_gym.envs.registries import TRUTH
 from integ_gym.envs.settings import NATIVE
 
 from .context import EpisodeContext
-from .record import Layout, summarise
+from .layout import Layout, summarise
 from .schema import argument_values
 
 Array = npt.NDArray[Any]
@@ -79,7 +79,7 @@ class Episodes:
 
     Attributes:
         heads: what identifies them.
-        summary: see :func:`integ_gym.evidence.record.summarise`.
+        summary: see :func:`integ_gym.evidence.layout.summarise`.
         traced: whether an episode has a trace, shape (episodes,).
         rows: rows of those that have, in parts of shape (entries, rows of some episodes).
         counts: rows of each of those, shape (episodes with a trace,).

@@ -13,7 +13,7 @@ from .context import EpisodeContext
 from .episode_log import Array, EpisodeHeads, EpisodeLog, Episodes
 from .fields import SUMMARY_FIELDS, Field
 from .hashing import with_hashes
-from .record import Layout
+from .layout import Layout
 from .schema import arrow_schema, arrow_type, pyarrow
 
 

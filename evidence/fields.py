@@ -12,6 +12,7 @@ import numpy as np
 
 from integ_gym.envs.plants.interface import state_names, state_units
 from integ_gym.envs.transition import STATUS_NAMES
+from integ_gym.support.errors import InputError
 from integ_gym.support.processes import host
 
 from .descriptions import (
@@ -34,7 +35,7 @@ class Origin:
             :class:`~integ_gym.evidence.context.EpisodeContext`; ``setup``, its setup and
             lane; ``head``, the :class:`~integ_gym.evidence.episode_log.EpisodeHeads`
             of many episodes and all contexts; ``rows``, the
-            :class:`~integ_gym.evidence.record.EpisodeRows` of many episodes.
+            :class:`~integ_gym.evidence.layout.EpisodeRows` of many episodes.
         value: function of that to the value; of many episodes to one value per episode, of rows
             as an array.
     """
@@ -137,7 +138,7 @@ class Field:
         at: ``instant`` (a value at every control instant) or ``step`` (a value for every control
             step); empty outside the trace.
         source: name of the row entry that a trace column is made of; see
-            :class:`integ_gym.evidence.record.Layout`.
+            :class:`integ_gym.evidence.layout.Layout`.
         since: schema version that brought it; null in records of earlier ones.
     """
 
@@ -575,7 +576,7 @@ def record_fields(plant: Any, task: Any) -> tuple[Field, ...]:
     names = [field.name for field in fields]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
-        raise ValueError(
+        raise InputError(
             f"{plant.name}: evidence would have two columns named {', '.join(twice)}; "
             "rename the plant's or the task's component"
         )

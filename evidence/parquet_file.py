@@ -8,6 +8,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
+from integ_gym.support.errors import InputError
 from integ_gym.support.terminal import SHORT_OF_MEMORY, is_short_of_memory
 
 from .fields import SCHEMA_VERSION, SUMMARY_FIELDS
@@ -38,7 +39,7 @@ def write(tables: Iterable[Any], file: Path) -> None:
     groups = _row_groups(tables)
     first = next(groups, None)
     if first is None:
-        raise ValueError("a batch needs at least one record, got none")
+        raise InputError("a batch needs at least one record, got none")
     with _writer(first.schema, file) as writer:
         for table in chain([first], groups):
             writer.write_table(table, _rows_each(table))

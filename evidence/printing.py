@@ -11,6 +11,7 @@ from typing import Any, Final, TextIO
 import numpy as np
 import numpy.typing as npt
 
+from integ_gym.support.errors import InputError
 from integ_gym.support.terminal import (
     beside,
     print_aligned,
@@ -150,7 +151,7 @@ def print_table(table: Any, file: TextIO, form: str = "table") -> None:
     """
     printers = {"table": _readable, "csv": _csv, "json": _json}
     if form not in printers:
-        raise ValueError(f"the format must be one of {', '.join(TABLE_FORMATS)}, got {form!r}")
+        raise InputError(f"the format must be one of {', '.join(TABLE_FORMATS)}, got {form!r}")
     columns = [column.to_pylist() for column in table.columns]
     printers[form](table.schema, [list(row) for row in zip(*columns, strict=True)], file)
 

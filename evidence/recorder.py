@@ -25,12 +25,13 @@ from integ_gym.envs.foreign import time_limit
 from integ_gym.envs.rediscretized import RediscretizedEnv
 from integ_gym.envs.settings import Setup
 from integ_gym.envs.transition import quiet_status
+from integ_gym.support.errors import InputError, InputTypeError
 
 from .attribution import ReplayLookups, SetupOfLane
 from .context import EpisodeContext
 from .episode_log import EpisodeHead, EpisodeHeads, EpisodeLog
 from .episode_table import record_table, unhashed_table
-from .record import Layout
+from .layout import Layout
 from .reservation import Episodes, Reservation, batch_name, from_on
 from .store import EvidenceStore
 
@@ -79,7 +80,7 @@ class Recorder:
             ValueError: for a ``commit_every`` below 1, or a directory that cannot be written to.
         """
         if commit_every is not None and commit_every < 1:
-            raise ValueError(f"`commit_every` must be 1 or above, or None, got {commit_every}")
+            raise InputError(f"`commit_every` must be 1 or above, or None, got {commit_every}")
         self._store = store if isinstance(store, EvidenceStore) else EvidenceStore(store)
         self._contexts = tuple(contexts)
         self._setups = setups
@@ -102,7 +103,7 @@ class Recorder:
         Raises:
             TypeError: always.
         """
-        raise TypeError(
+        raise InputTypeError(
             "a recorder cannot be copied or pickled; copy the environment that it records, and "
             "record the copy in a context of its own"
         )
@@ -116,7 +117,7 @@ class Recorder:
         """Summaries of the finished episodes that are not committed yet.
 
         Returns:
-            One value per episode; see :func:`integ_gym.evidence.record.summarise`.
+            One value per episode; see :func:`integ_gym.evidence.layout.summarise`.
         """
         self._hand_over()
         episodes = self._log.episodes()
@@ -232,13 +233,13 @@ def recorded(env: Any, kinds: tuple[type, ...], spaces: tuple[str, ...]) -> Any:
     limits: list[int] = []
     while not isinstance(wrapper, kinds):
         if wrapper is env.unwrapped:
-            raise TypeError(
+            raise InputTypeError(
                 f"evidence is recorded of integ-gym environments, got {type(wrapper).__name__}; "
                 "make one with gym.make or gym.make_vec, or give a MuJoCo task to "
                 "integ_gym.rediscretize"
             )
         if isinstance(wrapper, _CHANGING):
-            raise TypeError(
+            raise InputTypeError(
                 f"the wrapper {type(wrapper).__name__} changes what would be recorded: put the "
                 "recorder around the environment first, and the other wrappers around the recorder"
             )
@@ -248,14 +249,14 @@ def recorded(env: Any, kinds: tuple[type, ...], spaces: tuple[str, ...]) -> Any:
     found: Any = wrapper
     horizon = found.setup.timing.horizon
     if any(limit < horizon for limit in limits):
-        raise TypeError(
+        raise InputTypeError(
             f"a TimeLimit ends episodes after {min(limits)} steps, and their records would say "
             f"{horizon}; give `max_episode_steps` or `duration` to gym.make instead"
         )
     for space in spaces:
         own, changed = getattr(wrapper, space), getattr(env, space)
         if own != changed:
-            raise TypeError(
+            raise InputTypeError(
                 f"a wrapper changes {space} from {own} to {changed}: put the recorder around the "
                 "environment first, and the other wrappers around the recorder"
             )

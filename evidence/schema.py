@@ -10,6 +10,7 @@ from pathlib import Path
 from types import NoneType
 from typing import Any
 
+from integ_gym.support.errors import IntegGymError
 from integ_gym.support.files import Kinds, checked_object, parse_json
 from integ_gym.support.optional import load
 from integ_gym.support.terminal import visible
@@ -17,7 +18,7 @@ from integ_gym.support.terminal import visible
 from .fields import COMMON_TRACE, CONTACT_TRACE, SCHEMA_VERSION, SUMMARY_FIELDS, Field
 
 
-class EvidenceError(ValueError):
+class EvidenceError(IntegGymError, ValueError):
     """One sentence that says what is wrong with the evidence and what helps."""
 
 

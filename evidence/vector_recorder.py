@@ -11,6 +11,7 @@ import numpy.typing as npt
 from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 
 from integ_gym.envs.sequential_vector import DiscretizedVectorEnv
+from integ_gym.support.errors import InputError
 
 from .context import EpisodeContext
 from .episode_log import EpisodeHeads
@@ -327,7 +328,7 @@ class RecordVectorEvidence(Recorder, VectorWrapper):
     def _share_of(self, contexts: int) -> int:
         """Lanes of each context."""
         if not contexts or self.num_envs % contexts:
-            raise ValueError(
+            raise InputError(
                 f"the number of contexts must divide the number of lanes ({self.num_envs}), got "
                 f"{contexts}"
             )
@@ -339,7 +340,7 @@ class RecordVectorEvidence(Recorder, VectorWrapper):
         indices = [int(index) for index in episodes]
         owned = {(lane // self._share, index) for lane, index in enumerate(indices)}
         if len(indices) != self.num_envs or len(owned) != len(indices):
-            raise ValueError(
+            raise InputError(
                 f"`episodes` must be one index per lane ({self.num_envs}), all different within a "
                 f"context, got {indices}"
             )

@@ -41,7 +41,7 @@ _MODULES = {
     "Policy": "integ_gym.train.policy",
     "positive": "integ_gym.support.parameters",
     "PPOConfig": "integ_gym.train.ppo",
-    "read_panel": "integ_gym.eval.panel.model.files",
+    "read_panel": "integ_gym.eval.panel.result",
     "RecordEvidence": "integ_gym.evidence.recorder",
     "RecordVectorEvidence": "integ_gym.evidence.vector_recorder",
     "rediscretize": "integ_gym.envs.rediscretized",

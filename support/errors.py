@@ -1,4 +1,4 @@
-"""Errors of this package's code told from those of others', and said in one sentence."""
+"""Errors that a user can mend, and how those of others' code are told."""
 
 from __future__ import annotations
 
@@ -9,10 +9,27 @@ from inspect import isfunction
 from pathlib import Path
 
 
-def raised_here(error: BaseException) -> bool:
-    """Whether an error was raised by this package's own code, and not by what it calls."""
-    frames = [frame for frame, _ in traceback.walk_tb(error.__traceback__)]
-    return bool(frames) and str(frames[-1].f_globals.get("__name__", "")).startswith("integ_gym.")
+class IntegGymError(Exception):
+    """Something that a user can mend; its message is one sentence with the remedy.
+
+    Commands print it in one line and end with code 2. Any other exception is a defect.
+    """
+
+
+class InputError(IntegGymError, ValueError):
+    """A value that cannot be."""
+
+
+class InputTypeError(IntegGymError, TypeError):
+    """A value of a kind that cannot be."""
+
+
+class MissingPackageError(IntegGymError, ModuleNotFoundError):
+    """A package that is not installed; the message has the command that installs it."""
+
+
+class SetupError(IntegGymError, RuntimeError):
+    """Something that a machine or a process cannot do as it is set up."""
 
 
 def is_raised_under(owner: type, error: BaseException) -> bool:
@@ -33,17 +50,17 @@ def describe_exception(error: BaseException) -> str:
 
 @contextmanager
 def translate_errors(what: str) -> Iterator[None]:
-    """Raise whatever the code of others raises as a `ValueError` of one sentence.
+    """Raise whatever the code of others raises as an `InputError` of one sentence.
 
     Args:
         what: could not be done, in words, before what the error says.
 
     Raises:
-        ValueError: in place of an exception that another's code raised.
+        InputError: in place of any exception that is no `IntegGymError`.
     """
     try:
         yield
+    except IntegGymError:
+        raise
     except Exception as error:  # whatever the code of others raises
-        if raised_here(error):
-            raise
-        raise ValueError(f"{what}: {describe_exception(error)}") from error
+        raise InputError(f"{what}: {describe_exception(error)}") from error

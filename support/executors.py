@@ -21,6 +21,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple, TypeAlias, TypeVar
 
+from .errors import IntegGymError
 from .optional import load
 from .processes import (
     Progress,
@@ -56,7 +57,7 @@ Prepare: TypeAlias = Callable[[int], None] | None
 """Called once in each process before its first task, with the process's number, or 0."""
 
 
-class ClusterError(ValueError):
+class ClusterError(IntegGymError, ValueError):
     """An executor that cannot be used, in one sentence with the remedy."""
 
 

@@ -15,6 +15,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+from .errors import InputError
+
 Kinds = Mapping[str, type | tuple[type, ...]]
 """Key of an object to what its value must be; ``float`` takes whole numbers too."""
 
@@ -57,7 +59,7 @@ def read_bounded(path: Path, most: int = MOST_BYTES) -> bytes:
     with path.open("rb") as file:
         content = file.read(most + 1)
     if len(content) > most:
-        raise ValueError(f"{path} has more than {most} bytes, which no file of its kind has")
+        raise InputError(f"{path} has more than {most} bytes, which no file of its kind has")
     return content
 
 
@@ -74,7 +76,7 @@ def read_json(path: Path, remedy: str) -> Any:
     try:
         return parse_json(read_bounded(path))
     except OSError as error:
-        raise ValueError(f"cannot read {path}: {error.strerror or error}; {remedy}") from None
+        raise InputError(f"cannot read {path}: {error.strerror or error}; {remedy}") from None
     except ValueError as error:
         raise _damaged(path, error, remedy) from None
 
@@ -88,7 +90,7 @@ def parse_json(content: bytes) -> Any:
     try:
         parsed = json.loads(content, parse_int=_whole, parse_float=_finite, parse_constant=_finite)
     except RecursionError:
-        raise ValueError(_TOO_DEEP) from None
+        raise InputError(_TOO_DEEP) from None
     _check_depth(parsed)
     return parsed
 
@@ -118,14 +120,14 @@ def checked_object(content: Any, kinds: Kinds) -> dict[str, Any]:
         ValueError: if it is not, without the name of what holds it.
     """
     if not isinstance(content, dict):
-        raise ValueError(f"it holds {_word(type(content))} where an object was expected")
+        raise InputError(f"it holds {_word(type(content))} where an object was expected")
     for name, kind in kinds.items():
         _check_kind(content, name, kind if isinstance(kind, tuple) else (kind,))
     return content
 
 
-def _damaged(path: Path, error: ValueError, remedy: str) -> ValueError:
-    return ValueError(f"{path} is damaged: {error}; {remedy}")
+def _damaged(path: Path, error: ValueError, remedy: str) -> InputError:
+    return InputError(f"{path} is damaged: {error}; {remedy}")
 
 
 _TOO_DEEP = f"objects or lists are nested more than {DEEPEST} deep"
@@ -133,7 +135,7 @@ _TOO_DEEP = f"objects or lists are nested more than {DEEPEST} deep"
 
 def _whole(text: str) -> int:
     if len(text) > MOST_DIGITS:
-        raise ValueError(
+        raise InputError(
             f"a whole number has {len(text)} digits, and at most {MOST_DIGITS} are read"
         )
     return int(text)
@@ -142,7 +144,7 @@ def _whole(text: str) -> int:
 def _finite(text: str) -> float:
     number = float(text)
     if not abs(number) < float("inf"):
-        raise ValueError(f"the number {text[:40]} is not finite")
+        raise InputError(f"the number {text[:40]} is not finite")
     return number
 
 
@@ -153,17 +155,17 @@ def _check_depth(content: Any) -> None:
         if not nested:
             return
         level = [y for x in nested for y in (x.values() if isinstance(x, dict) else x)]
-    raise ValueError(_TOO_DEEP)
+    raise InputError(_TOO_DEEP)
 
 
 def _check_kind(content: Mapping[str, Any], name: str, kinds: tuple[type, ...]) -> None:
     if name not in content:
-        raise ValueError(f"it lacks {name!r}")
+        raise InputError(f"it lacks {name!r}")
     value = content[name]
     taken = (*kinds, int) if float in kinds else kinds
     if not isinstance(value, taken) or (isinstance(value, bool) and bool not in kinds):
         expected = " or ".join(_word(kind) for kind in kinds)
-        raise ValueError(f"{name!r} must be {expected}, got {_word(type(value))}")
+        raise InputError(f"{name!r} must be {expected}, got {_word(type(value))}")
 
 
 def _word(kind: type) -> str:
@@ -302,9 +304,9 @@ def make_folder(out: Path) -> Path:
     return out
 
 
-def cannot_write(out: Path, error: OSError) -> ValueError:
+def cannot_write(out: Path, error: OSError) -> InputError:
     """What to raise where writing under ``out`` failed."""
-    return ValueError(f"cannot write to {out}: {error.strerror or error}; give another --out")
+    return InputError(f"cannot write to {out}: {error.strerror or error}; give another --out")
 
 
 def _publish(temporary: Path, path: Path) -> None:

@@ -17,6 +17,8 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import IO, Any
 
+from .errors import InputError, IntegGymError, MissingPackageError
+
 PATIENCE = 120.0
 """Time in which a call is answered, s, where nothing else is said."""
 
@@ -27,7 +29,7 @@ _MOST = 200
 """Characters of a process's last words, or of what is no answer, that a message quotes."""
 
 
-class WorkerError(RuntimeError):
+class WorkerError(IntegGymError, RuntimeError):
     """A process did not answer, or with an error; one sentence says which."""
 
 
@@ -77,7 +79,7 @@ class Worker:
         if kind == "value":
             return value
         if kind == "refused":
-            raise ValueError(value)
+            raise InputError(value)
         if kind == "error":
             raise WorkerError(f"{self.name} failed in `{method}`: {value}")
         quoted = repr(line.strip()[:_MOST])
@@ -178,7 +180,7 @@ class Apart:
             ModuleNotFoundError: where the environment is not set up, with what does it.
         """
         if not self.installed:
-            raise ModuleNotFoundError(
+            raise MissingPackageError(
                 f"{self.name} has an environment of its own, and {self.python} is not there; run: "
                 f"{self.command} (in a clone of integ-gym), or name its interpreter in the "
                 f"environment variable {self.variable}",

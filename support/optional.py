@@ -15,6 +15,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from .errors import InputError, MissingPackageError
 from .isolated import APART
 
 EXTRAS = {
@@ -69,9 +70,9 @@ def _imports(package: str) -> bool:
     return True
 
 
-def missing(package: str, *extras: str) -> ModuleNotFoundError:
+def missing(package: str, *extras: str) -> MissingPackageError:
     """The error for a package that is not installed."""
-    return ModuleNotFoundError(
+    return MissingPackageError(
         f"{package} is not installed; run: {install_command(*extras)}", name=package
     )
 
@@ -170,7 +171,7 @@ def check_versions(extra: str) -> None:
     for package, least in _least_versions(extra).items():
         found = package_version(package)
         if found is not None and _release(found) < _release(least):
-            raise ValueError(
+            raise InputError(
                 f"{package} {found} is installed, and integ-gym[{extra}] needs {least} or newer; "
                 f'run: pip install "{package}>={least}", or set {ANY_VERSION}={extra} to try this '
                 "one"

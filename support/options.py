@@ -15,6 +15,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
+from .errors import InputError
 from .files import told_path
 from .parameters import suggestion
 from .storage import named_place
@@ -124,10 +125,10 @@ def by_name(
     values: dict[str, Any] = {}
     for name, value in pairs:
         if values.setdefault(name, value) != value:
-            raise ValueError(f"{flag} says both {name}={values[name]} and {value}; give one")
+            raise InputError(f"{flag} says both {name}={values[name]} and {value}; give one")
     for name in values:
         if name in options:
-            raise ValueError(f"give {options[name]} in place of {flag} {name}")
+            raise InputError(f"give {options[name]} in place of {flag} {name}")
     return values
 
 
@@ -149,7 +150,7 @@ def refuse_unused(
     for action in parser._actions:
         if action.dest not in known and getattr(given, action.dest) != action.default:
             flag = next(iter(action.option_strings), action.metavar or action.dest)
-            raise ValueError(f"{why}, so {flag} says nothing; leave it out")
+            raise InputError(f"{why}, so {flag} says nothing; leave it out")
 
 
 def whole_number(word: str) -> int:

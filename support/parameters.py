@@ -7,6 +7,8 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import field, fields
 from typing import Any
 
+from .errors import InputError
+
 Check = Callable[[Any], str | None]
 """Says what is wrong with a value in a few words, or None."""
 
@@ -38,7 +40,7 @@ def check_values(owner: type, values: Mapping[str, Any]) -> None:
             continue
         problem = f.metadata["check"](values[f.name])
         if problem:
-            raise ValueError(f"`{f.name}` {problem}, got {values[f.name]!r}")
+            raise InputError(f"`{f.name}` {problem}, got {values[f.name]!r}")
 
 
 def unknown_name(kind: str, name: str, choices: Iterable[str]) -> str:

@@ -25,6 +25,8 @@ from pathlib import Path
 from types import FrameType, TracebackType
 from typing import Any, Final, TypeVar
 
+from .errors import IntegGymError
+
 
 @cache
 def host() -> str:
@@ -78,7 +80,7 @@ def _submitted(thread: ThreadPoolExecutor, items: Iterator[Any]) -> Future[Any] 
 _ALONE = ", or ask for one worker (workers=1), which works in this process"
 
 
-class SpawnError(RuntimeError):
+class SpawnError(IntegGymError, RuntimeError):
     """Worker processes cannot be started from here; one sentence says why and what to do."""
 
 

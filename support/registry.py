@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from functools import cached_property
 from typing import Any
 
+from .errors import InputError
 from .parameters import unknown_name
 
 
@@ -54,7 +55,7 @@ class Registry:
             return self._import(name)
         if name not in self:
             own = f', or "module:Class" for {self._article()} of your own'
-            raise ValueError(unknown_name(self._kind, name, self.names()) + own)
+            raise InputError(unknown_name(self._kind, name, self.names()) + own)
         return self._import(self.parts.get(name) or self._added[name])
 
     def source_hash(self, name: str) -> str | None:
@@ -79,12 +80,12 @@ class Registry:
         except Exception as error:  # whatever the module does while it is imported
             if reference in self.parts.values():
                 raise
-            raise ValueError(
+            raise InputError(
                 f"cannot load {self._kind} {reference!r}: {type(error).__name__}: {error}; "
                 'write it as "module:Class", importable from here'
             ) from error
         if not isinstance(loaded, type) or not hasattr(loaded, self._method):
-            raise ValueError(
+            raise InputError(
                 f"{reference!r} is not {self._article()}: it must be a class with a method "
                 f"`{self._method}`"
             )

@@ -19,6 +19,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 from urllib.parse import unquote, urlsplit
 
+from .errors import InputError, IntegGymError
 from .optional import load
 
 Place = str | os.PathLike[str]
@@ -39,7 +40,7 @@ _LAST = ("units", "seal.json")
 """Folders and files that say that others are complete: they are sent last and removed first."""
 
 
-class StorageError(OSError):
+class StorageError(IntegGymError, OSError):
     """A store that does not do what it is asked for, in one sentence."""
 
 
@@ -255,7 +256,7 @@ def fetched(place: Place) -> Iterator[Path]:
     with open_storage(place) as storage:
         storage.fetch()
         if storage.remote and not any(storage.path.iterdir()):
-            raise ValueError(f"{storage} holds no run; give the place that one was written to")
+            raise InputError(f"{storage} holds no run; give the place that one was written to")
         yield storage.path
 
 
@@ -279,7 +280,7 @@ def named_place(place: Place) -> str | Path:
     if scheme[1] in SCHEMES and re.match(r"\w+://[^/]+/.", text):
         return text.rstrip("/")
     kinds = ", ".join(f"{name}://BUCKET/RUN" for name in SCHEMES)
-    raise ValueError(f"{text} is no place for a run; give a folder, file:///FOLDER, or {kinds}")
+    raise InputError(f"{text} is no place for a run; give a folder, file:///FOLDER, or {kinds}")
 
 
 def parquet_files(url: str, folder: str) -> tuple[Any, list[str]]:
@@ -350,7 +351,7 @@ def _open_store(url: str) -> Any:
     try:
         return stores.from_url(url, **_client_options())
     except (faults.BaseError, ValueError) as error:
-        raise ValueError(f"{url} names no place in an object store: {_shorten(error)}") from None
+        raise InputError(f"{url} names no place in an object store: {_shorten(error)}") from None
 
 
 def _file_system(url: str) -> Any:

@@ -17,7 +17,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Final, TextIO
 
-from .errors import raised_here
+from .errors import IntegGymError
 
 RED: Final = "31"
 GREEN: Final = "32"
@@ -393,8 +393,10 @@ INTERRUPTED = 130
 SHORT_OF_MEMORY = "there is not enough memory"
 _FREE = "close other programs, give it fewer --workers, or raise the limit that it runs under"
 
-_TOLD = (ValueError, TypeError, OSError, ModuleNotFoundError, RuntimeError)
-"""Errors that are told in a sentence where this package raised them."""
+DEFECT = (
+    "This is a defect of integ-gym, or of code of yours that the last lines above name. Please "
+    "report a defect of integ-gym with these lines, as CONTRIBUTING.md says."
+)
 
 
 def end_quietly(run: Callable[[], int]) -> int:
@@ -442,7 +444,8 @@ def report_errors(
 ) -> int:
     """Run a command; print what the user can mend as one line on standard error.
 
-    Errors that are not about the input are raised with their traceback.
+    That is an `IntegGymError`, what the operating system refuses, and memory that is short. Any
+    other error is raised, with a last line that says that it is a defect.
 
     Args:
         program: the command's name, before every message.
@@ -466,7 +469,8 @@ def report_errors(
             told = sentence(error) or type(error).__name__
             say(f"{program}: {mark}{SHORT_OF_MEMORY} ({told}); {_FREE}", sys.stderr)
             return 2
-        if not (isinstance(error, _TOLD) and _is_meant_for_users(error)):
+        if not isinstance(error, (IntegGymError, OSError)):
+            error.add_note(DEFECT)
             raise
         say(f"{program}: {mark}{sentence(error)}", sys.stderr)
         return 2
@@ -506,11 +510,6 @@ def is_short_of_memory(error: BaseException) -> bool:
 
 
 _ALLOCATING = ("bad_alloc", "malloc", "realloc", "Cannot allocate memory", "Out of memory")
-
-
-def _is_meant_for_users(error: Exception) -> bool:
-    """Whether the error was raised by this package's own checks."""
-    return isinstance(error, OSError) or raised_here(error)
 
 
 def sentence(error: Exception) -> str:

@@ -12,6 +12,8 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from integ_gym.support.errors import InputError, InputTypeError
+
 from .policy import (
     ACTIVATIONS,
     ActionArray,
@@ -144,7 +146,7 @@ class CalledPolicy:
         if predict is not None:
             return "deterministic predict" if _takes_deterministic(predict) else "predict"
         if not callable(self.target):
-            raise TypeError(
+            raise InputTypeError(
                 f"a policy must be callable or have `predict`, got {type(self.target).__name__}; "
                 "give a function from one observation to one action"
             )
@@ -166,7 +168,7 @@ class CalledPolicy:
         try:
             given = self._ask(observations)
         except Exception as error:
-            raise ValueError(
+            raise InputError(
                 f"policy {self.policy_id!r} raised {type(error).__name__}: {error}; give a "
                 f"function from one observation, an array of shape {observations.shape[1:]}, to "
                 "one action"
@@ -187,7 +189,7 @@ class CalledPolicy:
         discrete = isinstance(self.action_space, spaces.Discrete)
         size = 1 if discrete else int(np.prod(self.action_space.shape or ()))
         if given.size != count * size or given.dtype.kind not in "biuf":
-            raise ValueError(
+            raise InputError(
                 f"policy {self.policy_id!r} gave an array of shape {given.shape} and type "
                 f"{given.dtype} for {count} observations, where {count} actions of "
                 f"{self.action_space} were expected; give one action for one observation"
@@ -197,7 +199,7 @@ class CalledPolicy:
             return actions
         whole = given.reshape(count)
         if not np.array_equal(whole, np.floor(whole)):
-            raise ValueError(
+            raise InputError(
                 f"policy {self.policy_id!r} gave {whole[0]!r} where a whole number was expected; "
                 f"give the number of an action of {self.action_space}"
             )
@@ -219,7 +221,7 @@ def behaviour_hash(policy: CalledPolicy, observations: NDArray[Any]) -> str:
     """
     first, second = policy.act(observations), policy.act(observations)
     if not np.array_equal(first, second, equal_nan=True):
-        raise ValueError(
+        raise InputError(
             f"policy {policy.policy_id!r} gives other actions when it is asked again about the "
             "same observations; judge one that does not remember and takes its mean action"
         )

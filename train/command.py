@@ -13,6 +13,7 @@ from integ_gym.envs.catalogue.lookup import OTHER_TESTBEDS, is_integ_environment
 from integ_gym.envs.registries import ENVIRONMENTS
 from integ_gym.envs.settings import Settings
 from integ_gym.envs.tasks.pendulum_swing_up import PendulumSwingUp
+from integ_gym.support.errors import InputError
 from integ_gym.support.options import CommandParser, add_named_values, by_name, whole_number
 from integ_gym.support.terminal import report_errors
 
@@ -68,9 +69,9 @@ def _train(given: dict[str, Any]) -> int:
     folder = out or _default_folder(config)
     if fleet:
         if not isinstance(config, PPOConfig):
-            raise ValueError(f"the fleet trains PPO; train {config.algorithm} with --trainer sb3")
+            raise InputError(f"the fleet trains PPO; train {config.algorithm} with --trainer sb3")
         if not is_integ_environment(config.env_id):
-            raise ValueError(
+            raise InputError(
                 f"the fleet compiles integ-gym's environments; train {config.env_id} with "
                 "--trainer sb3"
             )

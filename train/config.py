@@ -18,7 +18,7 @@ from integ_gym.envs.settings import Mixture
 from integ_gym.evidence.context import EpisodeContext
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.evidence.vector_recorder import RecordVectorEvidence
-from integ_gym.support.errors import is_raised_under
+from integ_gym.support.errors import InputError, InputTypeError, IntegGymError, is_raised_under
 from integ_gym.support.parameters import (
     check_values,
     nonnegative,
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from .ppo import PPOConfig
 
 
-class TrainingError(RuntimeError):
+class TrainingError(IntegGymError, RuntimeError):
     """A run that cannot go on, in one sentence with the remedy."""
 
 
@@ -54,7 +54,7 @@ def explained(config: TrainingConfig, mixture: Mixture) -> Iterator[None]:
                 f"the integrator {failed[0]!r} failed: {type(error).__name__}: {error}; "
                 "docs/how-to/adding.md says what an integrator must be"
             ) from error
-        if not isinstance(error, ValueError):
+        if isinstance(error, IntegGymError) or not isinstance(error, ValueError):
             raise
         raise TrainingError(
             "training broke down: the policy's weights are no longer finite; lower "
@@ -123,7 +123,7 @@ def check_names(owner: type[Any], names: Iterable[str]) -> None:
     known = [f.name for f in fields(owner)]
     for name in names:
         if name not in known:
-            raise TypeError(unknown_name("hyperparameter", name, known))
+            raise InputTypeError(unknown_name("hyperparameter", name, known))
 
 
 def check_rollout(config: PPOConfig) -> None:
@@ -133,12 +133,12 @@ def check_rollout(config: PPOConfig) -> None:
         ValueError: for an impossible value, in one sentence.
     """
     if config.rollout > LARGEST_ROLLOUT:
-        raise ValueError(
+        raise InputError(
             f"a rollout of `n_envs` × `n_steps` = {config.n_envs} × {config.n_steps} decisions is "
             f"kept in memory, and at most {LARGEST_ROLLOUT} are; give fewer"
         )
     if config.rollout % config.batch_size:
-        raise ValueError(
+        raise InputError(
             f"`batch_size`={config.batch_size} does not divide a rollout of `n_envs` × `n_steps` "
             f"= {config.rollout} decisions; give a divisor, such as "
             f"{_nearest_divisor(config.rollout, config.batch_size)}"
@@ -195,10 +195,10 @@ class TrainingConfig:
         known = (*ENVIRONMENTS, *gym.registry)
         if not (self.env_id in known or ":" in self.env_id):
             unknown = unknown_name("environment", self.env_id, ENVIRONMENTS)
-            raise ValueError(f"{unknown}, {OTHER_TESTBEDS}")
+            raise InputError(f"{unknown}, {OTHER_TESTBEDS}")
         for name in _GIVEN_BY_THE_TRAINER:
             if name in self.env_arguments:
-                raise ValueError(f"`{name}` is not an environment argument; leave it out")
+                raise InputError(f"`{name}` is not an environment argument; leave it out")
 
     @classmethod
     def of(cls, env_id: str, **overrides: Any) -> Self:
@@ -218,7 +218,7 @@ class TrainingConfig:
             ValueError: for an action space that it cannot, with one that can.
         """
         if cls.continuous_actions and not isinstance(actions, gym.spaces.Box):
-            raise ValueError(f"{cls.algorithm} needs continuous actions, got {actions}; take PPO")
+            raise InputError(f"{cls.algorithm} needs continuous actions, got {actions}; take PPO")
 
     @property
     def rollout(self) -> int:

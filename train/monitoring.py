@@ -13,6 +13,7 @@ from gymnasium.vector import AutoresetMode
 from integ_gym.envs.settings import DISCRETIZATION, Discretization
 from integ_gym.envs.testbeds.interface import Testbed
 from integ_gym.envs.testbeds.making import find_testbed, make_checked
+from integ_gym.support.errors import InputError
 
 from .called_policy import CalledPolicy
 from .policy_files.sidecar import Stated, stated_arguments
@@ -59,7 +60,7 @@ def discretization_gap(
     """
     testbed, cells = compared(env_id, home, others, environment or {})
     if episodes < 1:
-        raise ValueError(f"`episodes` must be 1 or above, got {episodes}")
+        raise InputError(f"`episodes` must be 1 or above, got {episodes}")
     found = {name: _played(policy, testbed, cell, episodes, seed) for name, cell in cells.items()}
     scores: dict[str, float] = {}
     for place, what in enumerate(("return", "success")):
@@ -81,7 +82,7 @@ def compared(
     """
     arguments = stated_arguments(home, env_id)
     if "integrator" not in arguments:
-        raise ValueError("the gap is measured from a home; give home='integrator=…,dt=…'")
+        raise InputError("the gap is measured from a home; give home='integrator=…,dt=…'")
     _check_arguments(environment)
     own = {name: x for name, x in arguments.items() if name not in DISCRETIZATION}
     testbed = find_testbed(env_id, {**own, **environment})
@@ -96,7 +97,7 @@ def compared(
 def _check_arguments(environment: Mapping[str, Any]) -> None:
     varied = [name for name in environment if name in DISCRETIZATION]
     if varied:
-        raise ValueError(
+        raise InputError(
             f"`environment` gives `{varied[0]}`, which is what differs; name it in `home` or in "
             "`others`"
         )
@@ -110,7 +111,7 @@ def _beside(stated: Stated, home: Discretization, env_id: str) -> Discretization
     """Another discretization, which has home's control period."""
     arguments = stated_arguments(stated, env_id)
     if "integrator" not in arguments:
-        raise ValueError(
+        raise InputError(
             f"`others` names discretizations, got {stated!r}; give 'integrator=…,dt=…'"
         )
     other = _discretization(arguments)
@@ -165,7 +166,7 @@ class RawModel:
 
     def __init__(self, model: Any) -> None:
         if hasattr(model.policy, "lstm_actor"):
-            raise ValueError(
+            raise InputError(
                 f"{type(model).__name__} remembers earlier observations, and is not judged; train "
                 "a feed-forward policy, or give a function that keeps no memory"
             )

@@ -14,6 +14,8 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
+from integ_gym.support.errors import InputError
+
 FloatArray: TypeAlias = NDArray[np.float32]
 ActionArray: TypeAlias = NDArray[np.float32] | NDArray[np.int64]
 
@@ -81,18 +83,18 @@ class BoxActions:
         object.__setattr__(self, "low", frozen(self.low, np.float32))
         object.__setattr__(self, "high", frozen(self.high, np.float32))
         if self.low.ndim != 1 or self.low.shape != self.high.shape:
-            raise ValueError(
+            raise InputError(
                 "the bounds 'low' and 'high' must be one-dimensional and of one shape, got "
                 f"{self.low.shape} and {self.high.shape}"
             )
         if not self.limit > 0 or (self.limit < math.inf and not self.squash):
-            raise ValueError(
+            raise InputError(
                 f"a limit of outputs must be above 0 and comes before tanh, got {self.limit} with "
                 f"squash={self.squash}"
             )
         finite = np.isfinite(self.low) & np.isfinite(self.high)
         if not (finite & (self.low <= self.high)).all():
-            raise ValueError(
+            raise InputError(
                 f"the action bounds must be finite and 'low' not above 'high', got {self}; "
                 "give the bounds of the environment's action space"
             )
@@ -136,7 +138,7 @@ class DiscreteActions:
     def __post_init__(self) -> None:
         """Check the number of actions."""
         if self.n < 1:
-            raise ValueError(f"a Discrete action space needs at least one action, got {self.n}")
+            raise InputError(f"a Discrete action space needs at least one action, got {self.n}")
 
     @property
     def size(self) -> int:
@@ -155,7 +157,7 @@ class DiscreteActions:
             ValueError: if an output is NaN, because no choice can be made.
         """
         if np.isnan(outputs).any():
-            raise ValueError(
+            raise InputError(
                 "the policy network gives NaN, so no discrete action can be chosen; "
                 "give it finite observations of ordinary size"
             )
@@ -264,17 +266,17 @@ class ObservationStatistics:
         object.__setattr__(self, "mean", frozen(self.mean, np.float64))
         object.__setattr__(self, "var", frozen(self.var, np.float64))
         if self.mean.ndim != 1 or self.mean.shape != self.var.shape:
-            raise ValueError(
+            raise InputError(
                 "'mean' and 'var' must be two lists of numbers of one length, got shapes "
                 f"{self.mean.shape} and {self.var.shape}"
             )
         if not (np.isfinite(self.mean).all() and np.isfinite(self.var).all()):
-            raise ValueError("'mean' and 'var' must hold finite numbers only")
+            raise InputError("'mean' and 'var' must hold finite numbers only")
         if (self.var < 0).any():
-            raise ValueError(f"'var' must hold no negative number, got {self.var.min()}")
+            raise InputError(f"'var' must hold no negative number, got {self.var.min()}")
         for name, value in (("epsilon", self.epsilon), ("clip_obs", self.clip_obs)):
             if not (math.isfinite(value) and value > 0):
-                raise ValueError(f"'{name}' must be a finite number above 0, got {value}")
+                raise InputError(f"'{name}' must be a finite number above 0, got {value}")
 
     def normalize(self, observations: NDArray[Any]) -> FloatArray:
         """Normalized observations.
@@ -327,13 +329,13 @@ class MlpPolicy:
         layers = tuple((frozen(w, np.float32), frozen(b, np.float32)) for w, b in self.layers)
         object.__setattr__(self, "layers", layers)
         if self.activation not in ACTIVATIONS:
-            raise ValueError(
+            raise InputError(
                 f"the activation {self.activation!r} is not known; "
                 f"use one of {', '.join(sorted(ACTIVATIONS))}"
             )
         self._check_layers()
         if self.statistics is not None and self.statistics.mean.shape != self.observation_shape:
-            raise ValueError(
+            raise InputError(
                 f"the observation statistics have shape {self.statistics.mean.shape} and the "
                 f"policy takes observations of shape {self.observation_shape}; "
                 "use the statistics saved with this policy"
@@ -342,21 +344,21 @@ class MlpPolicy:
     def _check_layers(self) -> None:
         """Raise ValueError unless the layers chain up to the number of outputs and are finite."""
         if not self.layers:
-            raise ValueError("a policy needs at least one layer, got none")
+            raise InputError("a policy needs at least one layer, got none")
         for index, (weight, bias) in enumerate(self.layers):
             before = self.layers[index - 1][0].shape[0] if index else weight.shape[-1]
             if weight.ndim != 2 or weight.shape != (*bias.shape, before):
-                raise ValueError(
+                raise InputError(
                     f"layer {index} has a weight of shape {weight.shape} and a bias of shape "
                     f"{bias.shape} after {before} inputs; expected (out, {before}) and (out,)"
                 )
             if not (np.isfinite(weight).all() and np.isfinite(bias).all()):
-                raise ValueError(
+                raise InputError(
                     f"layer {index} has weights that are not finite, so training diverged; "
                     "train again with a lower learning rate"
                 )
         if len(self.layers[-1][1]) != self.actions.size:
-            raise ValueError(
+            raise InputError(
                 f"the last layer has {len(self.layers[-1][1])} outputs and the action space "
                 f"{self.actions} needs {self.actions.size}"
             )
@@ -410,7 +412,7 @@ class MlpPolicy:
         """
         observations = np.asarray(observations)
         if observations.ndim < 2 or math.prod(observations.shape[1:]) != self.observation_shape[0]:
-            raise ValueError(
+            raise InputError(
                 f"expected observations of shape (n, {self.observation_shape[0]}), got "
                 f"{observations.shape}; pass a batch, for example observation[None]"
             )
@@ -466,7 +468,7 @@ class MlpPolicy:
             not isinstance(observation_space, spaces.Box)
             or math.prod(observation_space.shape) != self.observation_shape[0]
         ):
-            raise ValueError(
+            raise InputError(
                 f"policy {self.policy_id!r} expects observations of shape "
                 f"{self.observation_shape} and the environment gives "
                 f"{_describe(observation_space)}; {remedy}"
@@ -482,7 +484,7 @@ class MlpPolicy:
                 and math.prod(action_space.shape) == self.actions.size
             )
         if not fits:
-            raise ValueError(
+            raise InputError(
                 f"policy {self.policy_id!r} gives actions for {_describe(expected)} and the "
                 f"environment takes {_describe(action_space)}; {remedy}"
             )

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from integ_gym.envs.settings import DISCRETIZATION, Discretization
+from integ_gym.support.errors import InputError
 from integ_gym.support.optional import missing
 
 from .monitoring import RawModel, compared, discretization_gap
@@ -52,7 +53,7 @@ class DiscretizationCallback(BaseCallback):
     ) -> None:
         super().__init__(verbose)
         if every < 1 or episodes < 1:
-            raise ValueError(f"`every` and `episodes` must be 1 or above, got {every}, {episodes}")
+            raise InputError(f"`every` and `episodes` must be 1 or above, got {every}, {episodes}")
         self._every = every
         self._env_id, self._home, self._environment = env_id, home, environment
         self._others, self._episodes = tuple(others), episodes
@@ -62,7 +63,7 @@ class DiscretizationCallback(BaseCallback):
         self._next = self.num_timesteps + self._every
         known = self.training_env.has_attr("setup")
         if not known and (self._env_id is None or self._home is None):
-            raise ValueError(
+            raise InputError(
                 "the training environment does not say its discretization; give "
                 "DiscretizationCallback(env_id=..., home='integrator=…,dt=…'), or home='stock'"
             )
@@ -76,7 +77,7 @@ class DiscretizationCallback(BaseCallback):
             homes = {Discretization.of(setup) for setup in setups}
             if len(homes) > 1:
                 names = ", ".join(sorted(home.name for home in homes))
-                raise ValueError(
+                raise InputError(
                     f"the training environments differ ({names}), so none is home; give "
                     "DiscretizationCallback(home='integrator=…,dt=…')"
                 )

@@ -12,6 +12,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
+from integ_gym.support.errors import InputError
 from integ_gym.support.executors import (
     Cluster,
     Resources,
@@ -55,7 +56,7 @@ def checked_runs(
     """
     counts = len(out_dirs), len(configs if evidence is None else evidence)
     if counts != (len(configs), len(configs)):
-        raise ValueError(
+        raise InputError(
             f"`out_dirs` and `evidence` must have one entry per configuration ({len(configs)}), "
             f"got {counts[0]} and {'none' if evidence is None else counts[1]}"
         )

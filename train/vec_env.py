@@ -14,6 +14,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 from numpy.typing import NDArray
 
+from integ_gym.support.errors import InputError
 from integ_gym.support.optional import missing
 
 try:
@@ -53,7 +54,7 @@ class Sb3VecEnv(VecEnv):
     ) -> None:
         mode = vector_env.metadata.get("autoreset_mode")
         if mode is not AutoresetMode.SAME_STEP:
-            raise ValueError(
+            raise InputError(
                 f"the vector environment must reset in the step that ends an episode, got {mode}; "
                 "make it with autoreset_mode=AutoresetMode.SAME_STEP"
             )
@@ -141,7 +142,7 @@ class Sb3VecEnv(VecEnv):
             AttributeError: if the attribute cannot be set.
         """
         if sorted(self._get_indices(indices)) != list(range(self.num_envs)):
-            raise ValueError(
+            raise InputError(
                 f"the lanes share {attr_name!r}, so it cannot be set in {indices} alone; leave "
                 "`indices` out, or make the environment with one value per lane"
             )
@@ -239,7 +240,7 @@ def _joint_options(lanes: Sequence[dict[str, Any]]) -> dict[str, Any] | None:
     shared = {name: value for name, value in first.items() if name != "state"}
     for lane in lanes:
         if set(lane) != names or any(lane[name] != value for name, value in shared.items()):
-            raise ValueError(
+            raise InputError(
                 "all lanes reset with the same options, `state` excepted, got "
                 f"{first} and {lane}; give one dictionary for all"
             )

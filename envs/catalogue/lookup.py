@@ -11,6 +11,7 @@ from typing import Any, Final
 import gymnasium as gym
 from gymnasium.envs.registration import load_env_creator
 
+from integ_gym.support.errors import InputError
 from integ_gym.support.parameters import unknown_name
 
 from ..environment import IntegEnv, make_setup
@@ -54,8 +55,8 @@ def environment_class(env_id: str) -> type[IntegEnv]:
     if own is None:
         if ":" not in env_id and env_id not in gym.registry:
             unknown = unknown_name("environment", env_id, ENVIRONMENTS)
-            raise ValueError(f"{unknown}, or {OWN_ENVIRONMENT}")
-        raise ValueError(
+            raise InputError(f"{unknown}, or {OWN_ENVIRONMENT}")
+        raise InputError(
             f"{env_id!r} does not give its equations of motion, which are needed here; give "
             f"{', '.join(sorted(ENVIRONMENTS))}, or {OWN_ENVIRONMENT}"
         )
@@ -72,12 +73,12 @@ def _own_class(env_id: str) -> type[IntegEnv] | None:
     try:
         importlib.import_module(module)
     except Exception as error:  # whatever the user's module does while it is imported
-        raise ValueError(
+        raise InputError(
             f"cannot import {module!r} of {env_id!r}: {type(error).__name__}: {error}; start where "
             "its file lies, or put its folder on PYTHONPATH"
         ) from error
     if name not in gym.registry:
-        raise ValueError(
+        raise InputError(
             f"{module!r} registers no environment {name!r}; call gymnasium.register in it"
         )
     entry = gym.registry[name].entry_point

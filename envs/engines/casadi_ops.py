@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable
 from typing import Any, NoReturn
 
+from integ_gym.support.errors import InputTypeError
 from integ_gym.support.optional import load
 
 from ..ops.ops import SCALAR, Component, repeat
@@ -39,7 +40,7 @@ class Expression:
         self.sx = sx
 
     def __bool__(self) -> bool:
-        raise TypeError("the truth of a component is not known when its equations are written")
+        raise InputTypeError("the truth of a component is not known when its equations are written")
 
     __add__, __radd__ = _noted(operator.add), _reflected(operator.add)
     __sub__, __rsub__ = _noted(operator.sub), _reflected(operator.sub)
@@ -100,8 +101,10 @@ class CasadiOps:
 
     def while_loop(self, *_: Any, **__: Any) -> NoReturn:
         """Not possible: a CasADi expression has no loops whose length it finds by itself."""
-        raise TypeError("a plant with a `while_loop` cannot be told to CasADi; use engine 'native'")
+        raise InputTypeError(
+            "a plant with a `while_loop` cannot be told to CasADi; use engine 'native'"
+        )
 
     def foreign(self, *_: Any, **__: Any) -> NoReturn:
         """Not possible: a CasADi expression is made of CasADi's own operations."""
-        raise TypeError("a plant with a `foreign` part cannot be told to CasADi")
+        raise InputTypeError("a plant with a `foreign` part cannot be told to CasADi")

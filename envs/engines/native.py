@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import ClassVar
 
+from integ_gym.support.errors import InputTypeError
+
 from ..integrators.interface import Step
 from ..mechanics import PlantSystem
 from ..ops.ops import Component, Components, Ops
@@ -42,7 +44,7 @@ class NativeEngine(SteppedEngine):
         """One step of the integrator."""
         step: Step = self.integrator.step(ops, self.system, q, v, losses, control, self.dt)
         if not isinstance(step, tuple) or len(step) != len(Step._fields):
-            raise TypeError(
+            raise InputTypeError(
                 f"{type(self.integrator).__name__}.step must return an integ_gym.Step, got "
                 f"{step!r:.60}; docs/how-to/adding.md has an example"
             )

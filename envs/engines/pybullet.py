@@ -10,6 +10,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from integ_gym.support.errors import SetupError
+
 from ..ops.ops import Components
 from .rigid import Array, RigidBodyEngine, urdf
 from .stepping import Run, load_undisturbed
@@ -127,7 +129,7 @@ def _connect(bullet: Any) -> int:
             client = bullet.connect(bullet.DIRECT)
             bullet.disconnect(0)
     except bullet.error as error:
-        raise RuntimeError(
+        raise SetupError(
             f"PyBullet gives no physics client: {error} Delete environments that you do not use, "
             "or take one vector environment, whose lanes share a client"
         ) from error

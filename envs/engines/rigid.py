@@ -11,6 +11,8 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from integ_gym.support.errors import InputError
+
 from ..integrators.interface import State, Step, along
 from ..mechanics import Link, Mechanism, PlantSystem, Stops
 from ..ops.ops import SCALAR, Component, Components, Ops
@@ -49,7 +51,7 @@ def mechanism_of(engine: str, plant: Plant) -> Mechanism:
     """
     mechanism: Mechanism | None = getattr(plant, "mechanism", None)
     if mechanism is None:
-        raise ValueError(
+        raise InputError(
             f"engine {engine!r} moves rigid links, and the plant {plant.name!r} has none: it gives "
             "no `mechanism`; use engine 'native' or 'casadi'"
         )
@@ -58,7 +60,7 @@ def mechanism_of(engine: str, plant: Plant) -> Mechanism:
         expected = sum(link.damping * x * x for link, x in zip(mechanism.links, v, strict=True))
         power = plant.dissipation(SCALAR, q, v)
         if not np.isclose(power, expected, rtol=1e-12, atol=0.0):
-            raise ValueError(
+            raise InputError(
                 f"plant {plant.name!r} loses {power:g} W to damping at q = v = {v}, where the "
                 f"dampers of its `mechanism` take {expected:g} W; give its links the same damping"
             )
@@ -83,7 +85,7 @@ def check_agreement(model: Model, plant: Plant) -> None:
         ):
             scale = max(float(np.abs(wanted).max()), 1e-30)
             if not np.allclose(got, wanted, rtol=0.0, atol=TOLERANCE[model.width] * scale):
-                raise ValueError(
+                raise InputError(
                     f"engine {model.name!r} {model.version} has another {what} than the plant at "
                     f"q = {q}: {np.asarray(got).tolist()} for {wanted.tolist()}; this version "
                     "of the engine cannot be compared"
@@ -142,7 +144,7 @@ class RigidBodyEngine(ForeignEngine):
             about_joint = link.inertia + link.mass * link.centre**2
             tolerated = TOLERANCE[self.width] * about_joint
             if link.joint == "hinge" and max(link.inertia, tolerated) < least:
-                raise ValueError(
+                raise InputError(
                     f"engine {self.name!r} takes no body's moment of inertia below {least:g} "
                     f"kg m^2, which the plant's {about_joint:g} kg m^2 about {link.coordinate!r} "
                     "is too small for; use a larger mass or length, or an engine without this "

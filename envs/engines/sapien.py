@@ -9,6 +9,8 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from integ_gym.support.errors import InputError
+
 from ..mechanics import Mechanism
 from ..ops.ops import SCALAR, Components
 from .rigid import PROBES, TOLERANCE, Array, HeldForce, RigidBodyEngine
@@ -144,7 +146,7 @@ class SapienEngine(RigidBodyEngine):
         expected = np.array((*told.q, *told.v))
         got = np.array(_run_in(self._free, len(q), 1)(*q, *v, *force))
         if (np.abs(got - expected) > TOLERANCE[self.width] * (1.0 + np.abs(expected))).any():
-            raise ValueError(
+            raise InputError(
                 f"engine 'sapien' with integrator {self.integrator!r} is not the map {self.map!r} "
                 "on this plant, whose damping its solver does not resolve in "
                 f"{SOLVERS[self.integrator]['position_iterations']} iterations; give a smaller "

@@ -16,6 +16,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
+from integ_gym.support.errors import InputError
 from integ_gym.support.optional import load, running_version
 from integ_gym.support.parameters import suggestion
 
@@ -63,7 +64,7 @@ class SteppedEngine(ABC):
 
     def __init__(self, system: PlantSystem, dt: Component) -> None:
         if system.engine_stops is not None and not self.own_stops:
-            raise ValueError(
+            raise InputError(
                 f"engine {self.name!r} has no joint stops of its own; use one that has "
                 f"({', '.join(engines_with_stops())}), or `contact`='compliant', the same law in "
                 "every engine"
@@ -209,7 +210,7 @@ class MappedEngine(SteppedEngine):
         refuse_arrays(self.name, system)
         if system.engine_stops is not None and integrator in self.stopless:
             others = ", ".join(name for name in self.maps if name not in self.stopless)
-            raise ValueError(
+            raise InputError(
                 f"integrator {integrator!r} of engine {self.name!r} ignores joint stops; use "
                 f"`integrator`: {others}, or `contact`='compliant', the same law in every engine"
             )
@@ -230,7 +231,7 @@ class MappedEngine(SteppedEngine):
         return {}
 
 
-def lacks_integrator(engine: str, integrator: str, maps: Mapping[str, str]) -> ValueError:
+def lacks_integrator(engine: str, integrator: str, maps: Mapping[str, str]) -> InputError:
     """The error for an integrator that is none of an engine's, or that has another name there."""
     alike = [name for name, applied in maps.items() if applied == integrator]
     remedy = (
@@ -238,7 +239,7 @@ def lacks_integrator(engine: str, integrator: str, maps: Mapping[str, str]) -> V
         if alike
         else f"give `integrator`. {suggestion(integrator, maps)}"
     )
-    return ValueError(f"engine {engine!r} has no integrator {integrator!r}; {remedy}")
+    return InputError(f"engine {engine!r} has no integrator {integrator!r}; {remedy}")
 
 
 def refuse_arrays(engine: str, system: PlantSystem) -> None:
@@ -249,7 +250,7 @@ def refuse_arrays(engine: str, system: PlantSystem) -> None:
     """
     for name, value in vars(system.plant).items():
         if isinstance(value, np.ndarray):
-            raise ValueError(
+            raise InputError(
                 f"engine {engine!r} takes one value of `{name}` for all environments, got an "
                 "array; give a number, or use engine 'native'"
             )

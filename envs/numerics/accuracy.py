@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from integ_gym.support.errors import InputError
 from integ_gym.support.optional import load
 
 from ..mechanics import PlantSystem
@@ -284,7 +285,7 @@ def independent_motion(
             atol=TOLERANCE, args=(float(control),),
         )  # fmt: skip
         if not found.success:
-            raise ValueError(f"SciPy cannot follow {plant.name}: {found.message}")
+            raise InputError(f"SciPy cannot follow {plant.name}: {found.message}")
         points.append(found.y[:, -1])
     table = np.array(points)
     pairs = [(tuple(y[:n]), tuple(y[n : 2 * n])) for y in table.tolist()]

@@ -8,6 +8,8 @@ from typing import Literal
 
 import numpy as np
 
+from integ_gym.support.errors import InputError
+
 from ..engines.interface import Motion
 from ..engines.native import NativeEngine
 from ..mechanics import PlantSystem
@@ -302,7 +304,7 @@ def critical_limit(
     """
     required = goal_energy(setup)
     if required is None:
-        raise ValueError(f"{type(setup.task).__name__} names no goal at rest: no `goal_edge`")
+        raise InputError(f"{type(setup.task).__name__} names no goal at rest: no `goal_edge`")
 
     def enough(limits: list[float]) -> dict[float, bool]:
         starts = np.tile(start, (len(limits), 1))
@@ -310,7 +312,7 @@ def critical_limit(
         return dict(zip(limits, np.isfinite(times).tolist(), strict=True))
 
     if not enough([high])[high]:
-        raise ValueError(f"the goal's energy is not reached within {deadline:g} s with {high:g}")
+        raise InputError(f"the goal's energy is not reached within {deadline:g} s with {high:g}")
     while high - low > tolerance:
         found = enough(_midpoints(low, high, HALVINGS))
         for _ in range(HALVINGS):

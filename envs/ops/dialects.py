@@ -10,6 +10,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from integ_gym.support.errors import IntegGymError
+
 from .ops import SCALAR
 
 
@@ -322,5 +324,5 @@ def target(syntax: Syntax, value: Any) -> str:
     return str(value.name)
 
 
-class NotTraceable(TypeError):
+class NotTraceable(IntegGymError, TypeError):
     """A function that needs to know the value of a component while it is traced."""

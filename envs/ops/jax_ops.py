@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from integ_gym.support.errors import InputTypeError
 from integ_gym.support.optional import missing
 
 from .ops import Carry, Component, Components
@@ -86,7 +87,7 @@ class JaxOps:
         self, function: Callable[..., Components], arguments: Components, truths: tuple[bool, ...]
     ) -> Components:
         """Not possible: only what is made of JAX's own operations can be compiled."""
-        raise TypeError("an engine outside JAX cannot be compiled; use its NumPy environment")
+        raise InputTypeError("an engine outside JAX cannot be compiled; use its NumPy environment")
 
 
 def _until_done(

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from integ_gym.support.errors import InputError
 from integ_gym.support.figures import AMOUNTS, HUES, PALETTE, channels
 from integ_gym.support.optional import load
 from integ_gym.support.terminal import fixed
@@ -285,6 +286,6 @@ def open_screen(size: tuple[int, int], caption: str) -> Any:
             raise pygame.error("there is no screen")
         surface = display.set_mode(size)
     except pygame.error as error:
-        raise ValueError(f"no window can be opened ({error})") from None
+        raise InputError(f"no window can be opened ({error})") from None
     display.set_caption(caption)
     return surface

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from math import inf, isfinite
 from typing import Any, ClassVar
 
+from integ_gym.support.errors import InputError
 from integ_gym.support.parameters import parameter, positive
 
 from ..ops.ops import Component, Components, Ops
@@ -73,6 +74,6 @@ class ElasticPendulumQuiet(BoxTask):
         """At the resting place, with ẋ from push/2 to push and |ẏ| up to push/10, push 3 m/s."""
         push = number(options, "push", 3.0)
         if not (isfinite(push) and push >= 0.0):
-            raise ValueError(f"reset option `push` must be finite and 0 or above, got {push}")
+            raise InputError(f"reset option `push` must be finite and 0 or above, got {push}")
         x_dot, y_dot = rng.uniform(low=[0.5 * push, -0.1 * push], high=[push, 0.1 * push])
         return 0.0, x_dot, 0.0, y_dot

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from math import isfinite
 from typing import Any, ClassVar, NamedTuple, Protocol
 
+from integ_gym.support.errors import InputError
+
 from ..ops.ops import Component, Components, Ops
 
 
@@ -122,7 +124,7 @@ def number(options: Mapping[str, Any], name: str, default: float) -> float:
     try:
         return float(value)
     except (TypeError, ValueError, OverflowError) as error:
-        raise ValueError(f"reset option `{name}` must be a number, got {value!r:.60}") from error
+        raise InputError(f"reset option `{name}` must be a number, got {value!r:.60}") from error
 
 
 def uniform(rng: Any, options: Mapping[str, Any], size: int, half_width: float) -> Components:
@@ -137,5 +139,5 @@ def uniform(rng: Any, options: Mapping[str, Any], size: int, half_width: float) 
     """
     low, high = number(options, "low", -half_width), number(options, "high", half_width)
     if not (isfinite(high - low) and low <= high):
-        raise ValueError(f"reset option `low`={low} must be finite and at most `high`={high}")
+        raise InputError(f"reset option `low`={low} must be finite and at most `high`={high}")
     return tuple(rng.uniform(low=low, high=high, size=(size,)))

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from math import inf, isfinite, pi
 from typing import Any, ClassVar
 
+from integ_gym.support.errors import InputError
 from integ_gym.support.parameters import parameter, positive
 
 from ..ops.ops import Component, Components, Ops
@@ -79,7 +80,7 @@ class PendulumSwingUp(BoxTask):
         x = number(options, "x_init", x_default)
         y = number(options, "y_init", y_default)
         if not (isfinite(2.0 * x) and isfinite(2.0 * y) and x >= 0.0 and y >= 0.0):
-            raise ValueError(
+            raise InputError(
                 f"reset options `x_init` and `y_init` must be finite and 0 or above, got {x}, {y}"
             )
         theta, theta_dot = rng.uniform(low=[-x, -y], high=[x, y])

@@ -12,7 +12,7 @@ from gymnasium.envs.registration import EnvSpec
 from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers import TimeLimit
 
-from integ_gym.support.errors import translate_errors
+from integ_gym.support.errors import InputError, translate_errors
 from integ_gym.support.parameters import unknown_name
 
 from ..foreign import (
@@ -90,7 +90,7 @@ class SequentialTestbed:
         """
         if discretization.engine != self.engine:
             kind = f"engine of {self.title}"
-            raise ValueError(unknown_name(kind, discretization.engine, [self.engine]))
+            raise InputError(unknown_name(kind, discretization.engine, [self.engine]))
         make = partial(self.lane, discretization, {**self.arguments, **arguments})
         return SequentialVectorEnv(make, lanes, autoreset_mode)
 
@@ -190,7 +190,7 @@ class GymTestbed(SequentialTestbed):
             ValueError: for another environment.
         """
         if not env.has_wrapper_attr("count"):
-            raise ValueError(
+            raise InputError(
                 f"{type(self).__name__}.read calls `as_applied`, which is for environments that "
                 "`build` gives to `held`; of others, return an Applied"
             )
@@ -229,7 +229,7 @@ class GymTestbed(SequentialTestbed):
         """
         if discretization.integrator not in self.choices:
             kind = f"integrator of {self.title}"
-            raise ValueError(unknown_name(kind, discretization.integrator, self.choices))
+            raise InputError(unknown_name(kind, discretization.integrator, self.choices))
         env = self._built(discretization, arguments)
         given = {name: x for name, x in arguments.items() if name != "success_return"}
         wanted = arguments.get("success_return")

@@ -13,6 +13,7 @@ from gymnasium.envs.registration import EnvSpec
 from gymnasium.wrappers import TimeLimit
 from numpy.typing import NDArray
 
+from integ_gym.support.errors import InputError
 from integ_gym.support.optional import check_versions, load
 from integ_gym.support.parameters import unknown_name
 
@@ -121,7 +122,7 @@ class Playground(GymTestbed):
         check_versions("playground")
         self._registry = load("mujoco_playground", "playground").registry
         if task not in self._registry.ALL_ENVS:
-            raise ValueError(unknown_name("task of Playground", task, self._registry.ALL_ENVS))
+            raise InputError(unknown_name("task of Playground", task, self._registry.ALL_ENVS))
         self._tasks: dict[tuple[str | None, str], Any] = {}
         config = self._registry.get_default_config(task)
         stock = self._made(None, config.sim_dt, config.ctrl_dt, **arguments)
@@ -207,7 +208,7 @@ class BraxTask(GymTestbed):
         check_versions("brax")
         self._envs = load("brax.envs", "brax")
         if task not in self._envs._envs:
-            raise ValueError(unknown_name("task of Brax", task, self._envs._envs))
+            raise InputError(unknown_name("task of Brax", task, self._envs._envs))
         stock = self._envs.get_environment(task, backend=backend, **arguments)
         step = step_told(stock.sys.opt.timestep)
         self.home = Discretization(backend, step, step * stock._n_frames, BRAX)

@@ -12,7 +12,7 @@ from typing import Any
 import gymnasium as gym
 from gymnasium.vector import AutoresetMode
 
-from integ_gym.support.errors import translate_errors
+from integ_gym.support.errors import InputError, InputTypeError, translate_errors
 
 from ..catalogue.lookup import environment_class, environment_setup, is_integ_environment
 from ..registries import ENGINES, TESTBEDS, TRUTH
@@ -137,7 +137,7 @@ def _complete(testbed: Testbed, env_id: str) -> Testbed:
     """
     missing = [name for name in _MEMBERS if not _has(testbed, name)]
     if missing:
-        raise ValueError(
+        raise InputError(
             f"the testbed {env_id!r} lacks {', '.join(missing)}; docs/how-to/testbeds.md says what "
             "a testbed has"
         )
@@ -180,13 +180,15 @@ def make_checked(
 def _check(asked: Discretization, applied: Applied) -> None:
     """Hold what was asked for against what is applied, sub-steps included."""
     if not isinstance(applied, Applied):
-        raise TypeError(f"a testbed must tell what is applied by an Applied, got {applied!r:.60}")
+        raise InputTypeError(
+            f"a testbed must tell what is applied by an Applied, got {applied!r:.60}"
+        )
     found = applied.discretization
     whole = replace(found, control_period=applied.substeps * found.dt)
     for made in (found.arguments(), whole.arguments()):
         for name, wanted in asked.arguments().items():
             if not agrees({name: wanted}, made):
-                raise ValueError(
+                raise InputError(
                     f"`{name}`={wanted} was asked for, but the environment applies {made[name]}; "
                     "ask for what it can apply"
                 )

@@ -8,7 +8,7 @@ from typing import Any
 
 import gymnasium as gym
 
-from integ_gym.support.errors import describe_exception, translate_errors
+from integ_gym.support.errors import InputError, describe_exception, translate_errors
 from integ_gym.support.optional import check_versions, load
 from integ_gym.support.parameters import suggestion
 
@@ -98,7 +98,7 @@ def stock_task(env_id: str, arguments: Mapping[str, Any]) -> gym.Env[Any, Any]:
     except gym.error.Error as error:
         own = suggestion(env_id, ENVIRONMENTS)
         meant = "" if own.startswith("Did you mean") else f" {error}"
-        raise ValueError(
+        raise InputError(
             f"unknown environment: {env_id!r}.{meant} {own}, {OTHER_TESTBEDS}"
         ) from error
     check_versions("robotics" if module else "mujoco")
@@ -109,13 +109,13 @@ def stock_task(env_id: str, arguments: Mapping[str, Any]) -> gym.Env[Any, Any]:
     try:
         env = gym.make(name, **arguments)
     except Exception as error:  # whatever the task's constructor raises
-        raise ValueError(
+        raise InputError(
             f"Gymnasium cannot make {env_id!r}: {describe_exception(error)}; {possible}"
         ) from error
     if not isinstance(env.unwrapped, MujocoEnv):
-        raise ValueError(f"{env_id!r} is no MuJoCo task; {possible}")
+        raise InputError(f"{env_id!r} is no MuJoCo task; {possible}")
     if env.spec is None or env.spec.max_episode_steps is None:
-        raise ValueError(
+        raise InputError(
             f"{env_id!r} has no time limit, so its episodes may never end; register it with "
             "`max_episode_steps`"
         )

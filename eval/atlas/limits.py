@@ -14,7 +14,7 @@ from integ_gym.envs import numerics
 from integ_gym.envs.catalogue.lookup import environment_setup
 from integ_gym.envs.settings import Discretization
 
-from ..panel.specification.values import SpecError
+from ..panel.cells import SpecError
 
 WIDEST = 1e4
 """Largest limit of the control that is tried, as a multiple of the smallest."""

@@ -7,6 +7,7 @@ import io
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from integ_gym.support.errors import InputError
 from integ_gym.support.figures import write_figure
 from integ_gym.support.files import make_folder, replace_file
 from integ_gym.support.terminal import NONE, fixed
@@ -36,7 +37,7 @@ def publish(atlas: Atlas, summaries: Path, out: Path) -> list[Path]:
     """
     done = finished(atlas, summaries)
     if not done:
-        raise ValueError(f"no block of atlas {atlas.name!r} has a summary in {summaries}")
+        raise InputError(f"no block of atlas {atlas.name!r} has a summary in {summaries}")
     found = points(atlas, done, noted_in(summaries))
     make_folder(out)
     homes = [home.name for home in atlas.panel.train]

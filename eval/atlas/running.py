@@ -8,6 +8,8 @@ from pathlib import Path
 
 import msgspec
 
+from integ_gym.support.errors import InputError
+
 from ..panel.calls import run_panel
 from .specification import Atlas, Block
 from .summaries import (
@@ -45,7 +47,7 @@ def finished(atlas: Atlas, folder: Path) -> list[tuple[Block, Summary]]:
             continue
         summary = read_summary(path)
         if not is_of(summary, block):
-            raise ValueError(
+            raise InputError(
                 f"{path} is of another specification than block {block.name}; give another folder "
                 "with --summaries, or remove it to run the block again"
             )
@@ -116,7 +118,7 @@ def again(
     """
     path = summary_path(folder, block)
     if not path.exists():
-        raise ValueError(f"block {block.name} has no summary in {folder}; run it first")
+        raise InputError(f"block {block.name} has no summary in {folder}; run it first")
     before, run = read_summary(path), out / f"{block.name}-again"
     one = replace(block, panel=replace(block.panel, seeds=block.panel.seeds[:1]))
     made = _made(atlas, one, run, workers)

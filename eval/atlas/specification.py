@@ -8,9 +8,8 @@ from pathlib import Path
 
 import msgspec
 
-from ..panel.specification.panel_spec import PanelSpec
-from ..panel.specification.reading import parse_spec, read_toml
-from ..panel.specification.values import SpecError
+from ..panel.cells import SpecError
+from ..panel.spec import PanelSpec, parse_spec, read_toml
 from .limits import control_argument, critical_limit
 
 

@@ -20,11 +20,12 @@ import numpy.typing as npt
 
 from integ_gym.evidence.sealing import read_seal
 from integ_gym.evidence.store import open_run
+from integ_gym.support.errors import InputError
 from integ_gym.support.files import read_bounded, replace_file
 from integ_gym.support.optional import package_version
 
-from ..panel.model.files import FILE_NAME, read_panel
-from ..panel.specification.cells.cell import Home
+from ..panel.cells import Home
+from ..panel.result import FILE_NAME, read_panel
 from ..statistics import Interval, mean_interval
 from ..verdict import LEARNED
 from .specification import Atlas, Block
@@ -206,7 +207,7 @@ def read_summary(path: Path) -> Summary:
         table = pq.ParquetFile(source, pre_buffer=False).read(use_threads=False)
         origin = msgspec.json.decode((table.schema.metadata or {})[KEY], type=Origin)
     except (KeyError, msgspec.DecodeError, pa.ArrowException) as error:
-        raise ValueError(f"{path} is no summary of an atlas's block: {error}") from None
+        raise InputError(f"{path} is no summary of an atlas's block: {error}") from None
     return Summary(origin, table.replace_schema_metadata(None))
 
 
@@ -259,7 +260,7 @@ def compare(name: str, first: Summary, again: Summary) -> Agreement:
     if told is not None:
         whole = {_key(row) for row in before} == {_key(row) for row in after}
         if same_processor(first, again) or not whole:
-            raise ValueError(f"block {name}, {told} differ between code {' and '.join(codes)}")
+            raise InputError(f"block {name}, {told} differ between code {' and '.join(codes)}")
         found = _by_chance(name, _success(before), _success(after))
         difference = (found.estimate, found.low, found.high)
     policies = len({(row["home"], row["seed"]) for row in after})
@@ -308,17 +309,17 @@ def _by_chance(
     for home, values in changes.items():
         found = _interval(values, 1.0 - 0.05 / len(changes))
         if found.low > 0.0 or found.high < 0.0:
-            raise ValueError(f"block {name}, success of {home} is another: by {found}")
+            raise InputError(f"block {name}, success of {home} is another: by {found}")
     overall = _interval(np.mean(list(changes.values()), axis=0), 0.95)
     if max(-overall.low, overall.high) > MARGIN:
-        raise ValueError(f"block {name}, success may be another: by {overall}")
+        raise InputError(f"block {name}, success may be another: by {overall}")
     return overall
 
 
 def _interval(values: npt.NDArray[np.float64], level: float) -> Interval:
     found = mean_interval(values, level)
     if found is None:
-        raise ValueError("one seed tells nothing of what another processor changes")
+        raise InputError("one seed tells nothing of what another processor changes")
     return found
 
 
@@ -347,7 +348,7 @@ def check_agree(summaries: Sequence[Summary], agreements: Iterable[Agreement]) -
         reached |= grown
     apart = [code for code in codes if code not in reached]
     if apart:
-        raise ValueError(
+        raise InputError(
             f"summaries of code {codes[0]} and {apart[0]} were never held against each other; run "
             "a block again with `integ-gym atlas SPEC --again BLOCK`"
         )

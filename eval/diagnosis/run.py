@@ -13,7 +13,7 @@ from typing import Any
 from integ_gym.envs.registries import INTEGRATORS
 from integ_gym.evidence.record import plain
 from integ_gym.evidence.store import EvidenceStore
-from integ_gym.support.errors import is_raised_under
+from integ_gym.support.errors import InputError, IntegGymError, is_raised_under
 from integ_gym.support.files import cannot_write, make_folder, replace_file
 from integ_gym.support.processes import Progress, work_bar
 
@@ -93,7 +93,7 @@ class Request:
         return plants, names
 
 
-class DiagnosisError(ValueError):
+class DiagnosisError(IntegGymError, ValueError):
     """A plant or integrator that cannot be diagnosed, in one sentence."""
 
 
@@ -160,9 +160,9 @@ def diagnose(
             cannot be written to.
     """
     if directory.is_file():
-        raise ValueError(f"{directory} is a file; --out needs a directory")
+        raise InputError(f"{directory} is a file; --out needs a directory")
     if (directory / "evidence").exists() and not (directory / RESULT).exists():
-        raise ValueError(
+        raise InputError(
             f"{directory} holds evidence of something else than a diagnosis; give another --out"
         )
     plants, names = request.chosen()

@@ -18,6 +18,7 @@ from integ_gym.envs.ops.array_ops import ARRAY
 from integ_gym.envs.plants.interface import Plant, join_state
 from integ_gym.envs.registries import ENVIRONMENTS, INTEGRATORS, PLANTS
 from integ_gym.envs.settings import whole_multiple
+from integ_gym.support.errors import InputError
 
 Array = npt.NDArray[np.float64]
 
@@ -139,7 +140,7 @@ def subjects(env_id: str | None, plant: str | None, steps: Sequence[float]) -> l
         ValueError: for an unknown environment or plant.
     """
     if env_id is not None and plant is not None:
-        raise ValueError(f"--env {env_id} has its own plant; give --env or --plant, not both")
+        raise InputError(f"--env {env_id} has its own plant; give --env or --plant, not both")
     if env_id is not None:
         return [_subject(environment_class(env_id).task_class().plant, (env_id,), steps)]
     names = (plant,) if plant is not None else PLANTS.names()
@@ -158,13 +159,13 @@ def _subject(name: str, environments: tuple[str, ...], steps: Sequence[float]) -
     except ValueError:
         raise
     except Exception as error:  # whatever the equations of a user's plant do
-        raise ValueError(
+        raise InputError(
             f"the plant {name!r} cannot be evaluated: {type(error).__name__}: {error}; write its "
             "equations with the `ops` that it is given, for floats and arrays alike"
         ) from error
     frequency = float(rates[-1])
     if not frequency > 0.0:
-        raise ValueError(
+        raise InputError(
             f"the plant {name!r} has no restoring force at rest; a diagnosis needs a plant that "
             "oscillates about a stable equilibrium"
         )
@@ -184,12 +185,12 @@ def _checked(name: str, plant: type[Any]) -> type[Any]:
     missing = [n for n in dict.fromkeys(needed) if not hasattr(plant, n)]
     if missing or not is_dataclass(plant):
         lacks = f"lacks {', '.join(missing)}" if missing else "is no dataclass"
-        raise ValueError(
+        raise InputError(
             f"the plant {name!r} {lacks}; docs/how-to/adding.md has a complete example"
         )
     bare = [f.name for f in fields(plant) if "check" not in f.metadata]
     if bare:
-        raise ValueError(
+        raise InputError(
             f"`{bare[0]}` of the plant {name!r} has no unit and range; declare it with "
             "integ_gym.support.parameters.parameter, as docs/how-to/adding.md shows"
         )
@@ -200,7 +201,7 @@ def _ladder(steps: Sequence[float]) -> tuple[float, ...]:
     """Coarse to fine; one step alone is halved twice."""
     wrong = [step for step in steps if not (math.isfinite(step) and step > 0.0)]
     if wrong:
-        raise ValueError(f"--dt must be a finite number of seconds above 0, got {wrong[0]:g}")
+        raise InputError(f"--dt must be a finite number of seconds above 0, got {wrong[0]:g}")
     ladder = sorted(set(steps), reverse=True)
     for step in ladder[1:]:
         whole_multiple("the largest --dt", ladder[0], "--dt", step)
@@ -210,12 +211,12 @@ def _ladder(steps: Sequence[float]) -> tuple[float, ...]:
 def _check_scale(name: str, ladder: tuple[float, ...], frequency: float) -> None:
     """Refuse steps that say nothing about an oscillation of ``frequency`` rad/s."""
     if ladder[-1] * frequency < _FINEST:
-        raise ValueError(
+        raise InputError(
             f"--dt {ladder[-1]:g} s is finer than {_FINEST / frequency:.2g} s, where the "
             f"oscillation of {name} takes too many steps; give a larger one"
         )
     if ladder[0] * frequency > _COARSEST:
-        raise ValueError(
+        raise InputError(
             f"--dt {ladder[0]:g} s is coarser than {_COARSEST / frequency:.2g} s, where a step "
             f"passes over whole oscillations of {name}; give a smaller one"
         )
@@ -269,7 +270,7 @@ def check_integrator(name: str, subject: Subject) -> None:
         numerics.advance_lanes(name, subject.plant, np.tile(subject.start, (_LANES, 1)), dt)
     except Exception as error:  # whatever a user's step does
         what = " ".join(str(error).split())
-        raise ValueError(
+        raise InputError(
             f"the integrator {name!r} cannot take a step on {subject.name}: "
             f"{type(error).__name__}: {what}; docs/how-to/adding.md says what an integrator must be"
         ) from error
@@ -279,7 +280,7 @@ def _require(
     name: str, attribute: str, value: Any, valid: Callable[[Any], bool], wanted: str
 ) -> None:
     if value is not None and not valid(value):
-        raise ValueError(
+        raise InputError(
             f"`{attribute}` of the integrator {name!r} must be {wanted}, got {value!r}; leave it "
             "out where nothing is promised"
         )
@@ -351,7 +352,7 @@ def rest_state(plant: Plant) -> Array:
         if away > 0.0:
             step = min(step, _FIRST / away)
         q = q + np.linalg.solve(np.eye(n) / step - slopes, pull)
-    raise ValueError(
+    raise InputError(
         f"the plant {type(plant).__name__} does not come to rest without control; a diagnosis "
         "needs a plant with a stable equilibrium"
     )

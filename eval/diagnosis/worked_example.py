@@ -14,6 +14,7 @@ from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.plants.pendulum import Pendulum
 from integ_gym.envs.registries import INTEGRATORS
 from integ_gym.envs.settings import check_divides
+from integ_gym.support.errors import InputError
 from integ_gym.support.figures import write_figure
 from integ_gym.support.terminal import compact_percent
 
@@ -61,7 +62,7 @@ def drift_example(directory: Path, dt: float | None = None) -> tuple[Drift, Drif
     """
     if dt is not None:
         if not 0.0 < dt < math.inf:
-            raise ValueError(f"--dt must be a finite number above 0, got {dt}")
+            raise InputError(f"--dt must be a finite number above 0, got {dt}")
         check_divides("--dt", dt, "one oscillation", WINDOW)
     plant = Pendulum(gravity=9.81, mass_distribution="point")
     step = dt or DT

@@ -11,6 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from integ_gym.support.errors import InputError, InputTypeError
 from integ_gym.support.executors import Resources, open_cluster
 from integ_gym.support.optional import require
 from integ_gym.support.processes import check_spawning
@@ -22,14 +23,12 @@ from .existing.evaluate import evaluate_existing
 from .existing.given import given_policy, is_reference
 from .existing.planning import plan
 from .existing.policy import read_existing
-from .model.panel import Panel
-from .results.ending import phases
-from .results.outputs import write_artefact
+from .outputs import phases, write_artefact
+from .plan import stages
+from .result import Panel
 from .running.panel import as_there, complete, opened
 from .running.run_directory import RunDirectory
-from .specification.growth import stages
-from .specification.panel_spec import PanelSpec
-from .specification.reading import BUILT_IN, built_in_spec, read_spec
+from .spec import BUILT_IN, PanelSpec, built_in_spec, read_spec
 
 
 def specified(spec: PanelSpec | str | os.PathLike[str]) -> PanelSpec:
@@ -149,7 +148,7 @@ def _resources(given: Resources | None, workers: int | None, memory_gib: float |
         asked = getattr(given, name, None)
         if asked is not None and asked != own:
             place = "`workers`" if name == "workers" else "the specification"
-            raise ValueError(f"`{name}` of `resources` is said by {place}; leave it out there")
+            raise InputError(f"`{name}` of `resources` is said by {place}; leave it out there")
     return replace(given or Resources(), workers=workers, memory_gib=memory_gib)
 
 
@@ -223,19 +222,19 @@ def evaluate(
         policy = os.fspath(policy)
     if is_reference(policy) or not isinstance(policy, str | os.PathLike):
         if obs_stats is not None:
-            raise ValueError(
+            raise InputError(
                 "statistics of observations are given for a policy's file; a model carries its own "
                 "VecNormalize, and a function normalizes for itself"
             )
         if own_code:
-            raise ValueError(
+            raise InputError(
                 "own_code lets a side-car name classes, and a policy that is no file has none; "
                 "leave it out"
             )
         existing = given_policy(policy, env_id, given, home)
     else:
         if not isinstance(obs_stats, str | os.PathLike | None):
-            raise TypeError(
+            raise InputTypeError(
                 "obs_stats must be a file, which the run keeps; save its numbers as JSON, or with "
                 "integ_gym.write_sidecar(..., obs_stats=...)"
             )

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from ..power import Power, fewest_seeds, verdict_chances
 from ..verdict import ALPHA, Looks, Shares
-from .model.panel import Look
-from .specification.panel_spec import PanelSpec
+from .result import Look
+from .spec import PanelSpec
 
 
 @dataclass(frozen=True)

@@ -23,12 +23,23 @@ from integ_gym.support.figures import (
 )
 from integ_gym.support.terminal import NONE, step
 
-from ..panel.model.panel import Group
+from ..panel.result import Group
 from ..verdict import EQUIVALENCE_MARGIN, FAIL_MARGIN
-from .data.forests import Forest, Line, Mark
-from .data.ladders import LadderPlot, LadderPlots, thinned
-from .data.matrices import RATE_AXIS, Axis, Matrix, MatrixLine, Shade
-from .figures import draw_box, draw_series, shade_colour, stripes
+from .drawing import (
+    draw_box,
+    draw_series,
+    shade_colour,
+    stripes,
+)
+from .forests import Forest, Line, Mark
+from .ladders import LadderPlot, LadderPlots, thinned
+from .matrices import (
+    RATE_AXIS,
+    Axis,
+    Matrix,
+    MatrixLine,
+    Shade,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple, TextIO
 
+from integ_gym.support.errors import InputError
 from integ_gym.support.files import cannot_write, new_path
 from integ_gym.support.optional import load
 from integ_gym.support.processes import work_bar
@@ -75,7 +76,7 @@ def export(
         ValueError: for another format, or where nothing can be written.
     """
     if form not in EXPORT_FORMATS:
-        raise ValueError(f"the format must be one of {', '.join(EXPORT_FORMATS)}, got {form!r}")
+        raise InputError(f"the format must be one of {', '.join(EXPORT_FORMATS)}, got {form!r}")
     chosen = select(store, where, traced=form in _OF_TRACES)
     if form in _TEXTS:
         return Exported(_write_text(form, chosen.episodes(trace=False), out), chosen.left_out)

@@ -12,6 +12,7 @@ from integ_gym.eval.atlas.running import again, missing, run_blocks
 from integ_gym.eval.atlas.specification import Atlas, Block, read_atlas
 from integ_gym.eval.atlas.summaries import Agreement
 from integ_gym.eval.panel.running.costs.expected_cost import policy_costs, total_cost
+from integ_gym.support.errors import InputError
 from integ_gym.support.options import CommandParser
 from integ_gym.support.terminal import plural, print_aligned, say, seconds
 
@@ -70,7 +71,7 @@ def main(argv: Sequence[str]) -> int:
     atlas = read_atlas(given.spec)
     reads = given.plan or given.publish
     if given.out is None and not (reads and given.summaries):
-        raise ValueError("an atlas needs a directory: --out DIR")
+        raise InputError("an atlas needs a directory: --out DIR")
     folder = given.summaries or given.out / "summaries"
     waiting = missing(atlas, folder)
     if given.publish:
@@ -110,7 +111,7 @@ def _named(blocks: Sequence[Block], name: str) -> Block:
     for block in blocks:
         if block.name == name:
             return block
-    raise ValueError(f"there is no block {name!r}; --plan lists them")
+    raise InputError(f"there is no block {name!r}; --plan lists them")
 
 
 def _print_plan(atlas: Atlas, waiting: Sequence[Block]) -> None:

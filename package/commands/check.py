@@ -10,7 +10,7 @@ from pathlib import Path
 from integ_gym.envs.catalogue.lookup import OTHER_TESTBEDS
 from integ_gym.envs.registries import ENVIRONMENTS
 from integ_gym.eval.loss_check import Check, check
-from integ_gym.eval.panel.specification.panel_spec import TRAINERS
+from integ_gym.eval.panel.spec import TRAINERS
 from integ_gym.support.options import (
     CommandParser,
     add_named_values,

@@ -12,6 +12,7 @@ from integ_gym.eval.diagnosis.page import DIAGNOSIS_PAGE
 from integ_gym.eval.diagnosis.run import Request, diagnose
 from integ_gym.eval.diagnosis.terminal import print_diagnosis
 from integ_gym.eval.diagnosis.worked_example import drift_example
+from integ_gym.support.errors import InputError
 from integ_gym.support.optional import require
 from integ_gym.support.options import CommandParser, refuse_unused, told_command
 from integ_gym.support.processes import cores
@@ -100,7 +101,7 @@ def _example(given: argparse.Namespace) -> int:
     why = "--example drift has its own plants and prints all of it in a moment"
     refuse_unused(parser(), given, why, ("example", "dt", "out"))
     if len(given.dt) > 1:
-        raise ValueError("--example drift takes one step; give --dt one number of seconds")
+        raise InputError("--example drift takes one step; give --dt one number of seconds")
     pendulum, cart_pole, picture = drift_example(given.out, *given.dt)
     for drift in (pendulum, cart_pole):
         say(drift.setting, sys.stdout)

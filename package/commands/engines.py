@@ -15,6 +15,7 @@ from integ_gym.envs.engines.interface import integrators_of, missing_modules
 from integ_gym.envs.engines.stepping import CONSTRAINT_VIOLATION
 from integ_gym.envs.registries import ENGINES
 from integ_gym.envs.settings import NATIVE
+from integ_gym.support.errors import InputError
 from integ_gym.support.optional import install_command
 from integ_gym.support.options import CommandParser
 from integ_gym.support.parameters import unknown_name
@@ -87,7 +88,7 @@ def chosen_engines(names: Sequence[str] | None) -> Sequence[str]:
     """
     for name in names or ():
         if name not in ENGINES:
-            raise ValueError(unknown_name("engine", name, ENGINES.names()))
+            raise InputError(unknown_name("engine", name, ENGINES.names()))
     return names or sorted(ENGINES.names(), key=lambda name: name != NATIVE)
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from integ_gym.envs.catalogue.lookup import OTHER_TESTBEDS, is_integ_environment
 from integ_gym.envs.registries import ENVIRONMENTS
 from integ_gym.eval.panel.calls import evaluate
+from integ_gym.support.errors import InputError
 from integ_gym.support.options import (
     CommandParser,
     add_named_values,
@@ -109,15 +110,15 @@ def main(argv: Sequence[str]) -> int:
     """Run the command; returns its exit code."""
     given = parser().parse_args(argv)
     if (given.file is None) == (given.policy is None):
-        raise ValueError("give either a policy's file or --policy MODULE:FUNCTION")
+        raise InputError("give either a policy's file or --policy MODULE:FUNCTION")
     if given.policy is not None and given.own_code:
-        raise ValueError("--own-code is for what a side-car names, and --policy has none; omit it")
+        raise InputError("--own-code is for what a side-car names, and --policy has none; omit it")
     if given.policy is not None and ":" not in given.policy:
-        raise ValueError(f"--policy must be MODULE:FUNCTION, got {given.policy!r}")
+        raise InputError(f"--policy must be MODULE:FUNCTION, got {given.policy!r}")
     if given.episodes < 1:
-        raise ValueError(f"--episodes must be 1 or above, got {given.episodes}")
+        raise InputError(f"--episodes must be 1 or above, got {given.episodes}")
     if given.success_return is not None and is_integ_environment(given.env):
-        raise ValueError(
+        raise InputError(
             f"--success-return is for Gymnasium's tasks: what success is in {given.env} is fixed, "
             "in SI units; leave it out"
         )

@@ -16,6 +16,7 @@ from integ_gym.evidence.exchange.exporting import EXPORT_FORMATS, TEXT_FORMATS, 
 from integ_gym.evidence.exchange.parquet_dataset import changed_since_export, read_export
 from integ_gym.evidence.fields import SCHEMA_VERSION
 from integ_gym.evidence.printing import ASCII_BARS, BARS, TABLE_FORMATS, print_table, show
+from integ_gym.evidence.query import query_in_place
 from integ_gym.evidence.recomputing import recompute
 from integ_gym.evidence.record import EvidenceRecord
 from integ_gym.evidence.replaying import ELSEWHERE, Acting
@@ -32,7 +33,7 @@ from integ_gym.evidence.sealing import (
     seal,
     sign,
 )
-from integ_gym.evidence.store import EvidenceStore, merge, open_run, query_in_place
+from integ_gym.evidence.store import EvidenceStore, merge, open_run
 from integ_gym.evidence.verification import missing_episodes, other_columns, replay_some
 from integ_gym.support.files import make_folder
 from integ_gym.support.optional import absent

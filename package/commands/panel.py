@@ -10,11 +10,11 @@ from dataclasses import replace
 from pathlib import Path
 
 from integ_gym.eval.panel.calls import run_panel, specified
-from integ_gym.eval.panel.specification.growth import grown
-from integ_gym.eval.panel.specification.panel_spec import TRAINERS, PanelSpec
-from integ_gym.eval.panel.specification.reading import BUILT_IN
-from integ_gym.eval.report.data.forests import ordered_verdicts
+from integ_gym.eval.panel.plan import grown
+from integ_gym.eval.panel.spec import BUILT_IN, TRAINERS, PanelSpec
+from integ_gym.eval.report.forests import ordered_verdicts
 from integ_gym.evidence.sealing import check_key, read_seal, sign
+from integ_gym.support.errors import InputError
 from integ_gym.support.options import (
     CommandParser,
     refuse_unused,
@@ -134,11 +134,11 @@ def main(argv: Sequence[str]) -> int:
         words += ["--trainer", arguments.trainer]
     if arguments.memory_gib is not None:
         if not 0.0 < arguments.memory_gib < math.inf:
-            raise ValueError(
+            raise InputError(
                 f"--memory-gib must be a finite number above 0, got {arguments.memory_gib}"
             )
         if not spec.fleet or arguments.policies:
-            raise ValueError(
+            raise InputError(
                 "--memory-gib bounds the training of the fleet, and nothing is trained by it here; "
                 "leave it out"
             )
@@ -150,7 +150,7 @@ def main(argv: Sequence[str]) -> int:
         words += ["--policies", str(arguments.policies)]
     if arguments.power:
         if is_remote(arguments.out):
-            raise ValueError(
+            raise InputError(
                 f"--power reads a panel on this machine, and {arguments.out} is none; leave --out "
                 "out, or give it a copy of the run"
             )
@@ -166,9 +166,9 @@ def main(argv: Sequence[str]) -> int:
         print_plan(spec, workers_of(arguments), trains=arguments.policies is None)
         return 0
     if arguments.out is None:
-        raise ValueError("a panel needs a directory: --out DIR")
+        raise InputError("a panel needs a directory: --out DIR")
     if arguments.sign is not None and is_remote(arguments.out):
-        raise ValueError(
+        raise InputError(
             f"--sign signs a run on this machine, and {arguments.out} is none; copy it here once "
             "it is finished, `integ-gym evidence seal --sign` the copy, and send seal.json.sig back"
         )

@@ -8,10 +8,11 @@ from pathlib import Path
 
 from integ_gym.eval.panel.calls import rewriting
 from integ_gym.eval.panel.checking.page import check_finished
-from integ_gym.eval.panel.model.files import FILE_NAME, read_panel
+from integ_gym.eval.panel.result import FILE_NAME, read_panel
 from integ_gym.eval.panel.running.run_directory import MANIFEST
-from integ_gym.eval.report.page.page import write_report
-from integ_gym.eval.report.write_figures import STYLES, write_figures
+from integ_gym.eval.report.figures import STYLES, write_figures
+from integ_gym.eval.report.page import write_report
+from integ_gym.support.errors import InputError
 from integ_gym.support.options import CommandParser, run_place
 from integ_gym.support.storage import is_remote
 
@@ -66,13 +67,13 @@ def _check(directory: Path) -> None:
     if (directory / FILE_NAME).exists():
         return
     if not directory.is_dir():
-        raise ValueError(f"there is no directory {directory}; give the directory of a panel")
+        raise InputError(f"there is no directory {directory}; give the directory of a panel")
     if (directory / MANIFEST).exists():
-        raise ValueError(
+        raise InputError(
             f"{directory} holds a panel that is not finished; run the command that started it "
             "again, which goes on where it stopped"
         )
-    raise ValueError(
+    raise InputError(
         f"{directory} holds no panel; give the directory that `integ-gym panel` or `integ-gym "
         "evaluate` wrote with --out"
     )

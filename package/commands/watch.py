@@ -9,6 +9,7 @@ from pathlib import Path
 
 from integ_gym.eval.film import Film, check_writable, show_film
 from integ_gym.eval.watch import candidates, side_by_side, watch
+from integ_gym.support.errors import InputError
 from integ_gym.support.options import CommandParser, whole_number
 from integ_gym.support.terminal import print_aligned, say
 from integ_gym.train.policy_files.sidecar import policy_file
@@ -65,7 +66,7 @@ def main(argv: Sequence[str]) -> int:
     given = parser().parse_args(argv)
     if given.record is None and (given.run / "evidence").is_dir():
         if given.on or given.out or given.own_code or given.seed is not None:
-            raise ValueError(
+            raise InputError(
                 f"{given.run} is no trained policy; give the id of one of its records after it, "
                 f"such as `integ-gym watch {given.run}` lists"
             )
@@ -100,14 +101,14 @@ def _list(run: Path) -> int:
 def _film(given: argparse.Namespace) -> Film:
     if given.record is not None:
         if given.seed is not None:
-            raise ValueError("--seed is for a trained policy; leave RECORD out")
+            raise InputError("--seed is for a trained policy; leave RECORD out")
         return watch(given.run, given.record, given.on, own_code=given.own_code, on_doubt=_warn)
     if given.run.is_dir() and not policy_file(given.run).exists():
-        raise ValueError(
+        raise InputError(
             f"{given.run} is no trained policy; give the id of one of its records after it"
         )
     if not given.run.exists():
-        raise ValueError(f"there is no {given.run}; give the directory of a run or of a policy")
+        raise InputError(f"there is no {given.run}; give the directory of a run or of a policy")
     return side_by_side(given.run, given.on, given.seed or 0, own_code=given.own_code)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from integ_gym.support.errors import InputError
 from integ_gym.support.executors import EXECUTORS, Resources
 from integ_gym.support.options import whole_number
 
@@ -33,7 +34,7 @@ def workers_of(arguments: argparse.Namespace) -> int | None:
     """
     count: int | None = arguments.workers
     if count is not None and count < 1:
-        raise ValueError(f"--workers must be 1 or above, got {count}")
+        raise InputError(f"--workers must be 1 or above, got {count}")
     return count
 
 

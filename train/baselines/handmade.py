@@ -16,6 +16,7 @@ from integ_gym.envs.ops.array_ops import ARRAY
 from integ_gym.envs.ops.ops import SCALAR
 from integ_gym.envs.plants.interface import Plant, join_state, split_state
 from integ_gym.envs.settings import Setup
+from integ_gym.support.errors import InputError
 from integ_gym.support.optional import load
 
 from ..policy import ActionArray
@@ -90,7 +91,7 @@ def lqr(a: Matrix, b: Matrix, state_cost: Matrix, control_cost: Matrix) -> tuple
     try:
         value = linalg.solve_discrete_are(a, b, state_cost, control_cost)
     except np.linalg.LinAlgError as error:
-        raise ValueError(
+        raise InputError(
             "no linear control holds this plant upright; give it gravity and a control that acts"
         ) from error
     gain = np.linalg.solve(control_cost + b.T @ value @ b, b.T @ value @ a)

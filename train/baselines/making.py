@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from integ_gym.envs.registries import TASKS
 from integ_gym.envs.settings import Setup
+from integ_gym.support.errors import InputError
 from integ_gym.support.parameters import unknown_name
 from integ_gym.support.registry import Registry
 
@@ -98,7 +99,7 @@ def bounds_of(space: spaces.Space[Any]) -> tuple[NDArray[np.float64], NDArray[np
         ValueError: for a space that is no `Box` of numbers with finite bounds.
     """
     if not (isinstance(space, spaces.Box) and space.shape and space.is_bounded()):
-        raise ValueError(
+        raise InputError(
             f"random and zero are for a Discrete set or a bounded Box of actions, got {space}"
         )
     low, high = (
@@ -207,10 +208,10 @@ def make_baseline(name: str, setup: Any, *, seed: int = 0, controller: str | Non
             `handmade`, an environment that has none or whose gravity is 0.
     """
     if name not in BASELINES:
-        raise ValueError(unknown_name("baseline", name, BASELINES))
+        raise InputError(unknown_name("baseline", name, BASELINES))
     varied = [key for key, value in setup.arguments().items() if isinstance(value, np.ndarray)]
     if varied:
-        raise ValueError(
+        raise InputError(
             f"a baseline is made for one plant, and {', '.join(varied)} has one value per lane; "
             "make one baseline per value"
         )
@@ -239,12 +240,12 @@ def has_handmade(setup: Setup) -> bool:
 def _handmade(setup: Any, controller: str | None) -> Policy:
     """The hand-made controller of that name, or of the environment's task."""
     if setup.arguments().get("gravity") == 0.0:
-        raise ValueError("without gravity there is nothing to balance; leave `handmade` out")
+        raise InputError("without gravity there is nothing to balance; leave `handmade` out")
     tasks = {name: TASKS.load(name) for name in HANDMADE.parts}
     fitting = (name for name, task in tasks.items() if isinstance(setup.task, task))
     chosen = controller or next(fitting, None)
     if chosen is None:
-        raise ValueError(
+        raise InputError(
             f"there is no hand-made controller for the task {type(setup.task).__name__}, only for "
             f"{', '.join(task.__name__ for task in tasks.values())}; leave `handmade` out"
         )

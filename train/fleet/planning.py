@@ -13,7 +13,8 @@ import numpy as np
 
 from integ_gym.envs.ops.jax_ops import jax
 from integ_gym.envs.registries import ENGINES
-from integ_gym.evidence.record import Layout
+from integ_gym.evidence.layout import Layout
+from integ_gym.support.errors import InputError
 
 from ..ppo import PPOConfig
 from .evidence import ROWS_AT_ONCE
@@ -165,7 +166,7 @@ def _held(kind: Kind, gib: float, workers: int) -> int:
     most = int((gib * 2**30 / workers - PROGRAM_BYTES) // kind.bytes)
     if most < 1:
         needed = workers * (PROGRAM_BYTES + kind.bytes) / 2**30
-        raise ValueError(
+        raise InputError(
             f"`memory_gib`={gib:g} does not hold one policy in each of {workers} processes, which "
             f"takes {math.ceil(10.0 * needed) / 10.0:g} GiB; give more memory or fewer workers"
         )
@@ -210,11 +211,11 @@ def kind_of(config: PPOConfig) -> Kind:
 
 def _check_engine(config: PPOConfig) -> None:
     if config.env_arguments.get("contact") == "engine":
-        raise ValueError(f"the fleet cannot train with `contact`='engine'; {REMEDY}")
+        raise InputError(f"the fleet cannot train with `contact`='engine'; {REMEDY}")
     members = [config.env_arguments, *config.env_arguments.get("mixture", ())]
     for engine in (str(member["engine"]) for member in members if "engine" in member):
         if not ENGINES.load(engine).batched:
-            raise ValueError(
+            raise InputError(
                 f"the fleet cannot train on engine {engine!r}, which is not made of JAX's "
                 f"operations; {REMEDY}"
             )
@@ -244,7 +245,7 @@ def _check_traceable(kind: Kind, config: PPOConfig) -> None:
     except Exception as error:
         names = ", ".join(sorted({setup.settings.integrator for setup in env.setups}))
         reason = str(error).split("\n", 1)[0].rstrip(".")
-        raise ValueError(
+        raise InputError(
             f"the fleet cannot compile {config.env_id} with {names} ({reason}); {REMEDY}"
         ) from error
     _traceable.add(kind.structure)

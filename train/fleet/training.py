@@ -24,7 +24,8 @@ from integ_gym.envs import functional
 from integ_gym.envs.functional import FunctionalEnv
 from integ_gym.envs.ops.jax_ops import jax, jnp
 from integ_gym.envs.settings import Mixture
-from integ_gym.evidence.record import Layout
+from integ_gym.evidence.layout import Layout
+from integ_gym.support.errors import InputError
 from integ_gym.support.executors import Cluster
 from integ_gym.support.optional import require
 from integ_gym.support.processes import report_work
@@ -196,13 +197,13 @@ def train_in_stages(
             of different kinds.
     """
     if not stages:
-        raise ValueError("there is no stage to train in")
+        raise InputError("there is no stage to train in")
     learner: Learner | None = None
     with jax.enable_x64(False):
         trainers = [_Trainer(_common_kind(configs), configs) for configs in stages]
         rollouts = trainers[0].rollouts
         if len(stages) > rollouts:
-            raise ValueError(f"{len(stages)} stages of {rollouts} rollouts: some would have none")
+            raise InputError(f"{len(stages)} stages of {rollouts} rollouts: some would have none")
         ends = [round(place * rollouts / len(stages)) for place in range(len(stages) + 1)]
         for trainer, begun, ended in zip(trainers, ends, ends[1:], strict=False):
             learner = trainer.train(on_steps, ended - begun, learner)
@@ -213,7 +214,7 @@ def train_in_stages(
 def _common_kind(configs: Sequence[PPOConfig]) -> Kind:
     kinds = {kind_of(config) for config in configs}
     if len(kinds) != 1:
-        raise ValueError(f"the runs of a chunk must be of one kind, got {len(kinds)}: {kinds}")
+        raise InputError(f"the runs of a chunk must be of one kind, got {len(kinds)}: {kinds}")
     return kinds.pop()
 
 

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from integ_gym.support.errors import IntegGymError
+
 RETRAIN = "train with PPO('MlpPolicy', ...) and save again"
 
 
 DAMAGED = "save it again with model.save(path)"
 
 
-class PolicyFileError(ValueError):
+class PolicyFileError(IntegGymError, ValueError):
     """A policy file, or a statistics file, that cannot be read safely; one sentence says why."""
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from integ_gym.support.errors import InputError
 from integ_gym.support.files import parse_json, read_bounded
 from integ_gym.support.optional import load
 
@@ -158,14 +159,14 @@ class OnnxPolicy:
         except PolicyFileError:
             raise
         except Exception as error:  # onnxruntime's errors have no common class
-            raise ValueError(
+            raise InputError(
                 f"policy {self.policy_id!r} takes an input of shape {tuple(own)} and the "
                 f"environment gives observations of shape {shape}, as a batch of shape "
                 f"(1, {size}); evaluate it in the kind of environment it was trained in"
             ) from error
         count = 1 if self.discrete else math.prod(action_space.shape or ())
         if given.size != count:
-            raise ValueError(
+            raise InputError(
                 f"policy {self.policy_id!r} gives {given.size} numbers for an action and the "
                 f"environment takes {action_space}; evaluate it in the kind of environment it was "
                 "trained in"

@@ -18,6 +18,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import ArrayLike
 
+from integ_gym.support.errors import InputError
 from integ_gym.support.files import check_regular, read_bounded
 
 from ..policy import (
@@ -259,17 +260,17 @@ def _read_small_file(file: Path) -> bytes:
 def _statistics(fields: Json) -> ObservationStatistics:
     """Statistics from parsed JSON; raises ValueError with what is wrong."""
     if not {"mean", "var"} <= set(fields) <= {"mean", "var", *_DEFAULTS}:
-        raise ValueError(
+        raise InputError(
             "expected the keys mean, var and perhaps epsilon, clip_obs, got "
             f"{', '.join(sorted(map(str, fields)))}"
         )
     fields = {**_DEFAULTS, **fields}
     for name in ("mean", "var"):
         if not isinstance(fields[name], list) or not all(map(_is_number, fields[name])):
-            raise ValueError(f"'{name}' must be a list of finite numbers")
+            raise InputError(f"'{name}' must be a list of finite numbers")
     for name in ("epsilon", "clip_obs"):
         if not _is_number(fields[name]):
-            raise ValueError(f"'{name}' must be a finite number, got {fields[name]!r}")
+            raise InputError(f"'{name}' must be a finite number, got {fields[name]!r}")
     return ObservationStatistics(**fields)
 
 

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from integ_gym.envs.catalogue.lookup import is_integ_environment
 from integ_gym.envs.settings import DISCRETIZATION, Discretization
 from integ_gym.envs.testbeds.making import find_testbed
+from integ_gym.support.errors import InputError
 from integ_gym.support.files import read_json, read_object, replace_file
 from integ_gym.support.options import named_value
 from integ_gym.support.parameters import unknown_name
@@ -65,7 +66,7 @@ def stated_arguments(stated: Stated, env_id: str) -> dict[str, Any]:
         return {}
     if stated == STOCK:
         if ":" in env_id or (is_integ_environment(env_id) and env_id not in STOCK_ARGUMENTS):
-            raise ValueError(
+            raise InputError(
                 f"{env_id} is no environment of Gymnasium's, so --home stock says nothing; give "
                 "--home integrator=…,dt=…,control_period=…"
             )
@@ -73,12 +74,12 @@ def stated_arguments(stated: Stated, env_id: str) -> dict[str, Any]:
     parts = _parts(stated)
     for name in parts:
         if name not in DISCRETIZATION:
-            raise ValueError(unknown_name("part of a home", name, DISCRETIZATION))
+            raise InputError(unknown_name("part of a home", name, DISCRETIZATION))
     if set(parts) == {"control_period"}:
         return parts
     lacking = [name for name in ("integrator", "dt") if name not in parts]
     if lacking:
-        raise ValueError(
+        raise InputError(
             f"the home lacks `{lacking[0]}`; give --home integrator=…,dt=…,control_period=…, or "
             "control_period=… alone where no more is known"
         )
@@ -95,7 +96,7 @@ def _parts(stated: str | Mapping[str, Any] | Discretization) -> dict[str, Any]:
         return dict(stated)
     words = [word.strip() for word in stated.split(",")]
     if not all("=" in word for word in words):
-        raise ValueError(
+        raise InputError(
             f"the home {stated!r} cannot be read; give integrator=…,dt=…,control_period=…, or "
             f"{STOCK!r} for what was trained on Gymnasium's own environment"
         )

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from integ_gym.envs.catalogue.lookup import environment_setup, is_integ_environment
 from integ_gym.envs.settings import DISCRETIZATION
+from integ_gym.support.errors import InputError, InputTypeError
 from integ_gym.support.files import replace_file
 
 from ..policy import BoxActions, MlpPolicy
@@ -83,7 +84,7 @@ def write_sidecar(
             statistics.
     """
     if not isinstance(policy, str | os.PathLike):
-        raise TypeError(
+        raise InputTypeError(
             f"write_sidecar takes the path of a policy's file, got {type(policy).__name__}; write "
             "a model with integ_gym.save_policy, which says its home too"
         )
@@ -128,16 +129,16 @@ def _check_arguments(file: Path, activation: Any, actions: Any, action_bounds: A
         given["action_bounds"] = action_bounds
     for name, value in given.items():
         if value is not None and not of_state_dict:
-            raise ValueError(f"`{name}` is for a state dict, and {file.name} says its own; omit it")
+            raise InputError(f"`{name}` is for a state dict, and {file.name} says its own; omit it")
     if actions is not None and action_bounds is not None:
-        raise ValueError("actions are discrete or have bounds; give `actions` or `action_bounds`")
+        raise InputError("actions are discrete or have bounds; give `actions` or `action_bounds`")
 
 
 def _count(actions: Any) -> int:
     """How many discrete actions there are."""
     count = actions.n if isinstance(actions, spaces.Discrete) else actions
     if isinstance(count, bool) or not isinstance(count, int | np.integer) or count < 1:
-        raise ValueError(f"`actions` is the number of discrete actions, such as 2, got {count!r}")
+        raise InputError(f"`actions` is the number of discrete actions, such as 2, got {count!r}")
     return int(count)
 
 
@@ -147,7 +148,7 @@ def _bounds(given: Any) -> list[list[float]]:
     try:
         low, high = (np.asarray(side, dtype=float).ravel().tolist() for side in sides)
     except (TypeError, ValueError):
-        raise ValueError(
+        raise InputError(
             "`action_bounds` are (low, high), each one number for all actions or one for each, "
             f"such as (-2.0, 2.0), got {given!r:.60}"
         ) from None
@@ -160,7 +161,7 @@ def _plain(card: Mapping[str, Any]) -> dict[str, Any]:
     def converted(value: Any) -> Any:
         if isinstance(value, np.generic | np.ndarray):
             return value.tolist()
-        raise TypeError(
+        raise InputTypeError(
             f"a side-car holds numbers, texts, lists and objects, got {type(value).__name__}; give "
             "`environment`, `home` and `seed` as such"
         )
@@ -204,7 +205,7 @@ def save_policy(
     """
     file, name = Path(path), policy_id or Path(path).stem
     if file.suffix not in (ONNX_ENDING, SAFETENSORS_ENDING):
-        raise ValueError(f"a policy is saved as .onnx or .safetensors, got {file.name!r}")
+        raise InputError(f"a policy is saved as .onnx or .safetensors, got {file.name!r}")
     own = _feed_forward(policy, name, obs_stats)
     training = _training(env_id, home, environment)
     if file.suffix == SAFETENSORS_ENDING:
@@ -269,7 +270,7 @@ def _check_alone(file: Path) -> None:
     """Refuse a name whose side-car is another policy's."""
     others = [p for p in file.parent.glob(f"{file.stem}.*") if p not in (file, _sidecar(file))]
     if not file.exists() and _sidecar(file).exists() and others:
-        raise ValueError(
+        raise InputError(
             f"{_sidecar(file)} is the side-car of {others[0].name}; give the new file another name"
         )
 
@@ -282,7 +283,7 @@ def _training(env_id: str, home: Stated, environment: Mapping[str, Any] | None) 
     """What a card says of the training."""
     for name in (*DISCRETIZATION, "mixture"):
         if name in (environment or {}):
-            raise ValueError(
+            raise InputError(
                 f"`{name}` is a part of the home; say it in `home`, not in `environment`"
             )
     arguments = stated_arguments(home, env_id)

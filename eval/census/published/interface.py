@@ -15,6 +15,7 @@ from integ_gym.envs.ops.ops import SCALAR, Components
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.plants.interface import Plant
 from integ_gym.envs.plants.pendulum import Pendulum
+from integ_gym.support.errors import InputError
 from integ_gym.support.isolated import Apart
 from integ_gym.support.optional import package_version
 
@@ -194,7 +195,7 @@ def _check(model: Any, plant: Plant) -> None:
         pull = expected @ np.array(plant.acceleration(SCALAR, q, still, still))
         for got, wanted in ((mass, expected), (weight, pull)):
             if not np.allclose(got, wanted, rtol=AGREEMENT, atol=AGREEMENT):
-                raise ValueError(
+                raise InputError(
                     f"the MuJoCo model does not move as a {plant.name} at q = {q}: "
                     f"{got.tolist()} for {wanted.tolist()}"
                 )

@@ -13,10 +13,9 @@ from integ_gym.evidence.schema import Finding
 from integ_gym.evidence.sealing import broken_seals
 from integ_gym.evidence.store import EvidenceStore
 
-from ..model.files import FILE_NAME, read_panel
-from ..model.panel import Panel
+from ..plan import names_code, planned_spec
+from ..result import FILE_NAME, Panel, read_panel
 from ..running.run_directory import MANIFEST, RunDirectory, read_manifest
-from ..specification.planned import names_code, planned_spec
 from .plan import UNFIT, planned
 from .remaking import deviations
 from .sample import of_sample, refuse_first

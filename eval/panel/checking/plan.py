@@ -20,8 +20,10 @@ from integ_gym.train.policy_files.sidecar import (
     readable_file,
 )
 
+from ..cells import SpecError, engine_versions
 from ..existing.policy import hashes_of
-from ..model.files import FILE_NAME, read_panel
+from ..plan import inputs, names_code, planned_home, planned_spec
+from ..result import FILE_NAME, read_panel
 from ..running.evaluation.achievability import unit_of_cell
 from ..running.evaluation.units import Evaluated, evaluated
 from ..running.run_directory import (
@@ -32,11 +34,7 @@ from ..running.run_directory import (
     read_manifest,
 )
 from ..running.units import Unit, is_card_of, trained_units
-from ..specification.cells.engines import engine_versions
-from ..specification.growth import inputs
-from ..specification.panel_spec import PanelSpec
-from ..specification.planned import names_code, planned_home, planned_spec
-from ..specification.values import SpecError
+from ..spec import PanelSpec
 from .setups import PlannedPolicy, of_setups, of_training, of_versions, planned_policies
 from .trained import Trained, planned_key
 from .yardsticks import of_attempts, of_replays

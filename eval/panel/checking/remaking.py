@@ -7,15 +7,15 @@ from dataclasses import replace
 from typing import Any
 
 from integ_gym.evidence.schema import Finding
+from integ_gym.support.errors import InputError
 from integ_gym.support.terminal import plural
 
+from ..artefact import differences
 from ..existing.facts import given_panel, other_facts
-from ..model.files import FILE_NAME
-from ..model.panel import Panel
-from ..results.comparing import differences
-from ..results.outputs import noted_call, panel_of, seen_now
+from ..outputs import noted_call, panel_of, seen_now
+from ..result import FILE_NAME, Panel
 from ..running.run_directory import MANIFEST, RunDirectory
-from ..specification.panel_spec import PanelSpec
+from ..spec import PanelSpec
 
 
 def deviations(
@@ -56,7 +56,7 @@ def _part(directory: RunDirectory, spec: PanelSpec, said: Panel) -> PanelSpec:
         return spec
     seeds = max((len(row.policies) for row in said.rows if row.kind == "trained"), default=0)
     if not 0 < seeds < len(spec.seeds):
-        raise ValueError(f"it tells of {seeds} of {plural(len(spec.seeds), 'seed')}")
+        raise InputError(f"it tells of {seeds} of {plural(len(spec.seeds), 'seed')}")
     return replace(spec, seeds=spec.seeds[:seeds])
 
 

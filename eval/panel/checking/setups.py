@@ -15,16 +15,16 @@ from integ_gym.evidence.schema import EvidenceError, Finding, argument_values, p
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.train.policy_files.card import mixture_of
 
-from ..running.run_directory import PACKAGES
-from ..running.units import Unit, trained_units, training_config
-from ..specification.cells.cell import (
+from ..cells import (
     Cell,
     Home,
     changes_of,
     environments_of,
 )
-from ..specification.panel_spec import PanelSpec
-from ..specification.planned import planned_home
+from ..plan import planned_home
+from ..running.run_directory import PACKAGES
+from ..running.units import Unit, trained_units, training_config
+from ..spec import PanelSpec
 
 _SETUPS = """
 SELECT policy_id, cell, env_id, engine, integrator, dt, control_period, perturbation, arguments,

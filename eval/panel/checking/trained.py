@@ -29,10 +29,10 @@ from integ_gym.train.policy_files.card import (
 from integ_gym.train.policy_files.sb3_published import zip_faults
 from integ_gym.train.policy_files.sidecar import POLICY_FILE, WEIGHTS_FILE
 
+from ..cells import engine_versions
 from ..running.run_directory import PACKAGES, key_of
 from ..running.units import Unit, training_config
-from ..specification.cells.engines import engine_versions
-from ..specification.panel_spec import PanelSpec
+from ..spec import PanelSpec
 from .setups import BASE, differing
 
 _ELSEWHERE = ("card_hash", "content_hash", "format", "last_episodes", "platform", "versions")

@@ -20,6 +20,7 @@ from integ_gym.evidence.fields import ATTEMPT, LATER_ATTEMPT, SECOND_HORIZON
 from integ_gym.evidence.schema import Finding, argument_values
 from integ_gym.evidence.store import EvidenceStore
 
+from ..cells import Cell
 from ..running.evaluation.achievability import (
     HANDMADE,
     has_controller,
@@ -31,8 +32,7 @@ from ..running.evaluation.replays import Successes
 from ..running.evaluation.units import Evaluated, statuses
 from ..running.run_directory import RunDirectory
 from ..running.units import baseline_of
-from ..specification.cells.cell import Cell
-from ..specification.panel_spec import PanelSpec
+from ..spec import PanelSpec
 from .setups import PlannedPolicy
 
 Flags = npt.NDArray[np.bool_]

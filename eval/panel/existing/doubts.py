@@ -17,14 +17,10 @@ from integ_gym.train.policy_files.sidecar import HOW_TO_STATE
 from integ_gym.train.policy_files.state_dict import STATE_DICT_ENDINGS
 
 from ...verdict import ALPHA, FAIL_MARGIN, p_text
-from ..model.conclusions import PairedEpisodes
-from ..model.part import Estimate
-from ..results.findings.paired import paired_episodes
-from ..results.given import compares_success, home_cell
-from ..results.layout import PanelLayout
-from ..results.matrix import Matrix
-from ..results.rewards import reward_doubts
-from ..specification.panel_spec import PanelSpec
+from ..findings import paired_episodes
+from ..matrix import Matrix, PanelLayout, compares_success, home_cell, reward_doubts
+from ..result import Estimate, PairedEpisodes
+from ..spec import PanelSpec
 from .policy import Existing
 
 FEWEST, ENOUGH = 6, 20

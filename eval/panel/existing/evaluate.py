@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 
+from integ_gym.support.errors import InputError
 from integ_gym.support.executors import Cluster
 from integ_gym.support.files import replace_file
 from integ_gym.support.optional import installed_versions
@@ -12,20 +13,21 @@ from integ_gym.support.processes import check_spawning, cores
 from integ_gym.support.storage import Storage
 
 from ..checking.sample import check_records
-from ..model.panel import Panel
-from ..results.ending import (
+from ..outputs import (
     CHECKING,
     JUDGING,
     Begin,
+    call_of,
     phases,
+    write_outputs,
 )
-from ..results.outputs import call_of, write_outputs
+from ..result import Panel
 from ..running.evaluation.subjects import Subject
 from ..running.evaluation.units import all_seconds, evaluate_all
 from ..running.panel import as_there
 from ..running.run_directory import GIVEN, RunDirectory, Seen
 from ..running.units import baseline_of
-from ..specification.panel_spec import TRAINERS, PanelSpec
+from ..spec import TRAINERS, PanelSpec
 from .facts import facts_of, given_panel
 from .policy import Existing
 
@@ -116,5 +118,5 @@ def _processes(workers: int | None, seconds: float) -> int:
     if workers is None:
         return 0 if seconds < SHORT else cores()
     if workers < 1:
-        raise ValueError(f"`workers` must be 1 or above, got {workers}")
+        raise InputError(f"`workers` must be 1 or above, got {workers}")
     return 0 if workers == 1 else workers

@@ -15,22 +15,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from integ_gym.evidence.store import EvidenceStore
+from integ_gym.support.errors import InputError
 from integ_gym.train.policy_files.reading import unscaled
 
-from ..model.matrix import Policy as PanelPolicy
-from ..model.panel import Panel
-from ..results.given import given_rows
-from ..results.outputs import (
+from ..cells import environments_of
+from ..matrix import given_rows
+from ..outputs import (
     artefact_of,
     cost_of,
     look_warnings,
     of_plan,
     reduced,
 )
+from ..plan import planned_home
+from ..result import Panel
+from ..result import Policy as PanelPolicy
 from ..running.run_directory import GIVEN, MANIFEST, RunDirectory
-from ..specification.cells.cell import environments_of
-from ..specification.panel_spec import PanelSpec
-from ..specification.planned import planned_home
+from ..spec import PanelSpec
 from .doubts import doubts_of
 from .home import VARIED, Provenance, provenance
 from .policy import Existing, kept_policy, read_policy_file
@@ -88,7 +89,7 @@ def given_panel(spec: PanelSpec, directory: RunDirectory, called: Mapping[str, A
     Args:
         spec: of the evaluation.
         directory: of the run, all of which is there.
-        called: see :func:`~integ_gym.eval.panel.results.outputs.call_of`.
+        called: see :func:`~integ_gym.eval.panel.outputs.call_of`.
 
     Raises:
         ValueError: where the manifest does not say what is known of the policy.
@@ -166,7 +167,7 @@ def _facts(directory: RunDirectory) -> Facts:
     try:
         return msgspec.convert(directory.manifest().get(GIVEN), Facts)
     except msgspec.ValidationError as error:
-        raise ValueError(f"its {MANIFEST} does not say what the policy is ({error})") from None
+        raise InputError(f"its {MANIFEST} does not say what the policy is ({error})") from None
 
 
 def _kept(spec: PanelSpec, directory: RunDirectory) -> Existing:

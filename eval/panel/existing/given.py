@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from integ_gym.envs.sequential_vector import DiscretizedVectorEnv
 from integ_gym.envs.testbeds.making import make_training_environments
+from integ_gym.support.errors import InputError
 from integ_gym.train.called_policy import CalledPolicy, behaviour_hash
 from integ_gym.train.monitoring import RawModel
 from integ_gym.train.policy import MlpPolicy, Policy
@@ -68,7 +69,7 @@ def _loaded(reference: str) -> Any:
             target = getattr(target, part)
         return target() if isinstance(target, type) else target
     except Exception as error:  # whatever the user's module does while it is imported
-        raise ValueError(
+        raise InputError(
             f"cannot load policy {reference!r}: {type(error).__name__}: {error}; write it as "
             '"module:function", importable from here'
         ) from error

@@ -10,6 +10,7 @@ from typing import Any
 from integ_gym.envs.sequential_vector import DiscretizedVectorEnv
 from integ_gym.envs.settings import DISCRETIZATION, Discretization, Mixture
 from integ_gym.envs.testbeds.making import find_testbed, make_training_environments
+from integ_gym.support.errors import InputError
 from integ_gym.train.policy_files.card import HASH_KEY
 from integ_gym.train.policy_files.sidecar import (
     HOW_TO_STATE,
@@ -19,8 +20,8 @@ from integ_gym.train.policy_files.sidecar import (
     stated_arguments,
 )
 
-from ..specification.cells.cell import UNNAMED, DiscretizationMixture, Home
-from ..specification.planned import texts_of
+from ..cells import UNNAMED, DiscretizationMixture, Home
+from ..plan import texts_of
 
 VARIED = (*DISCRETIZATION, "mixture")
 
@@ -69,19 +70,19 @@ def card_arguments(card: Mapping[str, Any], env_id: str, own_code: bool) -> dict
     config = card.get("config")
     given = config.get("env_arguments") if isinstance(config, Mapping) else None
     if not isinstance(config, Mapping) or not isinstance(given, Mapping):
-        raise ValueError(
+        raise InputError(
             "the policy's side-car does not say what it was trained on; restore the file that the "
             "trainer wrote, or move it away and state the home with --home"
         )
     if config.get("env_id") != env_id:
-        raise ValueError(
+        raise InputError(
             f"the policy was trained on {config.get('env_id')}; evaluate it with --env "
             f"{config.get('env_id')}"
         )
     arguments = dict(given)
     foreign = [text for text in texts_of(arguments) if ":" in text]
     if foreign and not own_code:
-        raise ValueError(
+        raise InputError(
             f"the policy's side-car names {foreign[0]!r}, whose code would be run; if it is yours, "
             "pass --own-code"
         )
@@ -113,7 +114,7 @@ def provenance(
     """
     for name in VARIED:
         if name in given:
-            raise ValueError(
+            raise InputError(
                 f"`{name}` is what the evaluation varies; leave it out of --env-arg, state the "
                 "policy's home with --home and choose cells with --integrator and --dt"
             )
@@ -136,7 +137,7 @@ def provenance(
     elif card is not None and home is not None:
         other = _home(_closed(env_id, {**told, **given}).mixture)
         if other != home:
-            raise ValueError(
+            raise InputError(
                 f"--home says {_named(other)} and {origin} {_named(home)}; leave out --home, "
                 "or correct the other"
             )
@@ -156,7 +157,7 @@ def _check_period_of(stated: Stated, told: Mapping[str, Any], home: Home, origin
     said = told.get("control_period")
     if stated == UNKNOWN or not all(said is None or math.isclose(said, p) for p in periods):
         says = "the home is unknown" if said is None else f"control period {said:g} s"
-        raise ValueError(
+        raise InputError(
             f"--home says {says} and {origin} {_named(home)}; leave out --home, or write the "
             "side-car again"
         )
@@ -166,7 +167,7 @@ def _check_same(told: Mapping[str, Any], carried: Mapping[str, Any]) -> None:
     """Refuse a statement that contradicts what a side-car says of the same argument."""
     for name, value in told.items():
         if name not in ("engine", "integrator", "dt") and carried.get(name, value) != value:
-            raise ValueError(
+            raise InputError(
                 f"--home says {name}={value} and the side-car {name}={carried[name]}; leave out "
                 "--home, or write the side-car again"
             )
@@ -189,7 +190,7 @@ def _check_period(env_id: str, arguments: Mapping[str, Any], given: Mapping[str,
         others = {n: x for n, x in common.items() if n != name}
         without = find_testbed(env_id, others).control_period
         if without is not None and math.isclose(without, home):
-            raise ValueError(
+            raise InputError(
                 f"--env-arg {name}={given[name]} makes the control period {period:g} s, and the "
                 f"home has {home:g} s; leave it out, or state the home that the policy was trained "
                 f"on: --home integrator=…,dt=…,control_period={period:g}"

@@ -9,9 +9,8 @@ from integ_gym.envs.settings import Discretization
 from integ_gym.envs.testbeds.making import find_testbed
 from integ_gym.train.baselines.making import possible_baselines
 
-from ..specification.cells.cell import environments_of, main_home
-from ..specification.cells.perturbations import standard_perturbations
-from ..specification.panel_spec import PanelSpec
+from ..cells import environments_of, main_home, standard_perturbations
+from ..spec import PanelSpec
 from .policy import Existing
 
 

@@ -17,7 +17,7 @@ from integ_gym.train.policy_files.onnx import OnnxPolicy, onnx_card, onnx_data
 from integ_gym.train.policy_files.reading import ONNX_ENDING, POLICY_ENDINGS, read_weights, unscaled
 from integ_gym.train.policy_files.sidecar import Stated, has_sidecar, read_trained, readable_file
 
-from ..specification.cells.cell import Home
+from ..cells import Home
 from .home import Provenance, provenance
 
 

@@ -14,6 +14,7 @@ from integ_gym.evidence.record import EvidenceRecord
 from integ_gym.evidence.replaying import Acting
 from integ_gym.evidence.schema import argument_values
 from integ_gym.evidence.store import EvidenceStore
+from integ_gym.support.errors import InputError
 from integ_gym.support.files import read_object
 from integ_gym.train.baselines.making import BASELINES, make_baseline
 from integ_gym.train.policy import Policy
@@ -30,7 +31,7 @@ def policy_of(record: EvidenceRecord, store: EvidenceStore, own_code: bool = Fal
     """
     name, wanted = record["policy_id"], record["policy_hash"]
     if not wanted:
-        raise ValueError(
+        raise InputError(
             "a record of training is of a policy that has changed since, so it is not played "
             "again; give one that has a trace, without --on, or a record of an evaluation"
         )
@@ -45,7 +46,7 @@ def policy_of(record: EvidenceRecord, store: EvidenceStore, own_code: bool = Fal
         baseline = _baseline(name, record, store)
         if baseline.content_hash == wanted:
             return baseline
-    raise ValueError(
+    raise InputError(
         f"the policy {name} of this record is not in {policies} and cannot be made again; restore "
         "its folder, or leave --on out for what has a trace"
     )

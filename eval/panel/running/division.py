@@ -12,8 +12,8 @@ from typing import Any
 from integ_gym.support.files import read_object, write_json
 from integ_gym.train.fleet.worker import Workers
 
-from ..specification.growth import stages
-from ..specification.panel_spec import PanelSpec
+from ..plan import stages
+from ..spec import PanelSpec
 from .run_directory import WORK, RunDirectory
 from .units import Unit, is_there, trained_units, training_config
 

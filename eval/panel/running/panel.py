@@ -13,9 +13,9 @@ from integ_gym.support.storage import Storage
 from integ_gym.train.fleet.worker import workers_of
 from integ_gym.train.policy_files.sidecar import read_trained, readable_file
 
-from ..specification.difference import continued
-from ..specification.panel_spec import PanelSpec
-from ..specification.values import SpecError
+from ..cells import SpecError
+from ..plan import continued
+from ..spec import PanelSpec
 from .costs.expected_time import check_cost
 from .evaluation.subjects import Subject
 from .evaluation.units import evaluate_all, evaluated

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from ..specification.panel_spec import PanelSpec
+from ..spec import PanelSpec
 from .run_directory import MANIFEST, RunDirectory, RunDirectoryError, read_manifest
 from .units import Unit, is_there, is_trained, trained_units, training_config, training_key
 

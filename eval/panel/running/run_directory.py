@@ -22,6 +22,7 @@ from integ_gym.evidence.sealing import (
     lift_seal,
     lower_seal,
 )
+from integ_gym.support.errors import IntegGymError
 from integ_gym.support.files import (
     Kinds,
     file_hash,
@@ -35,7 +36,7 @@ from integ_gym.support.optional import installed_versions
 from integ_gym.support.storage import LOCK, Busy, Storage
 
 from ...verdict import Looks, Shares
-from ..specification.difference import GROWING, additions, contradictions
+from ..plan import GROWING, additions, contradictions
 
 MANIFEST = "run.json"
 PANEL_FILE = "panel.json"
@@ -76,7 +77,7 @@ _NOTED_BY: dict[str, Kinds] = {
 """What a marker holds, and by the first word of the unit's name what else."""
 
 
-class RunDirectoryError(ValueError):
+class RunDirectoryError(IntegGymError, ValueError):
     """A directory that a run cannot use, in one sentence with the remedy."""
 
 

@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from integ_gym.evidence.context import EpisodeContext
+from integ_gym.support.errors import MissingPackageError
 from integ_gym.support.executors import Cluster
 from integ_gym.support.optional import require
 from integ_gym.train.config import TrainingConfig, TrainingEvidence
@@ -15,7 +16,7 @@ from integ_gym.train.fleet.worker import GIB_PER_WORKER, Workers, workers_of
 from integ_gym.train.policy_files.card import card_hash
 from integ_gym.train.policy_files.sidecar import TrainedPolicy
 
-from ..specification.panel_spec import PanelSpec
+from ..spec import PanelSpec
 from .division import waiting_chunks
 from .run_directory import WORK, RunDirectory
 from .units import Unit, is_there, trained_units, training_config, training_key
@@ -44,7 +45,7 @@ def check_training(spec: PanelSpec, workers: Workers, memory_gib: float | None =
     try:
         require("fleet")
     except ModuleNotFoundError as error:
-        raise ModuleNotFoundError(
+        raise MissingPackageError(
             f'{error}; or train with stable-baselines3: --trainer sb3, or `trainer = "sb3"` in '
             "the specification",
             name=error.name,

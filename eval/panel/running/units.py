@@ -12,9 +12,8 @@ from integ_gym.train.policy import Policy
 from integ_gym.train.policy_files.card import card_hash
 from integ_gym.train.policy_files.sidecar import policy_file
 
-from ..specification.cells.cell import Home, file_name, training_arguments
-from ..specification.cells.engines import engine_versions
-from ..specification.panel_spec import ALGORITHM, PanelSpec
+from ..cells import Home, engine_versions, file_name, training_arguments
+from ..spec import ALGORITHM, PanelSpec
 from .run_directory import RunDirectory, key_of
 
 

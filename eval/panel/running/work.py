@@ -10,15 +10,16 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from integ_gym.support.errors import IntegGymError
 from integ_gym.support.executors import Cluster, TaskPool
 from integ_gym.support.files import read_files
 from integ_gym.support.processes import ESTIMATE_LOOK, Progress, work_bar
 
-from ..specification.panel_spec import PanelSpec
+from ..spec import PanelSpec
 from .run_directory import RunDirectory
 
 
-class PanelError(RuntimeError):
+class PanelError(IntegGymError, RuntimeError):
     """A unit of work that failed, in one sentence."""
 
 

@@ -9,7 +9,7 @@ from integ_gym.envs.catalogue.lookup import environment_setup
 from integ_gym.evidence.context import EpisodeContext
 from integ_gym.evidence.episode_log import EpisodeHead, EpisodeHeads, EpisodeLog
 from integ_gym.evidence.episode_table import unhashed_table
-from integ_gym.evidence.record import Layout
+from integ_gym.evidence.layout import Layout
 
 
 def test_no_zero_is_negative():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from integ_gym.eval.panel.running.units import Unit, units_of
-from integ_gym.eval.panel.specification.panel_spec import PanelSpec
+from integ_gym.eval.panel.spec import PanelSpec
 
 TOML = """
 name = "alike"

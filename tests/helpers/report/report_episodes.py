@@ -6,11 +6,15 @@ import itertools
 
 import numpy as np
 
-from integ_gym.eval.panel.model.panel import Panel
-from integ_gym.eval.report.episodes.choice import Outcomes, chosen
-from integ_gym.eval.report.episodes.live import MOST_POLICIES, with_policies
-from integ_gym.eval.report.episodes.told import Told
-from integ_gym.eval.report.episodes.traces import Trace
+from integ_gym.eval.panel.result import Panel
+from integ_gym.eval.report.episodes import (
+    MOST_POLICIES,
+    Outcomes,
+    Told,
+    Trace,
+    chosen,
+    with_policies,
+)
 from integ_gym.train.policy import BoxActions, MlpPolicy
 
 SAMPLES = 241

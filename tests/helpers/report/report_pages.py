@@ -16,8 +16,8 @@ import msgspec
 import pytest
 import report_example as example
 
-from integ_gym.eval.panel.model.panel import Panel
-from integ_gym.eval.report.page.page import render
+from integ_gym.eval.panel.result import Panel
+from integ_gym.eval.report.page import render
 
 PANELS: dict[str, Callable[[], dict[str, Any]]] = {
     "full": example.full_panel,

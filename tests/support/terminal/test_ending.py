@@ -9,7 +9,8 @@ import signal
 import pyarrow as pa
 import pytest
 
-from integ_gym.support.terminal import report_errors
+from integ_gym.support.errors import InputError, MissingPackageError
+from integ_gym.support.terminal import DEFECT, report_errors
 
 CALLBACK = ctypes.CFUNCTYPE(None)
 
@@ -70,3 +71,24 @@ def test_memory_that_is_short_is_said_in_a_sentence(error, capsys):
     told = capsys.readouterr().err
     assert "a: there is not enough memory" in told
     assert "fewer --workers" in " ".join(told.split())
+
+
+@pytest.mark.parametrize(
+    "error", [InputError("b"), MissingPackageError("b"), FileNotFoundError(2, "b", "c")]
+)
+def test_what_a_user_can_mend_is_one_line(error, capsys):
+    def run():
+        raise error
+
+    assert report_errors("a", run) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+@pytest.mark.parametrize("error", [ValueError("b"), TypeError("b"), KeyError("b")])
+def test_any_other_error_is_a_defect(error):
+    def run():
+        raise error
+
+    with pytest.raises(type(error)) as raised:
+        report_errors("a", run)
+    assert raised.value.__notes__ == [DEFECT]

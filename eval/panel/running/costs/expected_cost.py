@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
-from integ_gym.evidence.record import Layout
+from integ_gym.evidence.layout import Layout
 
-from ...specification.cells.cell import Home
-from ...specification.panel_spec import PanelSpec
+from ...cells import Home
+from ...spec import PanelSpec
 from ..units import Unit, trained_units, training_config
 from .expected_time import cell_seconds, cell_timing
 

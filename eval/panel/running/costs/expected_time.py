@@ -5,10 +5,8 @@ from __future__ import annotations
 from integ_gym.envs.registries import ENGINES
 from integ_gym.envs.settings import Discretization, Timing
 
-from ...specification.cells.cell import Cell, Home
-from ...specification.cells.engines import is_engine
-from ...specification.panel_spec import PanelSpec
-from ...specification.values import SpecError
+from ...cells import Cell, Home, SpecError, is_engine
+from ...spec import PanelSpec
 
 DECISION_SECONDS = 4e-6
 """Time of one recorded decision, s."""

@@ -28,10 +28,9 @@ from ....verdict import (
     Search,
     achieved,
 )
-from ...specification.cells.cell import Cell, environments_of, file_name
-from ...specification.cells.engines import engine_versions
-from ...specification.growth import inputs
-from ...specification.panel_spec import PanelSpec
+from ...cells import Cell, engine_versions, environments_of, file_name
+from ...plan import inputs
+from ...spec import PanelSpec
 from ..costs.expected_time import trying_seconds
 from ..run_directory import RunDirectory, first_of, key_of, told_first
 from ..units import baseline_of

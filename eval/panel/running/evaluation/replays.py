@@ -13,7 +13,7 @@ from integ_gym.envs.settings import Discretization, Settings
 from integ_gym.evidence.labels import Home as HomeReplay
 from integ_gym.evidence.labels import Replays
 
-from ...specification.cells.cell import Cell, Home
+from ...cells import Cell, Home
 
 Flags = npt.NDArray[np.bool_]
 Key = tuple[Discretization, str | None]

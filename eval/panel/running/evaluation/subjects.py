@@ -20,8 +20,8 @@ from integ_gym.support.processes import report_work
 from integ_gym.train.called_policy import PolicyStack
 from integ_gym.train.policy import Policy
 
-from ...specification.cells.cell import Cell, Home, environments_of
-from ...specification.panel_spec import PanelSpec
+from ...cells import Cell, Home, environments_of
+from ...spec import PanelSpec
 from ..costs.expected_time import cell_seconds
 from .replays import Successes, with_what_they_rest_on
 

@@ -15,14 +15,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from integ_gym.evidence.record import Layout
+from integ_gym.evidence.layout import Layout
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.support.executors import Cluster
 
-from ...specification.cells.cell import Cell
-from ...specification.cells.engines import engine_versions
-from ...specification.growth import inputs
-from ...specification.panel_spec import PanelSpec
+from ...cells import Cell, engine_versions
+from ...plan import inputs
+from ...spec import PanelSpec
 from ..costs.expected_time import cell_seconds, cell_timing, trying_seconds
 from ..run_directory import RunDirectory, first_of, key_of, told_first
 from ..training import preparation_of

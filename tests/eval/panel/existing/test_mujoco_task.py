@@ -14,8 +14,8 @@ from engine_cases import needs
 from stable_baselines3 import PPO
 
 from integ_gym.cli import main
-from integ_gym.eval.panel.model.files import read_panel
-from integ_gym.eval.report.data.matrices import return_matrix
+from integ_gym.eval.panel.result import read_panel
+from integ_gym.eval.report.matrices import return_matrix
 from integ_gym.evidence.store import EvidenceStore
 
 EPISODES = 4

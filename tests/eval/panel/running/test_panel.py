@@ -19,7 +19,7 @@ import pytest
 from small_panel import TOML
 
 from integ_gym.cli import main
-from integ_gym.eval.panel.specification.reading import read_spec
+from integ_gym.eval.panel.spec import read_spec
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.train.policy_files.sb3_zip import read_sb3_zip
 

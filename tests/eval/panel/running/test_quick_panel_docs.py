@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from integ_gym.eval.panel.calls import run_panel
-from integ_gym.eval.panel.specification.reading import built_in_spec
+from integ_gym.eval.panel.spec import built_in_spec
 
 ROOT = Path(__file__).parents[4]
 SUMMARY = json.loads((ROOT / "docs" / "quick_panel.json").read_text(encoding="utf-8"))

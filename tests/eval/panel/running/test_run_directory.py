@@ -18,8 +18,7 @@ from integ_gym.eval.panel.running.run_directory import (
     Seen,
     key_of,
 )
-from integ_gym.eval.panel.specification.panel_spec import TRAINERS
-from integ_gym.eval.panel.specification.reading import built_in_spec
+from integ_gym.eval.panel.spec import TRAINERS, built_in_spec
 from integ_gym.evidence.sealing import seal
 from integ_gym.support.files import read_files
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import integ_gym
-from integ_gym.eval.panel.specification.reading import read_spec
+from integ_gym.eval.panel.spec import read_spec
 
 SPEC = Path(__file__).parents[4] / "specs" / "sb3_small.toml"
 

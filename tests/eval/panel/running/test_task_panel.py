@@ -10,9 +10,9 @@ import pytest
 from engine_cases import needs
 
 from integ_gym.cli import main
+from integ_gym.eval.panel.cells import SpecError
 from integ_gym.eval.panel.running.panel import check_spec
-from integ_gym.eval.panel.specification.reading import parse_spec
-from integ_gym.eval.panel.specification.values import SpecError
+from integ_gym.eval.panel.spec import parse_spec
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.train.algorithms import ALGORITHMS
 

@@ -14,18 +14,18 @@ from report_pages import every_panel, page_of, panel_of
 from report_rows import IMPOSSIBLE, SLOW
 
 from integ_gym.envs.registries import ENGINES, INTEGRATORS
-from integ_gym.eval.panel.model.part import Estimate
-from integ_gym.eval.report.data.forests import (
+from integ_gym.eval.panel.result import Estimate
+from integ_gym.eval.report.figures import FIGURES
+from integ_gym.eval.report.forests import (
     check_forest,
     gap_forest,
     paired_return,
     paired_success,
     remedy_forest,
 )
-from integ_gym.eval.report.data.ladders import ladder_plots
-from integ_gym.eval.report.data.matrices import energy_matrix, success_matrix, value_axis
-from integ_gym.eval.report.page.page import render
-from integ_gym.eval.report.write_figures import FIGURES
+from integ_gym.eval.report.ladders import ladder_plots
+from integ_gym.eval.report.matrices import energy_matrix, success_matrix, value_axis
+from integ_gym.eval.report.page import render
 from integ_gym.eval.scheme_style import NATIVE, styles_of
 from integ_gym.support.figures import HUES, MARKERS, PALETTE, channels
 

@@ -9,9 +9,14 @@ import report_example as example
 from report_pages import page_of, panel_from, panel_of, raw_of
 from report_rows import IMPOSSIBLE, SLOW, UNKNOWN
 
-from integ_gym.eval.report.data.findings import findings_of
-from integ_gym.eval.report.data.forests import checks_of, declared_gaps, exploratory_gaps, trust_of
-from integ_gym.eval.report.data.ladders import ladders_of
+from integ_gym.eval.report.findings import findings_of
+from integ_gym.eval.report.forests import (
+    checks_of,
+    declared_gaps,
+    exploratory_gaps,
+    trust_of,
+)
+from integ_gym.eval.report.ladders import ladders_of
 
 
 def findings(panel):

@@ -6,10 +6,10 @@ import pytest
 from report_example import full_panel
 from report_pages import panel_from
 
-from integ_gym.eval.report.data.forests import checks_of
-from integ_gym.eval.report.data.ladders import sweep_plots
-from integ_gym.eval.report.figures import draw_ladders
-from integ_gym.eval.report.page.page import render
+from integ_gym.eval.report.drawing import draw_ladders
+from integ_gym.eval.report.forests import checks_of
+from integ_gym.eval.report.ladders import sweep_plots
+from integ_gym.eval.report.page import render
 from integ_gym.eval.report.paper import print_ladders
 
 

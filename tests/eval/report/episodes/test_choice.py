@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 from report_pages import panel_from, panel_of, raw_of
 
-from integ_gym.eval.panel.answer import finding_of
-from integ_gym.eval.panel.model.panel import Panel
-from integ_gym.eval.panel.model.part import Estimate
-from integ_gym.eval.report.episodes.choice import Outcomes, chosen, chosen_words
+from integ_gym.eval.panel.conclusions import finding_of
+from integ_gym.eval.panel.result import Estimate, Panel
+from integ_gym.eval.report.episodes import Outcomes, chosen, chosen_words
 
 EPISODES = 4
 

@@ -11,9 +11,9 @@ from report_episodes import network, told_of
 from report_pages import Page, panel_of
 
 from integ_gym.envs.settings import NATIVE
-from integ_gym.eval.panel.model.matrix import Policy
-from integ_gym.eval.report.episodes.live import MOST_POLICIES, policy_read
-from integ_gym.eval.report.page.page import render
+from integ_gym.eval.panel.result import Policy
+from integ_gym.eval.report.episodes import MOST_POLICIES, policy_read
+from integ_gym.eval.report.page import render
 from integ_gym.train.policy_files.writing import save_policy
 
 

@@ -14,7 +14,7 @@ import report_example as example
 from report_pages import panel_from, panel_of, pixels
 from small_panel import FORMATS, every_format, pictures_alone
 
-from integ_gym.eval.report.write_figures import write_figures
+from integ_gym.eval.report.figures import write_figures
 from integ_gym.support import figures as style
 
 ALL_FIGURES = [

@@ -6,9 +6,10 @@ import pytest
 from report_pages import panel_of
 from small_panel import every_format
 
-from integ_gym.eval.report.data.forests import gap_forest
-from integ_gym.eval.report.data.ladders import ladder_plots
-from integ_gym.eval.report.data.matrices import success_matrix
+from integ_gym.eval.report.figures import write_figures
+from integ_gym.eval.report.forests import gap_forest
+from integ_gym.eval.report.ladders import ladder_plots
+from integ_gym.eval.report.matrices import success_matrix
 from integ_gym.eval.report.paper import (
     COLUMN,
     PAGE,
@@ -17,7 +18,6 @@ from integ_gym.eval.report.paper import (
     print_ladders,
     print_matrix,
 )
-from integ_gym.eval.report.write_figures import write_figures
 from integ_gym.support.figures import FORMATS
 
 DRAWN = {"matrix": (success_matrix, print_matrix), "forest": (gap_forest, print_forest),

@@ -17,11 +17,11 @@ import pytest
 import report_example as example
 from report_pages import Page, every_panel, page_of, panel_from, panel_of, raw_of
 
-from integ_gym.eval.panel.answer import answer_lines
-from integ_gym.eval.report.page import page as report_page
-from integ_gym.eval.report.page.page import render, write_report
-from integ_gym.eval.report.page.payload import LABEL_WORDS
-from integ_gym.eval.report.write_figures import write_figures
+from integ_gym.eval.panel.conclusions import answer_lines
+from integ_gym.eval.report import page as report_page
+from integ_gym.eval.report.cards import LABEL_WORDS
+from integ_gym.eval.report.figures import write_figures
+from integ_gym.eval.report.page import render, write_report
 from integ_gym.evidence.fields import LABELS
 from integ_gym.support.terminal import fixed, together, true_minus
 
@@ -315,10 +315,10 @@ def test_a_missing_extra_names_its_remedy(
 def test_neither_needs_more_than_its_own_package(tmp_path: Path) -> None:
     (tmp_path / "panel.json").write_text(json.dumps(raw_of("given")), encoding="utf-8")
     code = (
-        "import sys; import integ_gym.eval.report.page.page, integ_gym.eval.report.write_figures; "
+        "import sys; import integ_gym.eval.report.page, integ_gym.eval.report.figures; "
         "assert not {'matplotlib', 'jinja2'} & set(sys.modules); "
-        "from pathlib import Path; from integ_gym.eval.panel.model.files import read_panel; "
-        "import integ_gym.eval.report.write_figures as f; "
+        "from pathlib import Path; from integ_gym.eval.panel.result import read_panel; "
+        "import integ_gym.eval.report.figures as f; "
         "f.write_figures(read_panel(Path('panel.json')), '.'); "
         "assert 'matplotlib.pyplot' not in sys.modules"
     )

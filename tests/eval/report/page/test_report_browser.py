@@ -10,7 +10,7 @@ from browsing import assert_fits, browser, complaints
 from driving import driven
 from report_pages import PANELS, panel_of, pixels
 
-from integ_gym.eval.report.page.page import render, write_report
+from integ_gym.eval.report.page import render, write_report
 
 
 @pytest.mark.slow

@@ -14,8 +14,8 @@ from report_example import base_panel, judge
 from report_pages import Page, panel_from
 from report_rows import EPISODES, SCHEMES, TRUTH, baselines, extra_cells, grid_cells, trained
 
-from integ_gym.eval.panel.model.panel import Panel
-from integ_gym.eval.report.page.page import render
+from integ_gym.eval.panel.result import Panel
+from integ_gym.eval.report.page import render
 
 STEPS = (0.05, 0.025, 0.0125)
 MOST_BYTES, MOST_NODES, MOST_MILLISECONDS = 1_200_000, 5_000, 1_000

@@ -15,15 +15,10 @@ from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.plants.pendulum import Pendulum
 from integ_gym.envs.registries import INTEGRATORS
 from integ_gym.envs.settings import Discretization
-from integ_gym.eval.panel.results.findings.engine_agreement import (
-    EVALUATED_ONCE,
-    agreements,
-    twin_of,
-)
-from integ_gym.eval.panel.results.layout import PanelLayout
-from integ_gym.eval.panel.results.matrix import Matrix, Row
-from integ_gym.eval.panel.specification.cells.cell import Cell
-from integ_gym.eval.panel.specification.reading import parse_spec
+from integ_gym.eval.panel.cells import Cell
+from integ_gym.eval.panel.findings import EVALUATED_ONCE, agreements, twin_of
+from integ_gym.eval.panel.matrix import Matrix, PanelLayout, Row
+from integ_gym.eval.panel.spec import parse_spec
 
 FREE = Pendulum()
 NATIVE = {

@@ -14,7 +14,7 @@ from integ_gym.eval.panel.running.evaluation import achievability
 from integ_gym.eval.panel.running.evaluation.achievability import TRYING, tried
 from integ_gym.eval.panel.running.evaluation.units import evaluate_all, expected_seconds, statuses
 from integ_gym.eval.panel.running.run_directory import RunDirectory, RunDirectoryError
-from integ_gym.eval.panel.specification.reading import built_in_spec, parse_spec
+from integ_gym.eval.panel.spec import built_in_spec, parse_spec
 from integ_gym.eval.verdict import Search
 from integ_gym.support.executors import Cluster
 

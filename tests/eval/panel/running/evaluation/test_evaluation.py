@@ -11,17 +11,16 @@ from engine_cases import needs
 
 from integ_gym.envs.settings import Discretization
 from integ_gym.envs.testbeds.making import find_testbed
-from integ_gym.eval.panel.running.evaluation.replays import Successes
-from integ_gym.eval.panel.running.evaluation.subjects import Subject, divided, evaluate
-from integ_gym.eval.panel.running.evaluation.units import batches_of, evaluation_seconds
-from integ_gym.eval.panel.specification.cells.cell import (
+from integ_gym.eval.panel.cells import (
     Cell,
     DiscretizationMixture,
     Perturbation,
     nominal_setup,
 )
-from integ_gym.eval.panel.specification.panel_spec import PanelSpec
-from integ_gym.eval.panel.specification.reading import built_in_spec
+from integ_gym.eval.panel.running.evaluation.replays import Successes
+from integ_gym.eval.panel.running.evaluation.subjects import Subject, divided, evaluate
+from integ_gym.eval.panel.running.evaluation.units import batches_of, evaluation_seconds
+from integ_gym.eval.panel.spec import PanelSpec, built_in_spec
 from integ_gym.evidence.fields import VOLATILE_NAMES
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.train.baselines.making import BASELINES, make_baseline

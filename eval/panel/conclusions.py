@@ -1,0 +1,760 @@
+"""What a panel answers, in sentences: terminal, page and ``panel.json`` take them from here.
+
+The first line always has the same order: success at home, on the truth, what is lost, and whether
+dt is the cause. Everything is read from a :class:`Panel`; nothing is computed here but means.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import shlex
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final, Literal, TypeAlias
+
+from integ_gym.envs.settings import NATIVE
+from integ_gym.support.terminal import fixed, percent, plural
+
+from ..power import WITHOUT_VERDICT
+from ..verdict import (
+    ALPHA,
+    EQUIVALENCE_MARGIN,
+    FAIL_MARGIN,
+    LEARNED,
+    UNSOLVABLE,
+    Achievability,
+    adjust_for_look,
+    share_of_look,
+)
+from .result import Cell, EngineAgreement, Entry, Estimate, PairedEpisodes, Panel, Row, Verdict
+
+Cause: TypeAlias = Literal["cause", "not_cause", "gained", "closed", "not_learned", "undecided"]
+"""Whether dt is the cause of a loss.
+
+`gained`: the policy does better where it is held against home. `closed`: it is held against a cell
+that cannot be solved in time, or of which that is not known. `not_learned`: too little success at
+home to lose any.
+"""
+
+Status: TypeAlias = Cause | Literal["home_unknown", "home_decides", "exploratory"]
+"""The same, and what else may be said of a row.
+
+`home_unknown`: nothing states what it was trained on. `home_decides`: its home is the truth, or the
+finest step that was evaluated. `exploratory`: a loss of a panel that declared no family.
+"""
+
+RETURN_MARGIN: Final = 0.1
+"""Returns are practically equal within this share of the policy's lead over random at home."""
+
+_NAMED: Final = 3  # cells in one sentence
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What the first line speaks of, which the page shows first.
+
+    Attributes:
+        row: name of the row.
+        home: name of the cell that it was trained in; None: unknown, or a mixture.
+        cell: name of the cell that it is held against; None where there is nothing.
+        measure: `success`, or `return` where success cannot tell.
+        status: see :data:`Status`.
+        at_home: success rate or mean return at home; None: unknown.
+        there: the same in the cell.
+        lost: the difference with its interval; None where there is none.
+    """
+
+    row: str
+    home: str | None
+    cell: str | None
+    measure: Literal["success", "return"]
+    status: Status
+    at_home: float | None
+    there: float | None
+    lost: Estimate | None
+
+
+def answer_lines(panel: Panel) -> tuple[str, ...]:
+    """The answer, a line for each thing that is said; the first is the headline.
+
+    Where the rule of success looks wrong, the headline begins with that.
+    """
+    first, *others = _lines(panel)
+    doubt = panel.success_doubt
+    return (f"{doubt} {first}" if doubt else first, *others)
+
+
+def _lines(panel: Panel) -> tuple[str, ...]:
+    if panel.given_alone:
+        finding = finding_of(panel)
+        return ("There is nothing to judge.",) if finding is None else _given(panel, finding)
+    return _trained(panel)
+
+
+def finding_of(panel: Panel) -> Finding | None:
+    """What the first line speaks of; None where it is of no row."""
+    given = [row for row in panel.rows if row.kind == "given"]
+    if panel.given_alone:
+        return _finding_of_given(panel, given[0]) if given else None
+    if judged := _judged(panel):
+        return _finding_of_verdict(panel, _worst(panel, judged))
+    if panel.verdicts or not panel.exploratory:
+        return None
+    return _finding_of_transfer(panel, panel.exploratory[0])
+
+
+# A policy that was given.
+
+
+def _finding_of_given(panel: Panel, row: Row) -> Finding:
+    home = row.home if row.home and panel.entry(row.name, row.home) else None
+    known = bool(row.shares) and all(panel.entry(row.name, cell) for cell in row.shares)
+    cell = panel.truth or (_finest(panel, row) if known else None)
+    measure: Literal["success", "return"] = "success" if _succeeds(panel, row.name) else "return"
+    at_home = _mean_at_home(panel, row, measure) if known else None
+    there = None if cell is None else _value(panel.entry(row.name, cell.name), measure)
+    found = None if cell is None or not known else _paired_in(panel, row.name, cell.name)
+    lost = None if found is None else found.success if measure == "success" else found.returns
+    if not known:
+        status: Status = "home_unknown"
+    elif cell is None or cell.name == home or found is None or lost is None:
+        status = "home_decides"
+    else:
+        p = found.p_success if measure == "success" else found.p_return
+        share = share_of_look(max(1, len(panel.looks)))
+        known_p = adjust_for_look(1.0 if p is None else p, share)
+        can = cell.achievability
+        if measure == "return" and can == "undecided":
+            can = None  # returns tell without a success
+        margin = _margin(panel, row, measure)
+        status = cause_of(lost, shown=known_p < ALPHA, margin=margin, achievability=can)
+    name = None if cell is None else cell.name
+    return Finding(row.name, home, name, measure, status, at_home, there, lost)
+
+
+def cause_of(
+    lost: Estimate,
+    *,
+    shown: bool,
+    margin: float = EQUIVALENCE_MARGIN,
+    learned: bool = True,
+    achievability: Achievability | None = None,
+) -> Cause:
+    """Whether dt is the cause of a loss.
+
+    Args:
+        lost: the loss with its interval.
+        shown: whether a test or the interval shows that it is not zero.
+        margin: losses within this are practically equal.
+        learned: whether the task was learned at home; a policy that was given is taken as it is.
+        achievability: of the cell in which it is lost; None where it was not asked, or does not
+            matter.
+    """
+    if not learned:
+        return "not_learned"
+    if _within(lost, margin):
+        return "not_cause"
+    if shown and lost.estimate < 0.0:
+        return "gained"
+    if achievability not in (None, "achievable"):
+        return "closed"
+    return "cause" if shown else "undecided"
+
+
+def closed_words(place: str, achievability: Achievability | None) -> str:
+    """Why a loss in a closed cell says nothing about dt, as the end of a sentence."""
+    if achievability in UNSOLVABLE:
+        return f"{place} cannot be solved in time, so the loss says nothing about dt."
+    return f"whether {place} can be solved in time is not known, so the loss says nothing about dt."
+
+
+def _within(lost: Estimate, margin: float) -> bool:
+    low, high = lost.ends
+    return lost.bounded and -margin <= low and high <= margin
+
+
+def _succeeds(panel: Panel, row: str) -> bool:
+    """Whether success tells how a policy does: there is a truth, and it succeeds somewhere."""
+    entries = [panel.entry(row, cell.name) for cell in panel.columns]
+    return panel.truth is not None and any(e and e.success.estimate > 0.0 for e in entries)
+
+
+def _finest(panel: Panel, row: Row) -> Cell | None:
+    """The finest step of a row's own integrator, or of any where its own is at no finer one."""
+    columns = [cell for cell in panel.columns if panel.entry(row.name, cell.name)]
+    own = [cell for cell in columns if cell.integrator == row.integrator]
+    finest = min(own or columns, key=lambda cell: cell.dt, default=None)
+    if finest is not None and finest.name == row.home:
+        finer = [cell for cell in columns if cell.dt < finest.dt]
+        return min(finer, key=lambda cell: cell.dt, default=finest)
+    return finest
+
+
+def _mean_at_home(panel: Panel, row: Row, measure: str) -> float | None:
+    values = [
+        (share, _value(panel.entry(row.name, cell), measure)) for cell, share in row.shares.items()
+    ]
+    if any(value is None for _, value in values):
+        return None
+    return sum(share * value for share, value in values if value is not None)
+
+
+def _value(entry: Entry | None, measure: str) -> float | None:
+    if entry is None:
+        return None
+    if measure == "success":
+        return entry.success.estimate
+    return None if entry.returns is None else entry.returns.estimate
+
+
+def _paired_in(panel: Panel, row: str, cell: str) -> PairedEpisodes | None:
+    return next((one for one in panel.paired if one.row == row and one.cell == cell), None)
+
+
+def _lead(panel: Panel, row: Row) -> float:
+    """By how much a row's mean return at home exceeds random's; 0 where that is not known."""
+    random = next((one for one in panel.rows if one.name == "random"), None)
+    own = _mean_at_home(panel, row, "return")
+    if random is None or own is None:
+        return 0.0
+    parts = [
+        (share, _value(panel.entry(random.name, cell), "return"))
+        for cell, share in row.shares.items()
+    ]
+    if any(value is None for _, value in parts):
+        return 0.0
+    return own - sum(share * value for share, value in parts if value is not None)
+
+
+def _margin(panel: Panel, row: Row, measure: str) -> float:
+    """Differences within this are practically equal."""
+    if measure == "success":
+        return EQUIVALENCE_MARGIN
+    return RETURN_MARGIN * max(0.0, _lead(panel, row))
+
+
+def _given(panel: Panel, finding: Finding) -> tuple[str, ...]:
+    row = panel.row(finding.row)
+    lines = [
+        _first(panel, finding, row),
+        _about_home(panel, finding, row),
+        _parts_of_loss(panel, finding),
+        *_compared(panel, finding, row),
+        _returns(panel, finding, row),
+        *_closed(panel),
+    ]
+    return tuple(line for line in lines if line)
+
+
+def _first(panel: Panel, finding: Finding, row: Row) -> str:
+    """At home x, on the truth y, lost z: dt is, or is not, the cause."""
+    what = _MEASURES[finding.measure]
+    where, told = _where(panel, finding.cell), _Numbers(finding)
+    if finding.status == "home_unknown":
+        entry = panel.entry(row.name, finding.cell) if finding.cell else None
+        own = entry and (entry.success if finding.measure == "success" else entry.returns)
+        known = f"{what} {where} {told.interval(own)}; home" if own else "Home"
+        return f"{known} unknown, so what is lost is unknown, and so is whether dt is the cause."
+    at_home = f"{what} at home {told.number(finding.at_home)}"
+    if finding.status == "home_decides" or finding.lost is None:
+        if panel.truth is not None and finding.home == panel.truth.name:
+            return f"{at_home}, and home is the truth: dt is not the cause."
+        return (
+            f"{at_home}, and home is the finest step here, so whether dt is the cause is unknown."
+        )
+    end = {
+        "cause": "dt is the cause.",
+        "not_cause": f"practically equal ({_margin_words(finding)}), dt is not the cause.",
+        "gained": "nothing is lost, and dt makes it look worse at home.",
+        "closed": _closed_end(panel, finding),
+    }.get(
+        finding.status,
+        f"{plural(_starts(panel, row), 'start')} do not show whether dt is the cause.",
+    )
+    there = f"{where} {told.number(finding.there)}"
+    return f"{at_home}, {there}, {_lost(panel, finding, row)}: {end}"
+
+
+def _closed_end(panel: Panel, finding: Finding) -> str:
+    if finding.cell is None:
+        return ""
+    place = f"the finest step ({finding.cell})" if panel.truth is None else "the truth"
+    return closed_words(place, panel.cell(finding.cell).achievability)
+
+
+_MEASURES: Final = {"success": "Success", "return": "Mean return"}
+
+
+class _Numbers:
+    """Numbers of one measure in words; of returns with the digits that the larger one carries."""
+
+    def __init__(self, finding: Finding) -> None:
+        known = [abs(x) for x in (finding.at_home, finding.there) if x is not None]
+        size = max(known, default=0.0)
+        digits = 3 - math.floor(math.log10(size)) if size > 0.0 and math.isfinite(size) else 2
+        self.digits = 2 if finding.measure == "success" else min(max(digits, 0), 6)
+
+    def number(self, value: float | None) -> str:
+        """Rounded; nothing is below zero by rounding alone."""
+        return fixed(value, self.digits)
+
+    def interval(self, value: Estimate, level: bool = False, more: str = "") -> str:
+        """A number with its interval in brackets."""
+        text = self.number(value.estimate)
+        ends = " to ".join(self.number(end) for end in value.ends) if value.bounded else ""
+        if level and ends and value.level:
+            ends = f"{percent(value.level)} interval {ends}"
+        inner = "; ".join(part for part in (ends, more) if part)
+        return f"{text} ({inner})" if inner else text
+
+    def difference(self, lost: Estimate, level: bool = False, more: str = "") -> str:
+        """`lost 0.60 (0.45 to 0.73)`, or `gained …`."""
+        if lost.estimate >= 0.0 or self.number(-lost.estimate) == self.number(0.0):
+            return f"lost {self.interval(lost, level, more)}"
+        low, high = (None if end is None else -end for end in (lost.high, lost.low))
+        return (
+            f"gained {self.interval(Estimate(-lost.estimate, low, high, lost.level), level, more)}"
+        )
+
+
+def _where(panel: Panel, cell: str | None) -> str:
+    if cell is None or panel.truth is None:
+        return f"at the finest step ({cell})"
+    return "on the truth" if cell == panel.truth.name else f"on {cell}"
+
+
+def _lost(panel: Panel, finding: Finding, row: Row) -> str:
+    """What is lost, with its interval, and of returns as a share of the lead over random."""
+    assert finding.lost is not None
+    share = ""
+    if finding.measure == "return" and (lead := _lead(panel, row)) > 0.0:
+        share = f"{percent(abs(finding.lost.estimate) / lead)} of its lead over random"
+    return _Numbers(finding).difference(finding.lost, True, share)
+
+
+def _margin_words(finding: Finding) -> str:
+    if finding.measure == "success":
+        return f"within ±{EQUIVALENCE_MARGIN}"
+    return f"within {percent(RETURN_MARGIN)} of its lead over random"
+
+
+def _starts(panel: Panel, row: Row) -> int:
+    return next((entry.episodes for entry in panel.matrix if entry.row == row.name), 0)
+
+
+def _about_home(panel: Panel, finding: Finding, row: Row) -> str:
+    """What the home is, and what the numbers are about."""
+    starts = plural(_starts(panel, row), "start")
+    scope = f"One policy from the same {starts} everywhere; another training seed may differ."
+    if finding.status == "home_unknown":
+        return f"{_range(panel, finding)}{scope}"
+    home = finding.home or "a mixture of " + _named(list(row.shares))
+    remark = ""
+    if panel.truth is not None and finding.measure == "return":
+        remark = " It never succeeds, so returns are compared."
+    elif panel.truth is None and finding.status != "home_decides":
+        remark = " This task has no truth, so the finest step stands in for it."
+    return f"Home is {home}.{remark} {scope}"
+
+
+def _range(panel: Panel, finding: Finding) -> str:
+    """How a policy of unknown home does from the worst discretization to the best."""
+    found = [(panel.entry(finding.row, cell.name), cell.name) for cell in panel.columns]
+    known = [(x, cell) for e, cell in found if (x := _value(e, finding.measure)) is not None]
+    if not known:
+        return ""
+    (low, worst), (high, best) = min(known), max(known)
+    what, told = _MEASURES[finding.measure], _Numbers(finding)
+    if low == high:
+        return f"{what} is {told.number(low)} on each of {len(known)} discretizations. "
+    return f"{what} is from {told.number(low)} ({worst}) to {told.number(high)} ({best}). "
+
+
+def _parts_of_loss(panel: Panel, finding: Finding) -> str:
+    """Of what a loss of success is made."""
+    entry = panel.entry(finding.row, finding.cell) if finding.cell else None
+    if finding.status != "cause" or finding.measure != "success" or entry is None:
+        return ""
+    if entry.overfitting is None or entry.deadline is None or entry.difficulty is None:
+        return ""
+    return _split(entry.overfitting, entry.deadline, entry.difficulty)
+
+
+def _split(overfitting: Estimate, deadline: Estimate, difficulty: Estimate) -> str:
+    low, high = overfitting.ends
+    interval = f" ({fixed(low)} to {fixed(high)})" if overfitting.bounded else ""
+    return (
+        f"Of that loss, {fixed(overfitting.estimate)}{interval} is overfitting to home, "
+        f"{fixed(deadline.estimate)} comes back in twice the time, and "
+        f"{fixed(difficulty.estimate)} others lose there too."
+    )
+
+
+def _compared(panel: Panel, finding: Finding, row: Row) -> list[str]:
+    """Every other discretization, then every perturbation, beside home or the truth."""
+    columns = {cell.name for cell in panel.columns if cell.achievability not in UNSOLVABLE}
+    own = [one for one in panel.paired if one.row == row.name]
+    others = [one for one in own if one.cell in columns and one.cell != finding.cell]
+    perturbed = [one for one in own if panel.cell(one.cell).perturbation is not None]
+    lines = []
+    for noun, found in (("other discretization", others), ("perturbation", perturbed)):
+        known = [one for one in found if _difference_of(one, finding.measure) is not None]
+        if known:
+            lines.append(_tally(panel, finding, row, noun, known))
+    return lines
+
+
+def _tally(
+    panel: Panel, finding: Finding, row: Row, noun: str, found: Sequence[PairedEpisodes]
+) -> str:
+    margin, told = _margin(panel, row, finding.measure), _Numbers(finding)
+    counts: Counter[str] = Counter()
+    changed: list[tuple[float, str]] = []
+    for one in found:
+        lost, p = _difference_of(one, finding.measure) or (Estimate(0.0), 1.0)
+        status = cause_of(lost, shown=p < ALPHA, margin=margin)
+        counts[status] += 1
+        if status in ("cause", "gained"):
+            changed.append((abs(lost.estimate), f"{one.cell} {told.difference(lost)}"))
+    parts = [
+        f"{counts[status]} {words}"
+        for status, words in (
+            ("cause", "lower"),
+            ("gained", "higher"),
+            ("undecided", "undecided"),
+            ("not_cause", f"practically equal ({_margin_words(finding)})"),
+        )
+        if counts[status]
+    ]
+    against = "home" if found[0].against == "home" else "the truth"
+    text = f"{plural(len(found), noun)} against {against}: {', '.join(parts)}."
+    shown = [words for _, words in sorted(changed, reverse=True)[:_NAMED]]
+    return text + (f" Largest: {'; '.join(shown)}." if shown else "")
+
+
+def _difference_of(one: PairedEpisodes, measure: str) -> tuple[Estimate, float] | None:
+    """What is lost in a cell, with the p-value that is adjusted over the cells."""
+    if measure == "success":
+        return one.success, one.p_success_adjusted
+    if one.returns is None or one.p_return_adjusted is None:
+        return None
+    return one.returns, one.p_return_adjusted
+
+
+def _returns(panel: Panel, finding: Finding, row: Row) -> str:
+    """Returns beside success."""
+    if finding.measure == "return" or finding.cell is None:
+        return ""
+    at_home = _mean_at_home(panel, row, "return") if row.shares else None
+    there = _value(panel.entry(row.name, finding.cell), "return")
+    found = _paired_in(panel, row.name, finding.cell)
+    lost = None if found is None else found.returns
+    own = replace(finding, measure="return", at_home=at_home, there=there, lost=lost)
+    where = _where(panel, finding.cell)
+    if there is None:
+        return ""
+    if lost is None or at_home is None:
+        return f"Mean return {where} {_Numbers(own).number(there)}."
+    equal = _within(lost, _margin(panel, row, "return"))
+    end = f": practically equal ({_margin_words(own)})" if equal else ""
+    return (
+        f"Mean return at home {_Numbers(own).number(at_home)}, {where} "
+        f"{_Numbers(own).number(there)}, {_lost(panel, own, row)}{end}."
+    )
+
+
+# Policies that a panel trained.
+
+
+def _judged(panel: Panel) -> list[Verdict]:
+    return [one for one in panel.verdicts if one.verdict not in WITHOUT_VERDICT]
+
+
+def _worst(panel: Panel, judged: Sequence[Verdict]) -> Verdict:
+    """The transfer that loses most by overfitting.
+
+    Where all hold, the one that loses most otherwise; where nothing is lost, one to the truth.
+    """
+    if all(one.verdict == "transfers" for one in judged):
+        late = max(judged, key=lambda one: one.total.estimate)
+        if late.total.estimate >= EQUIVALENCE_MARGIN:
+            return late
+        truth = [one for one in judged if panel.truth and one.cell == panel.truth.name]
+        return max(truth or judged, key=lambda one: one.total.estimate)
+    failed = [one for one in judged if one.verdict == "fails"]
+    open_ones = [one for one in judged if one.verdict == "inconclusive"]
+    return max(failed or open_ones, key=lambda one: one.overfitting.estimate)
+
+
+def _finding_of_verdict(panel: Panel, judged: Verdict) -> Finding:
+    statuses: dict[str, Status] = {"fails": "cause", "transfers": "not_cause"}
+    status = statuses.get(judged.verdict, "undecided")
+    return _transfer(panel, judged.row, judged.cell, judged.total, status)
+
+
+def _finding_of_transfer(panel: Panel, entry: Entry) -> Finding:
+    assert entry.home_drop is not None
+    return _transfer(panel, entry.row, entry.cell, entry.home_drop, "exploratory")
+
+
+def _transfer(panel: Panel, row: str, cell: str, lost: Estimate, status: Status) -> Finding:
+    home, there = panel.row(row).home_success, _value(panel.entry(row, cell), "success")
+    at_home = None if home is None else home.estimate
+    return Finding(row, panel.row(row).home, cell, "success", status, at_home, there, lost)
+
+
+def _trained(panel: Panel) -> tuple[str, ...]:
+    judged, finding = _judged(panel), finding_of(panel)
+    if judged and finding is not None:
+        worst = _worst(panel, judged)
+        return (
+            f"{_trained_first(panel, finding)}: {_verdict_words(worst)}",
+            _split(worst.overfitting, worst.deadline, worst.difficulty),
+            _family(panel, judged),
+            *_closed(panel),
+        )
+    if panel.verdicts:
+        return _unjudged(panel)
+    if agreed := _agreement(panel.engine_agreement):
+        return agreed, *_closed(panel)
+    trained = [row for row in panel.rows if row.kind == "trained"]
+    if not any(row.learned is not False for row in trained):
+        known = {row.name: row.home_success.estimate for row in trained if row.home_success}
+        return (_unlearned("no policies have learned", known),)
+    if finding is None:
+        names = _named([row.name for row in trained])
+        return (f"Policies trained on {names} were judged nowhere but at home.", *_closed(panel))
+    return (*_exploratory(panel, finding), *_closed(panel))
+
+
+def _trained_first(panel: Panel, finding: Finding) -> str:
+    assert finding.lost is not None
+    return (
+        f"Success at home {fixed(finding.at_home)}, {_where(panel, finding.cell)} "
+        f"{fixed(finding.there)}, {_Numbers(finding).difference(finding.lost, True)}, trained on "
+        f"{finding.row}"
+    )
+
+
+def _verdict_words(judged: Verdict) -> str:
+    if judged.verdict == "fails":
+        return "dt is the cause."
+    if judged.verdict == "inconclusive":
+        return "it is not decided whether dt is the cause."
+    if judged.total.estimate < EQUIVALENCE_MARGIN:
+        return f"practically equal (within ±{EQUIVALENCE_MARGIN}), dt is not the cause."
+    late = judged.deadline.estimate >= judged.difficulty.estimate
+    other = "the time limit" if late else "the harder task"
+    return f"{other} is the cause, overfitting to dt is not."
+
+
+def _family(panel: Panel, judged: Sequence[Verdict]) -> str:
+    counts = Counter(str(one.verdict) for one in judged)
+    parts = []
+    for verdict, one, more in (
+        ("fails", "fails", "fail"),
+        ("transfers", "holds", "hold"),
+        ("inconclusive", "is undecided", "are undecided"),
+    ):
+        names = [f"{x.row} on {x.cell}" for x in judged if x.verdict == verdict]
+        if names:
+            parts.append(f"{len(names)} {one if len(names) == 1 else more} ({_named(names)})")
+    some = " that can be judged" if len(judged) < len(panel.verdicts) else ""
+    total = plural(sum(counts.values()), "declared transfer")
+    return f"Of {total}{some}, {', '.join(parts)}."
+
+
+def _exploratory(panel: Panel, finding: Finding) -> tuple[str, ...]:
+    """The largest loss by overfitting of a panel without a declared family."""
+    found, worst = panel.exploratory, panel.exploratory[0]
+    assert worst.overfitting is not None
+    lost = worst.overfitting
+    if lost.estimate > FAIL_MARGIN:
+        word = "dt looks like the cause (exploratory: no family was declared)."
+    else:
+        word = "dt does not look like the cause (exploratory: no family was declared)."
+    losses = [entry.overfitting.estimate for entry in found if entry.overfitting]
+    small, large = sum(loss <= EQUIVALENCE_MARGIN for loss in losses), panel.exploratory_failures
+    lines = [f"{_trained_first(panel, finding)}: {word}"]
+    if worst.deadline is not None and worst.difficulty is not None:
+        lines.append(_split(lost, worst.deadline, worst.difficulty))
+    lines.append(
+        f"Of {plural(len(found), 'transfer')} to cells that can be solved in time, {large} "
+        f"{'loses' if large == 1 else 'lose'} more than {FAIL_MARGIN} of success by overfitting "
+        f"and {small} at most {EQUIVALENCE_MARGIN}."
+    )
+    return tuple(lines)
+
+
+def _unjudged(panel: Panel) -> tuple[str, ...]:
+    """Where no declared transfer can be judged."""
+    if any(one.verdict != "not_learned" for one in panel.verdicts):
+        return (
+            "Not answered: no declared transfer can be judged, because no policy learned or no "
+            "cell is known to be solvable in time.",
+            *_closed(panel),
+        )
+    rows = [panel.row(name) for name in dict.fromkeys(one.row for one in panel.verdicts)]
+    home = {row.name: row.home_success.estimate for row in rows if row.home_success}
+    return (_unlearned("no policies of the declared transfers have learned", home),)
+
+
+def _unlearned(who: str, home: dict[str, float]) -> str:
+    best = max(home, key=lambda row: home[row])
+    return (
+        f"Not answered: {who}, which takes a success of {LEARNED} at home; those trained on {best} "
+        f"come nearest, with {fixed(home[best])}. Train longer (`total_steps` in [training]), or "
+        "set an easier task."
+    )
+
+
+def _agreement(found: Sequence[EngineAgreement]) -> str | None:
+    """Whether cells of other engines end as their native twins; None without such cells."""
+    paired = [
+        (one, one.differing, one.largest)
+        for one in found
+        if one.differing is not None and one.largest is not None
+    ]
+    if not paired:
+        return None
+    same = sum(differing == 0 for _, differing, _ in paired)
+    total = sum(one.episodes for one, _, _ in paired)
+    if same == len(paired):
+        return (
+            f"Yes: on each of {len(paired)} cells of other engines all episodes, {total} in all, "
+            "end as on the native engine with the same map, step and starts."
+        )
+    worst, _, largest = max(paired, key=lambda one: (one[2], one[1]))
+    return (
+        f"On {same} of {len(paired)} cells of other engines every episode ends as on the "
+        f"native engine with the same map, step and starts; of all {total} episodes "
+        f"{sum(differing for _, differing, _ in paired)} end otherwise, and no row's success "
+        f"differs by more than {largest:.2f} ({worst.cell})."
+    )
+
+
+# Of both.
+
+
+def _closed(panel: Panel) -> list[str]:
+    """Cells in which failing says nothing of a policy, in one line."""
+    parts = []
+    for status, words in (
+        ("unachievable", "no control that was found solves {}"),
+        ("too_slow", "only twice the time solves {}"),
+        ("undecided", "nobody solves {}, and no search rules it out"),
+    ):
+        names = [cell.name for cell in panel.columns if cell.achievability == status]
+        if names:
+            parts.append(words.format(_named(names)))
+    if not parts:
+        return []
+    text = "; ".join(parts)
+    return [f"No conclusion is drawn from some cells: {text}."]
+
+
+def _named(names: Sequence[str]) -> str:
+    """Names in a sentence, cut where it gets too long to read."""
+    if len(names) > _NAMED:
+        return f"{', '.join(names[:_NAMED])} and {len(names) - _NAMED} more"
+    return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else list(names))
+
+
+@dataclass(frozen=True)
+class NextStep:
+    """What to do next.
+
+    Attributes:
+        purpose: what it is for, as an instruction.
+        command: what to type.
+    """
+
+    purpose: str
+    command: str
+
+
+def next_step(panel: Panel) -> NextStep | None:
+    """What to do next; None where there is nothing to say."""
+    finding = finding_of(panel)
+    if finding is None:
+        return None
+    return _next_of_given(panel, finding) if panel.given_alone else _next_of_trained(panel, finding)
+
+
+def _next_of_given(panel: Panel, finding: Finding) -> NextStep | None:
+    row = panel.row(finding.row)
+    if finding.status == "home_unknown":
+        again = _again(panel, "--home", "integrator=…,dt=…,control_period=…")
+        count = len(panel.looks)
+        known = f"; this was look {count}, and all of them count there too" if count > 1 else ""
+        return NextStep(f"Say what it was trained on{known}", again)
+    if finding.status == "undecided":
+        more = 4 * _starts(panel, row)
+        return NextStep("Try more starts", _again(panel, "--episodes", more))
+    if finding.status == "home_decides" and panel.truth is None:
+        steps = sorted({cell.dt for cell in panel.columns}, reverse=True)
+        return NextStep("Try a finer step", _again(panel, "--dt", *steps, steps[-1] / 2.0))
+    if row.dt is None or finding.home is None or finding.status == "closed":
+        return None
+    if finding.status == "cause":
+        return NextStep("Measure whether half the step is enough", _check(panel, row, 2))
+    return NextStep("See whether other training seeds hold as well", _check(panel, row, 1))
+
+
+def _next_of_trained(panel: Panel, finding: Finding) -> NextStep:
+    wanted = [one.seeds_wanted for one in _judged(panel) if one.seeds_wanted]
+    if finding.status == "undecided" and wanted:
+        return NextStep("Train more seeds", f"{panel.command} --seeds {max(wanted)}")
+    failed = next(
+        (one for one in panel.failures if (one.row, one.cell) == (finding.row, finding.cell)), None
+    )
+    if finding.status in ("cause", "exploratory") and failed is not None:
+        words = ["integ-gym", "watch", panel.directory, failed.record_id]
+        return NextStep("See one episode fail", shlex.join(words))
+    verify = shlex.join(["integ-gym", "evidence", "verify", panel.directory])
+    return NextStep("Check every record", verify)
+
+
+def _check(panel: Panel, row: Row, finer: int) -> str:
+    """`integ-gym check` with the environment of a panel, at a row's step or a finer one."""
+    assert row.dt is not None
+    env_id, engine = str(panel.spec.get("env_id")), panel.cell(str(row.home)).engine
+    words = ["integ-gym", "check", "--env", env_id, "--integrator", str(row.integrator)]
+    words += ["--dt", f"{row.dt / finer:g}"]
+    if panel.truth is not None:
+        words += (
+            [] if row.control_period is None else ["--control-period", f"{row.control_period:g}"]
+        )
+        words += [] if engine == NATIVE else ["--engine", engine]
+    for name, value in panel.spec.get("environment", {}).items():
+        words += ["--env-arg", f"{name}={value if isinstance(value, str) else json.dumps(value)}"]
+    return shlex.join(words)
+
+
+def _again(panel: Panel, option: str, *values: str | float) -> str:
+    """The command that made an evaluation, with other values of one option.
+
+    In the same directory, whose looks go on; a home is stated in another one, for records keep it.
+    """
+    told = [value if isinstance(value, str) else f"{value:g}" for value in values]
+    out = f"{panel.directory.rstrip('/')}-home"
+    words = _words(panel.command)
+    if "--out" not in words[:-1]:
+        python = {"--dt": f"dts=[{', '.join(told)}]", "--episodes": f"episodes={told[0]}"}
+        home = f"home={told[0]!r}, out={out!r}"
+        return f"integ_gym.evaluate(…, {python.get(option, home)})"
+    if option == "--home":
+        words[words.index("--out") + 1] = out
+    while option in words:
+        place = words.index(option)
+        del words[place : place + 2]
+    return " ".join([shlex.join(words), *(f"{option} {value}" for value in told)])
+
+
+def _words(command: str) -> list[str]:
+    try:
+        return shlex.split(command)
+    except ValueError:
+        return []

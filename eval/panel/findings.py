@@ -1,0 +1,403 @@
+"""Findings beside the matrix: engines, paired episodes, rankings, remedies and training costs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from integ_gym.envs import numerics
+from integ_gym.envs.plants.interface import Plant
+from integ_gym.envs.registries import ENGINES
+from integ_gym.envs.settings import NATIVE, Discretization
+from integ_gym.evidence.store import EvidenceStore
+from integ_gym.support.terminal import percent
+
+from ..statistics import (
+    Interval,
+    holm,
+    median_interval,
+    paired_return,
+    paired_success,
+    ranking_intervals,
+    unpaired_difference,
+)
+from ..verdict import FAIL_MARGIN, UNSOLVED, Loss, adjust_for_look, share_of_look
+from .cells import Cell, is_engine, map_of
+from .matrix import Matrix, PanelLayout, Row
+from .result import (
+    EngineAgreement,
+    Estimate,
+    Median,
+    PairedEpisodes,
+    RankingAgreement,
+    Remedy,
+    RemedyCell,
+    RemedyLoss,
+    TrainingCost,
+)
+from .spec import PanelSpec
+
+VARIANTS = {
+    "symplectic_euler_implicit_damping": "symplectic_euler",
+    "symplectic_euler_implicit_velocity": "symplectic_euler",
+    "symplectic_euler_sequential_damping": "symplectic_euler",
+}
+"""Maps that differ from one of ours by how they take forces of the velocity, to that one; without
+such forces both are the same."""
+
+SAME = 1e-9
+"""Largest difference of two steps that are the same map's."""
+
+EVALUATED_ONCE = ("explicit_euler", "symplectic_euler")
+"""Of our integrators, those to which a force held from a step's start is the force itself."""
+
+
+def twin_of(cell: Cell, cells: Mapping[str, Cell], plant: Plant, resisted: bool) -> str | None:
+    """The native cell with an engine's cell's map, step and control period, or None.
+
+    Args:
+        cell: on a foreign engine.
+        cells: all cells by name.
+        plant: whose damping and Coriolis forces tell apart what is the same map without them.
+        resisted: whether stops or friction act; no native cell holds their force over a step as
+            most engines do, but for those that evaluate forces once.
+    """
+    own = cell.discretization
+    if not is_engine(own.engine):
+        return None
+    wanted = map_of(own)
+    ours = VARIANTS.get(wanted, wanted)
+    if ours != wanted and not _same_steps(ours, wanted, plant, own.dt):
+        return None
+    if resisted and ENGINES.load(own.engine).holds_resistance and ours not in EVALUATED_ONCE:
+        return None
+    twin = Discretization(ours, own.dt, own.control_period)
+    same = (
+        name
+        for name, other in cells.items()
+        if other.discretization == twin and other.kind == cell.kind
+    )
+    return next(same, None)
+
+
+def _same_steps(first: str, second: str, plant: Plant, dt: float) -> bool:
+    cases = numerics.cases_of(plant, controlled=True)
+    steps = [
+        [numerics.mapped(name, plant, dt, 1, case) for case in cases] for name in (first, second)
+    ]
+    return max(map(numerics.largest_error, *steps)) < SAME
+
+
+def agreements(layout: PanelLayout, matrix: Matrix, spec: PanelSpec) -> tuple[EngineAgreement, ...]:
+    """Every grid cell on a foreign engine beside its native twin.
+
+    Args:
+        layout: cells and rows.
+        matrix: episodes of every row in every cell.
+        spec: of the panel, whose plant has stops or friction, or has not.
+    """
+    foreign = [
+        cell
+        for cell in layout.cells.values()
+        if cell.kind == "grid" and cell.discretization.engine != NATIVE
+    ]
+    if not foreign or spec.reference is None:
+        return ()
+    nominal = spec.nominal
+    twins = {
+        cell.name: twin_of(cell, layout.cells, nominal.plant, nominal.system.steep)
+        for cell in foreign
+    }
+    return tuple(_agreement(cell, twins[cell.name], layout, matrix) for cell in foreign)
+
+
+def _agreement(
+    cell: Cell, twin: str | None, layout: PanelLayout, matrix: Matrix
+) -> EngineAgreement:
+    rows = [row.name for row in layout.rows]
+    here = [matrix.values(row, cell.name, "success") for row in rows]
+    there = [] if twin is None else [matrix.values(row, twin, "success") for row in rows]
+    pairs = list(zip(here, there, strict=False))
+    return EngineAgreement(
+        cell=cell.name,
+        **cell.discretization.arguments(),
+        map=map_of(cell.discretization),
+        twin=twin,
+        episodes=sum(values.size for values in here),
+        success=_mean(here),
+        twin_success=_mean(there) if there else None,
+        differing=int(sum((a != b).sum() for a, b in pairs)) if pairs else None,
+        largest=float(max(abs(a.mean() - b.mean()) for a, b in pairs)) if pairs else None,
+    )
+
+
+def _mean(values: Sequence[Any]) -> float:
+    return float(np.concatenate([v.ravel() for v in values]).mean())
+
+
+Array = npt.NDArray[Any]
+
+
+def paired_episodes(layout: PanelLayout, matrix: Matrix) -> tuple[PairedEpisodes, ...]:
+    """What every given policy does in each cell, beside home; beside the truth without a home."""
+    given = [row for row in layout.rows if row.kind == "given"]
+    return tuple(found for row in given for found in _paired(layout, matrix, row))
+
+
+def _paired(layout: PanelLayout, matrix: Matrix, row: Row) -> Iterator[PairedEpisodes]:
+    cells = layout.cells_of[row.name]
+    against, shares = _held_against(layout, matrix, row)
+    if against is None:
+        return
+    tested = [cell for cell in cells if cell not in shares or len(shares) > 1]
+    success = _mixed(matrix, row.name, "success", shares)
+    earned = _mixed(matrix, row.name, "return", shares)
+    rates = [paired_success(success, _of(matrix, row.name, "success", cell)) for cell in tested]
+    means = [_return(earned, _of(matrix, row.name, "return", cell)) for cell in tested]
+    share = share_of_look(max(1, len(layout.looks)))
+    adjusted = [adjust_for_look(p, share) for p in holm([p for _, p in rates]).tolist()]
+    known = [p for found in means if found for p in found[1:]]
+    corrected = iter(holm(known).tolist())
+    for cell, (interval, p), own, p_adjusted in zip(tested, rates, means, adjusted, strict=True):
+        yield PairedEpisodes(
+            row=row.name,
+            cell=cell,
+            against=against,
+            episodes=len(success),
+            success=Estimate.of(interval),
+            p_success=p,
+            p_success_adjusted=p_adjusted,
+            returns=own and own[0],
+            p_return=own and own[1],
+            p_return_adjusted=own and adjust_for_look(next(corrected), share),
+        )
+
+
+def _held_against(
+    layout: PanelLayout, matrix: Matrix, row: Row
+) -> tuple[Literal["home", "truth"] | None, dict[str, float]]:
+    """What a row is held against, as shares of cells; None where there is nothing."""
+    if row.shares and all(matrix.has(row.name, cell) for cell in row.shares):
+        return "home", row.shares
+    return (None, {}) if layout.reference is None else ("truth", {layout.reference: 1.0})
+
+
+def _of(matrix: Matrix, row: str, name: str, cell: str) -> Array:
+    """One column by start."""
+    values: Array = matrix.values(row, cell, name)[0]
+    return values
+
+
+def _mixed(matrix: Matrix, row: str, name: str, shares: dict[str, float]) -> Array:
+    """One column by start, averaged over cells by their shares."""
+    parts = [share * _of(matrix, row, name, cell) for cell, share in shares.items()]
+    mean: Array = np.sum(parts, axis=0)
+    return np.clip(mean, 0.0, 1.0) if name == "success" else mean
+
+
+def _return(there: Array, here: Array) -> tuple[Estimate, float] | None:
+    """Difference of mean returns and its p-value; None where a return is not finite."""
+    if not (np.isfinite(there).all() and np.isfinite(here).all()):
+        return None
+    interval, p = paired_return(there, here)
+    estimate = Estimate(float(np.mean(there - here)))
+    return (estimate if interval is None else Estimate.of(interval)), p
+
+
+FEWEST = 5
+"""Policies below which nothing is said of their ranking."""
+
+
+def rankings(layout: PanelLayout, matrix: Matrix) -> tuple[RankingAgreement, ...]:
+    """Agreement of every column's ranking of the trained policies with the truth's."""
+    truth = layout.reference
+    rows = [row for row in layout.rows if row.kind == "trained"]
+    if truth is None or sum(len(row.policies) for row in rows) < FEWEST:
+        return ()
+    return tuple(_ranking(matrix, rows, cell, truth) for cell in layout.columns() if cell != truth)
+
+
+def _ranking(matrix: Matrix, rows: list[Row], cell: str, truth: str) -> RankingAgreement:
+    here = {row.name: matrix.rates(row.name, cell) for row in rows}
+    there = {row.name: matrix.rates(row.name, truth) for row in rows}
+    seeds = np.concatenate([np.arange(len(rates)) for rates in here.values()])
+    correlation, violation = ranking_intervals(
+        np.concatenate(list(here.values())), np.concatenate(list(there.values())), seeds
+    )
+    chosen = max(here, key=lambda name: float(here[name].mean()))
+    best = max(there, key=lambda name: float(there[name].mean()))
+    return RankingAgreement(
+        cell=cell,
+        policies=len(seeds),
+        correlation=None if correlation is None else Estimate.of(correlation),
+        violation=Estimate.of(violation),
+        chosen=chosen,
+        best=best,
+        regret=float(there[best].mean() - there[chosen].mean()),
+    )
+
+
+Losses = Mapping[tuple[str, str], Loss]
+"""By row and cell."""
+
+
+def remedies(layout: PanelLayout, matrix: Matrix, losses: Losses) -> tuple[Remedy, ...]:
+    """One entry per mixture: its loss in every column, beside that of single discretizations.
+
+    Only rows of a single discretization that learned are held against it. In every column
+    ``lost`` lists those among them, trained elsewhere, whose overfitting is estimated above 0.2.
+    Everything here is exploratory.
+    """
+    singles = [
+        row.name
+        for row in layout.rows
+        if row.kind == "trained" and row.home is not None and matrix.learned(row.name)
+    ]
+    mixtures = [row.name for row in layout.rows if row.kind == "trained" and len(row.shares) > 1]
+    return tuple(_remedy(layout, matrix, losses, mixture, singles) for mixture in mixtures)
+
+
+def _remedy(
+    layout: PanelLayout, matrix: Matrix, losses: Losses, mixture: str, singles: Sequence[str]
+) -> Remedy:
+    assert layout.reference is not None
+    cells = tuple(_cell(matrix, losses, mixture, singles, cell) for cell in layout.columns())
+    truth = {row: float(matrix.rates(row, layout.reference).mean()) for row in (mixture, *singles)}
+    summary = (
+        [*_losses(mixture, cells), *_on_truth(mixture, truth)]
+        if matrix.learned(mixture)
+        else [f"Policies trained on {mixture} did not learn, so they are no remedy here."]
+    )
+    return Remedy(row=mixture, singles=tuple(singles), cells=cells, summary=" ".join(summary))
+
+
+def _cell(
+    matrix: Matrix, losses: Losses, mixture: str, singles: Sequence[str], cell: str
+) -> RemedyCell:
+    lost = [
+        row
+        for row in singles
+        if matrix.rows[row].home != cell and losses[row, cell].overfitting.estimate > FAIL_MARGIN
+    ]
+    return RemedyCell(
+        cell=cell,
+        member=cell in matrix.rows[mixture].shares,
+        solved=any(bool(matrix.rates(row, cell).mean() >= UNSOLVED) for row in matrix.rows),
+        overfitting=Estimate.of(losses[mixture, cell].overfitting),
+        lost=tuple(_lost(matrix, losses, mixture, row, cell) for row in lost),
+    )
+
+
+def _lost(matrix: Matrix, losses: Losses, mixture: str, single: str, cell: str) -> RemedyLoss:
+    """A row's loss, and success of the mixture minus its own."""
+    better = unpaired_difference(matrix.rates(mixture, cell), matrix.rates(single, cell))
+    return RemedyLoss(
+        row=single,
+        overfitting=Estimate.of(losses[single, cell].overfitting),
+        difference=Estimate.of(better.interval),
+    )
+
+
+def _losses(mixture: str, cells: Sequence[RemedyCell]) -> list[str]:
+    """How many discretizations cost single-discretization policies success, and the mixture."""
+    solved = [cell for cell in cells if cell.solved]
+    harmful = [cell for cell in solved if cell.lost]
+    if not harmful:
+        return [
+            f"No policy of a single discretization that learned loses more than {FAIL_MARGIN} "
+            f"by overfitting anywhere, so there is nothing for {mixture} to remedy."
+        ]
+    kept = [cell for cell in harmful if cell.overfitting.estimate <= FAIL_MARGIN]
+    own = sum(cell.member for cell in kept)
+    lost = [cell.cell for cell in harmful if cell not in kept]
+    trained = f", {own} of which they were trained in" if own else ""
+    rest = f"; they lose more in {', '.join(lost)}" if lost else ""
+    return [
+        f"In {len(harmful)} of the {len(solved)} discretizations that somebody solves, policies "
+        f"trained on another single one lose more than {FAIL_MARGIN} of success by overfitting; "
+        f"those trained on {mixture} lose no more than that in {len(kept)} of these{trained}{rest}."
+    ]
+
+
+def _on_truth(mixture: str, truth: Mapping[str, float]) -> list[str]:
+    singles = [rate for row, rate in truth.items() if row != mixture]
+    if not singles:
+        return []
+    return [
+        f"On the truth they succeed in {percent(truth[mixture])} of the episodes, policies of "
+        f"single discretizations in {percent(min(singles))} to {percent(max(singles))}."
+    ]
+
+
+WINDOW = 100
+"""Finished training episodes over which success is averaged."""
+
+RATE = 0.9
+"""Share of them that must succeed, with exploration, on what the policy is trained on."""
+
+
+def decisions_to_success(lengths: Array, successes: Array) -> float:
+    """Decisions in the episodes up to the first where :data:`WINDOW` succeed often enough.
+
+    Args:
+        lengths: decisions of each episode, in the order in which they ended, shape (episodes,).
+        successes: whether each succeeded, the same shape.
+
+    Returns:
+        A whole number; infinity if it never happens.
+    """
+    if len(lengths) < WINDOW:
+        return math.inf
+    succeeded = np.convolve(np.asarray(successes, dtype=np.int64), np.ones(WINDOW, int), "valid")
+    reached = np.flatnonzero(succeeded >= RATE * WINDOW)
+    return float(np.sum(lengths[: reached[0] + WINDOW])) if reached.size else math.inf
+
+
+def training_costs(
+    store: EvidenceStore, policies: Mapping[str, Sequence[str]]
+) -> dict[str, TrainingCost]:
+    """Cost of every row, from the records of its training episodes.
+
+    Args:
+        store: the panel's evidence.
+        policies: policy ids by row.
+
+    Returns:
+        By row.
+    """
+    table = store.query(
+        "SELECT policy_id, length, success FROM records WHERE phase = 'training' "
+        "ORDER BY policy_id, episode_index"
+    ).to_pydict()
+    names = np.array(table["policy_id"], dtype=object)
+    lengths, successes = (np.array(table[name]) for name in ("length", "success"))
+    costs = {}
+    for row, ids in policies.items():
+        chosen = [names == policy for policy in ids]
+        costs[row] = _cost([decisions_to_success(lengths[own], successes[own]) for own in chosen])
+    return costs
+
+
+def _cost(by_seed: Sequence[float]) -> TrainingCost:
+    return TrainingCost(
+        window=WINDOW,
+        rate=RATE,
+        by_seed=tuple(_known(value) for value in by_seed),
+        reached=int(np.isfinite(by_seed).sum()),
+        median=_median(median_interval(by_seed)),
+    )
+
+
+def _median(found: Interval | None) -> Median | None:
+    if found is None:
+        return None
+    estimate, low, high = (_known(value) for value in (found.estimate, found.low, found.high))
+    return Median(estimate=estimate, low=low, high=high, level=found.level)
+
+
+def _known(value: float) -> float | None:
+    return value if math.isfinite(value) else None

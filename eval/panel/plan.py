@@ -1,0 +1,316 @@
+"""A run's plan beside its specification: how it grows, and how two of them differ."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import Any, Final
+
+import msgspec
+
+from integ_gym.envs.settings import WEIGHT, Discretization
+from integ_gym.support.terminal import plural
+
+from .cells import (
+    UNNAMED,
+    Cell,
+    DiscretizationMixture,
+    Home,
+    Perturbation,
+    SpecError,
+    Sweep,
+    changes_of,
+)
+from .spec import TRAINERS, PanelSpec
+
+_CODE = ("env_id", "environment", "train", "grid")
+"""Parts whose texts may name code of somebody's own."""
+
+
+class _Plan(msgspec.Struct, kw_only=True):
+    """What `PanelSpec.to_json` writes."""
+
+    name: str
+    question: str
+    env_id: str
+    control_period: float
+    environment: dict[str, Any]
+    training: dict[str, Any]
+    trainer: dict[str, str | None]
+    train: list[dict[str, Any]]
+    grid: list[Discretization]
+    seeds: list[int]
+    exploratory_seeds: int | None
+    baselines: list[str]
+    perturbations: list[Perturbation]
+    sweeps: list[Sweep] = []
+    family: list[tuple[str, str]]
+    compare: list[tuple[str, str]]
+    looks: list[int] = []
+    ladder: bool
+    episodes: int
+    episode_parts: list[int] = []
+    episode_seed: int
+    trace_every: int
+
+
+def planned_spec(plan: Mapping[str, Any]) -> PanelSpec:
+    """The panel, or the evaluation, that a run's plan describes; no code that it names is loaded.
+
+    Args:
+        plan: the `specification` of a run's manifest.
+
+    Raises:
+        SpecError: if it is no plan of a panel, in one sentence.
+    """
+    try:
+        told = msgspec.convert(dict(plan), _Plan)
+        held = msgspec.structs.asdict(told)
+        own: dict[str, Any] = {k: tuple(x) if isinstance(x, list) else x for k, x in held.items()}
+        if told.trainer.get("name") not in TRAINERS:
+            raise SpecError("its specification is damaged: it names no trainer that there is")
+        own |= {"trainer": str(told.trainer["name"]), "train": tuple(map(_home, told.train))}
+        if told.episode_parts and sum(told.episode_parts) != told.episodes:
+            raise SpecError("its specification is damaged: `episode_parts` do not add up")
+        return PanelSpec(**own)
+    except (KeyError, msgspec.ValidationError) as error:
+        raise SpecError(f"its specification is damaged: {error}") from None
+
+
+def planned_home(plan: Mapping[str, Any]) -> Home | None:
+    """What the policy of an evaluation was trained on, as its run was told; None: unknown.
+
+    Raises:
+        SpecError: if the plan does not say.
+    """
+    try:
+        members = msgspec.convert(plan["home"]["discretizations"], list[Discretization] | None)
+        if not members or len(members) == 1:
+            return members[0] if members else None
+        shares = msgspec.convert(plan["home"]["shares"], list[float])
+        return DiscretizationMixture(UNNAMED, tuple(zip(members, shares, strict=True)))
+    except (KeyError, TypeError, ValueError, msgspec.ValidationError) as error:
+        raise SpecError(f"its `home` is damaged: {error}") from None
+
+
+def names_code(plan: Mapping[str, Any]) -> bool:
+    """Whether a plan names code of somebody's own, as ``"module:Name"``."""
+    return any(":" in text for part in _CODE for text in texts_of(plan.get(part)))
+
+
+def texts_of(value: Any) -> list[str]:
+    """All texts in plain data, keys left out."""
+    if isinstance(value, str):
+        return [value]
+    inner = value.values() if isinstance(value, Mapping) else value
+    return [t for x in inner for t in texts_of(x)] if isinstance(inner, Iterable) else []
+
+
+def _home(entry: dict[str, Any]) -> Home:
+    if "mixture" not in entry:
+        return msgspec.convert(entry, Discretization)
+    weights = msgspec.convert([one.get(WEIGHT) for one in entry["members"]], list[float])
+    members = msgspec.convert(entry["members"], list[Discretization])
+    return DiscretizationMixture(str(entry["mixture"]), tuple(zip(members, weights, strict=True)))
+
+
+GROWING: Final = "seeds"
+"""List to which more may be added at the end."""
+
+EPISODES: Final = ("episodes", "episode_parts")
+"""How many starts there are, to which more may be added, and how many came at a time."""
+
+WORDS: Final = ("question", "sources")
+"""What may be another: words for people, and what follows from the lists."""
+
+
+def additions(held: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[str]:
+    """What is new in a specification that holds all of an earlier one, in words.
+
+    Args:
+        held: the earlier one, as plain data.
+        now: the other.
+    """
+    for name in _LISTS:
+        yield from _lacking(name, now, held)
+    new = list(now.get(GROWING) or ())[len(held.get(GROWING) or ()) :]
+    if new:
+        yield f"{GROWING} {', '.join(map(str, new))}"
+    more = sum(_parts(now)) - sum(_parts(held))
+    if more:
+        yield f"{plural(more, 'more episode')}{' a seed' if now.get(GROWING) else ''}"
+    if held.get("question") != now.get("question"):
+        yield "question"
+
+
+def contradictions(held: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[str]:
+    """What another specification lacks, or has otherwise, in words; nothing of seeds.
+
+    Args:
+        held: what a directory was begun with, as plain data.
+        now: what is asked for there.
+    """
+    for name in _LISTS:
+        for lost in _lacking(name, held, now):
+            yield f"it has {lost}, which is missing now"
+    one, other = _parts(held), _parts(now)
+    differ = any(held.get(name) != now.get(name) for name in EPISODES)
+    if differ and not (one and other[: len(one)] == one):
+        yield f"`episodes` {_summed(one)} (now {_summed(other)})"
+    same = {name: now.get(name) for name in (GROWING, *EPISODES, *WORDS, *_LISTS)}
+    yield from _differences({**held, **same}, {**now, **same})
+
+
+def continued(spec: PanelSpec, held: Mapping[str, Any]) -> PanelSpec:
+    """The same panel with its episodes in the parts in which a directory has them, and then more.
+
+    Args:
+        spec: what is asked for there, unchanged if it says the parts itself or has fewer.
+        held: what the directory was begun with, as plain data.
+    """
+    parts = _parts(held)
+    more = spec.episodes - sum(parts)
+    if spec.episode_parts or more < 0:
+        return spec
+    grown = (*parts, more) if more and parts else parts
+    return replace(spec, episode_parts=grown if len(grown) > 1 else ())
+
+
+def _parts(plan: Mapping[str, Any]) -> tuple[int, ...]:
+    """How many episodes a plan has, in parts; none of one that is damaged."""
+    told = plan.get("episode_parts") or [plan.get("episodes")]
+    whole = isinstance(told, list) and all(type(part) is int for part in told)
+    return tuple(told) if whole else ()
+
+
+def _summed(parts: Sequence[int]) -> str:
+    return " + ".join(map(str, parts)) or "none"
+
+
+def _lacking(name: str, one: Mapping[str, Any], other: Mapping[str, Any]) -> Iterator[str]:
+    """Entries of a list that another specification's lacks; of a sweep, its values."""
+    there = _by_entry(other.get(name) or ())
+    for key, (entry, values) in _by_entry(one.get(name) or ()).items():
+        if key not in there:
+            yield _told(name, entry)
+            continue
+        missing = [value for value in values if value not in there[key][1]]
+        if missing:
+            yield _told(name, {**entry, "values": missing})
+
+
+def _told(name: str, entry: Any) -> str:
+    """An entry in words; as it is in a manifest that is damaged."""
+    kind, words = _LISTS[name]
+    try:
+        return f"{kind} {words(entry)}"
+    except (AttributeError, KeyError, TypeError, ValueError):
+        return f"{kind} {json.dumps(entry)}"
+
+
+def _by_entry(values: Sequence[Any]) -> dict[str, tuple[Any, tuple[float, ...]]]:
+    """Entries of a list; of a sweep, which may have more values, these apart."""
+    found = {}
+    for value in values:
+        swept = value.get("values", ()) if isinstance(value, dict) else ()
+        entry = {k: x for k, x in value.items() if k != "values"} if swept else value
+        found[json.dumps(entry, sort_keys=True)] = value, tuple(swept)
+    return found
+
+
+def _place(entry: Mapping[str, Any]) -> str:
+    if "mixture" in entry:
+        return repr(entry["mixture"])
+    return f"{Discretization(**entry).name!r}"
+
+
+def _changed(entry: Mapping[str, Any]) -> str:
+    changes = ", ".join(f"{name} = {value}" for name, value in entry["environment"].items())
+    return f"{entry['name']!r} ({changes})"
+
+
+def _swept(entry: Mapping[str, Any]) -> str:
+    return f"of `{entry['argument']}` at {', '.join(f'{value:g}' for value in entry['values'])}"
+
+
+_LISTS: Final[Mapping[str, tuple[str, Callable[[Any], str]]]] = {
+    "train": ("row", _place),
+    "grid": ("cell", _place),
+    "perturbations": ("perturbation", _changed),
+    "sweeps": ("sweep", _swept),
+    "baselines": ("baseline", repr),
+}
+"""Lists to which more may be added anywhere, what an entry is called, and how it is told."""
+
+
+def _differences(held: Mapping[str, Any], now: Mapping[str, Any], of: str = "") -> Iterator[str]:
+    """What differs between two specifications: numbers and texts as they were and are."""
+    for key in {**held, **now}:
+        one, other, name = held.get(key), now.get(key), f"{of}{key}"
+        if one == other:
+            continue
+        if isinstance(one, dict) and isinstance(other, dict):
+            yield from _differences(one, other, f"{name}.")
+        elif isinstance(one, (dict, list)) or isinstance(other, (dict, list)):
+            yield f"another `{name}`"
+        else:
+            yield f"`{name}` {one} (now {other})"
+
+
+STAGES: Final = (4, 12)
+"""Training seeds after which a page is written, while more are to come."""
+
+FREE: Final = (
+    *("question", "seeds", "exploratory_seeds", "train", "grid", "perturbations", "sweeps"),
+    *("baselines", "family", "compare", "looks", "ladder", "sources"),
+)
+"""Parts of a specification that no record of a policy in a cell depends on."""
+
+MOST_SEEDS: Final = 10_000
+"""Seeds that a panel may have."""
+
+
+def grown(spec: PanelSpec, seeds: int) -> PanelSpec:
+    """The same panel with so many training seeds: its first, or all and new ones after the last.
+
+    Raises:
+        SpecError: for less than one, more than 10 000, or a panel without training.
+    """
+    if not spec.seeds:
+        raise SpecError(f"panel {spec.name!r} trains nothing, so it has no seeds to add to")
+    if not 1 <= seeds <= MOST_SEEDS:
+        raise SpecError(f"a panel takes 1 to {MOST_SEEDS} seeds, got {seeds}")
+    last = max(spec.seeds)
+    new = range(last + 1, last + 1 + max(0, seeds - len(spec.seeds)))
+    return replace(spec, seeds=(*spec.seeds[:seeds], *new))
+
+
+def stages(spec: PanelSpec) -> tuple[PanelSpec, ...]:
+    """The panel with its first seeds alone, with more, and whole.
+
+    A stage that is more than half of what follows is left out: it would come no sooner.
+    """
+    counts = [count for count in STAGES if 2 * count < len(spec.seeds)]
+    return (*(replace(spec, seeds=spec.seeds[:count]) for count in counts), spec)
+
+
+def inputs(spec: PanelSpec, cells: Iterable[Cell]) -> dict[str, Any]:
+    """What records in some cells depend on, beside the policies: nothing that may be added.
+
+    Args:
+        spec: the panel.
+        cells: of the records.
+    """
+    told = spec.to_json()
+    places = [
+        (cell.name, cell.discretization.arguments(), dict(changes_of(cell))) for cell in cells
+    ]
+    sources = {
+        name: source
+        for name, source in told["sources"].items()
+        if any(place["integrator"] == name for _, place, _ in places)
+    }
+    shared = {name: value for name, value in told.items() if name not in FREE}
+    starts = {"start_sets": list(spec.start_sets)}
+    return {**shared, **starts, "sources": sources, "cells": sorted(places)}

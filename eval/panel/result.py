@@ -1,0 +1,955 @@
+"""The result of a panel: the model of ``panel.json``, read, written and published as a schema."""
+
+from __future__ import annotations
+
+import inspect
+import json
+import math
+import re
+from collections.abc import Iterable
+from datetime import datetime
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Final, Literal, NamedTuple, TypeAlias, TypeVar
+
+import msgspec
+
+from integ_gym.support.errors import InputError
+from integ_gym.support.files import read_bounded, write_json
+from integ_gym.support.terminal import fixed, percent
+
+from ..power import Verdict as Judged
+from ..statistics import Interval
+from ..verdict import (
+    FAIL_MARGIN,
+    UNSOLVABLE,
+    Achievability,
+    CellRole,
+    CellStatus,
+    Outcome,
+    ReferenceClass,
+    require_unique,
+)
+
+
+class Part(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A part of a panel: immutable, and of a file it must say all that is asked for, no more."""
+
+
+PartType = TypeVar("PartType", bound=Part)
+
+
+def build(part: type[PartType], /, **values: Any) -> PartType:
+    """A part from values that are checked; a result of the statistics becomes a part of its own.
+
+    Raises:
+        msgspec.ValidationError: if a value is of another type than the part asks for.
+    """
+    return msgspec.convert(values, part, from_attributes=True)
+
+
+class Estimate(Part, frozen=True):
+    """A number with a two-sided interval over training seeds, in the unit of what it estimates.
+
+    Where a policy was given, the interval is over its episodes: this policy, these starts.
+
+    Attributes:
+        estimate: the number.
+        low: lower end of the interval; null where there is none or it is not bounded.
+        high: upper end of the interval; null as the lower.
+        level: nominal coverage of the interval, in (0, 1); null without one.
+    """
+
+    estimate: float
+    low: float | None = None
+    high: float | None = None
+    level: float | None = None
+
+    @classmethod
+    def of(cls, interval: Interval) -> Estimate:
+        """An interval of the statistics; ends that are not finite are not known."""
+        low, high = (end if math.isfinite(end) else None for end in (interval.low, interval.high))
+        return cls(interval.estimate, low, high, interval.level)
+
+    @property
+    def bounded(self) -> bool:
+        """Whether both ends are known."""
+        return self.low is not None and self.high is not None
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """Both ends; the estimate itself where an end is unknown."""
+        return (
+            self.estimate if self.low is None else self.low,
+            self.estimate if self.high is None else self.high,
+        )
+
+    def __str__(self) -> str:
+        if not self.bounded:
+            return fixed(self.estimate)
+        return f"{fixed(self.estimate)} ({fixed(self.low)} to {fixed(self.high)})"
+
+
+RowKind: TypeAlias = Literal["trained", "given", "baseline"]
+"""Trained by the panel, given to it, or a baseline that nobody trained."""
+
+CellKind: TypeAlias = Literal["grid", "reference", "perturbation", "ladder"]
+"""Of the grid; the truth; with a changed plant or delay; the control period follows the step."""
+
+
+class Policy(Part, frozen=True, kw_only=True):
+    """One policy of a row.
+
+    Attributes:
+        id: name of the policy in the evidence, `policy_id`.
+        seed: training seed; null where it is not known.
+        hash: hash of the policy's content; null for a baseline of an evaluation.
+        file: path of its file beside ``panel.json``; null for a baseline.
+    """
+
+    id: str
+    seed: int | None = None
+    hash: str | None = None
+    file: str | None = None
+
+
+class Row(Part, frozen=True, kw_only=True):
+    """Policies of one training discretization or mixture, one for each training seed.
+
+    Attributes:
+        name: name of the row, unique.
+        kind: `trained`, `given` or `baseline`.
+        home: name of the cell that it was trained in; null without one, or of a mixture.
+        shares: share of each cell, by name, that its training drew from; empty for a baseline.
+        integrator: integrator of its home; null without one, or of a mixture.
+        dt: integration step of its home, s; null without one, or of a mixture.
+        control_period: time between two decisions in training, s; null for a baseline.
+        seeds: how many policies it has.
+        policies: its policies.
+        home_success: success rate at home, in [0, 1]; null without a home.
+        learned: whether home success is at least 0.5; null without a home.
+        training_steps: decisions that each policy was trained for; null where it was not trained.
+    """
+
+    name: str
+    kind: RowKind
+    home: str | None
+    shares: dict[str, float]
+    integrator: str | None
+    dt: float | None
+    control_period: float | None
+    seeds: int
+    policies: tuple[Policy, ...]
+    home_success: Estimate | None
+    learned: bool | None
+    training_steps: int | None
+
+    @property
+    def baseline(self) -> bool:
+        """Whether nobody trained it."""
+        return self.kind == "baseline"
+
+    @property
+    def mixed(self) -> bool:
+        """Whether it was trained on a mixture of discretizations."""
+        return len(self.shares) > 1
+
+
+class AppliedDiscretization(Part, frozen=True, kw_only=True):
+    """What the environments of a cell really did, read back from those that were made.
+
+    Attributes:
+        engine: what advanced the plant.
+        engine_version: its version; null where it tells none.
+        integrator: integrator, as the engine calls it.
+        dt: integration step, s.
+        substeps: integration steps in a control period.
+        control_period: time between two decisions, s.
+    """
+
+    engine: str
+    engine_version: str | None
+    integrator: str
+    dt: float
+    substeps: int
+    control_period: float
+
+
+class Cell(Part, frozen=True, kw_only=True):
+    """One discretization in which policies were evaluated.
+
+    Attributes:
+        name: name of the cell, unique.
+        engine: `native`, or the simulator that advances the plant.
+        integrator: integrator, as the engine calls it.
+        dt: integration step, s.
+        control_period: time between two decisions, s.
+        kind: `grid`, `reference`, `perturbation` or `ladder`.
+        perturbation: name of the change of the plant or its delays; null without one.
+        role: `reference` or `quarter_step` where the cell decides a comparison of policies.
+        applied: what its records tell of the environments; null without records.
+        achievability: `achievable`, `too_slow` (within two horizons alone), `unachievable` or
+            `undecided`; null where it was not asked.
+        achievability_reason: why, in one sentence with numbers.
+    """
+
+    name: str
+    engine: str
+    integrator: str
+    dt: float
+    control_period: float
+    kind: CellKind
+    perturbation: str | None
+    role: CellRole | None
+    applied: AppliedDiscretization | None = None
+    achievability: Achievability | None = None
+    achievability_reason: str | None = None
+
+    @property
+    def reference(self) -> bool:
+        """Whether this is the truth column."""
+        return self.perturbation is None and "reference" in (self.kind, self.role)
+
+    @property
+    def scheme(self) -> str:
+        """Integrator, and the engine where it is not ours."""
+        return self.integrator if self.engine == "native" else f"{self.engine} {self.integrator}"
+
+    @property
+    def plain(self) -> bool:
+        """Whether the plant and its delays are those of the spec."""
+        return self.perturbation is None and self.kind != "perturbation"
+
+
+class Entry(Part, frozen=True, kw_only=True):
+    """What one row did in one cell.
+
+    Attributes:
+        row: name of the row.
+        cell: name of the cell.
+        episodes: how many episodes, over all policies of the row.
+        success: success rate, in [0, 1].
+        success_by_seed: success rate of each policy, shape (seeds,).
+        recovered: success rate within one horizon or two, in [0, 1].
+        returns: interquartile mean of the returns, the plain mean where policies were given, as
+            published tables have it; null where one of them is not finite; called
+            ``return`` in the file.
+        time_to_success: time to success, s, of the episodes that succeed; null without one.
+        time_to_success_episodes: how many episodes succeed.
+        energy_residual: sum of the energy residual over an episode, J; null where not known.
+        energy_residual_abs: sum of the residual's sizes, J; null where not known.
+        numerics_share: of the energy that successful episodes gain until they first reach the
+            goal, the share that numerical error put in; negative where it took some out; null
+            where nothing is gained or the residual is not known.
+        diverged: episodes that the simulation did not survive.
+        not_converged: episodes in which the solver missed its tolerance.
+        home_drop: success at home minus success here; null at home and without one. The next
+            three add up to it.
+        difficulty: what policies trained here and the hand-made controller do not reach either.
+        deadline: what is won back within a second horizon.
+        overfitting: the rest.
+        tail: share of the seeds that lose more than 0.5 of success; null at home and without one.
+        worst_policy: id of the policy that loses most; null likewise.
+        worst_loss: what it loses.
+        transfer_gap: success of the policies trained here minus that of these; null without any.
+        reference_class: the cell's pass or fail beside the reference's; null where the reference
+            has another plant or control period, and in cells that cannot be solved in time.
+        labels: episodes by failure label; `none` are those that succeed.
+        file: evidence files that hold the records, beside ``panel.json``.
+        query: command that lists the records.
+    """
+
+    row: str
+    cell: str
+    episodes: int
+    success: Estimate
+    success_by_seed: tuple[float, ...]
+    recovered: Estimate
+    returns: Estimate | None = msgspec.field(name="return")
+    time_to_success: Estimate | None
+    time_to_success_episodes: int
+    energy_residual: Estimate | None
+    energy_residual_abs: Estimate | None
+    numerics_share: Estimate | None = None
+    diverged: int
+    not_converged: int
+    home_drop: Estimate | None
+    difficulty: Estimate | None
+    deadline: Estimate | None
+    overfitting: Estimate | None
+    tail: Estimate | None = None
+    worst_policy: str | None = None
+    worst_loss: float | None = None
+    transfer_gap: Estimate | None
+    reference_class: ReferenceClass | None
+    labels: dict[str, int]
+    file: tuple[str, ...]
+    query: str
+
+    @property
+    def contradicted(self) -> bool:
+        """Whether the reference contradicts its pass or fail."""
+        return self.reference_class in ("false_pass", "false_fail")
+
+
+class Verdict(Part, frozen=True, kw_only=True):
+    """Verdict on one declared transfer; the p-values are null without one.
+
+    Attributes:
+        row: name of the row.
+        cell: name of the cell that its policies were transferred to.
+        name: name of the transfer.
+        verdict: `fails`, `transfers`, `inconclusive`; without a verdict `not_learned`, or the
+            cell's status.
+        total: success at home minus success here; positive is worse. The next three add up to it.
+        difficulty: what policies trained here and the hand-made controller do not reach either.
+        deadline: what is won back within a second horizon.
+        overfitting: the rest, which the verdict is about.
+        p_exceeds: p-value for "overfitting > 0.2".
+        p_equivalent: p-value for "overfitting within ±0.1".
+        p_exceeds_adjusted: p-value for "overfitting > 0.2" after Holm's procedure over the family,
+            divided by the share of the level that this look has; 1 where it has none.
+        p_equivalent_adjusted: the same for "overfitting within ±0.1".
+        reason: why, in one sentence with numbers.
+        seeds_wanted: with how many training seeds four in five such panels would decide an
+            `inconclusive` one; null where eight times as many would not, or there is no need.
+    """
+
+    row: str
+    cell: str
+    name: str
+    verdict: Judged
+    total: Estimate
+    difficulty: Estimate
+    deadline: Estimate
+    overfitting: Estimate
+    p_exceeds: float | None
+    p_equivalent: float | None
+    p_exceeds_adjusted: float | None
+    p_equivalent_adjusted: float | None
+    reason: str
+    seeds_wanted: int | None = None
+
+
+class PairedEpisodes(Part, frozen=True, kw_only=True):
+    """One given policy in one cell, held against what it does from the same starts elsewhere.
+
+    Intervals and tests are over its episodes: they are about this policy and starts like these,
+    and say nothing about other training seeds.
+
+    Attributes:
+        row: name of the row.
+        cell: name of the cell.
+        against: what it is held against: `home`, or `truth` where its home is unknown.
+        scope: what the numbers are about.
+        episodes: how many paired starts.
+        success: success there minus success here; positive is worse.
+        p_success: two-sided p-value for "success differs", exact.
+        p_success_adjusted: the same after Holm's procedure over the row's cells, divided by the
+            share of the level that this look has.
+        returns: mean return there minus that here; positive is worse; null where a return is not
+            finite.
+        p_return: two-sided p-value for "the mean return differs"; null as the difference.
+        p_return_adjusted: the same after Holm's procedure over the row's cells, divided by the
+            share of the level that this look has.
+    """
+
+    row: str
+    cell: str
+    against: Literal["home", "truth"]
+    scope: Literal["this policy, these starts"] = "this policy, these starts"
+    episodes: int
+    success: Estimate
+    p_success: float
+    p_success_adjusted: float
+    returns: Estimate | None
+    p_return: float | None
+    p_return_adjusted: float | None
+
+
+class CellFinding(Part, frozen=True, kw_only=True):
+    """What one cell says about "A beats B".
+
+    Attributes:
+        name: name of the cell.
+        role: `quarter_step` or `reference` where the cell decides.
+        status: `win`, `reversal`, `undecided`; `unsolved` or `too_few_seeds` where the cell is
+            uninformative.
+        difference: success of A minus success of B.
+        p_win: p-value for "A is better", not adjusted.
+        p_win_adjusted: p-value for "A is better", divided by the share of the level that this look
+            has; null in an uninformative cell.
+        p_reversal: p-value for "B is better", not adjusted.
+        p_reversal_adjusted: p-value for "B is better" after Holm's procedure, divided likewise;
+            null in an uninformative cell.
+    """
+
+    name: str
+    role: CellRole | None
+    status: CellStatus
+    difference: Estimate
+    p_win: float
+    p_win_adjusted: float | None
+    p_reversal: float
+    p_reversal_adjusted: float | None
+
+
+class PolicyComparison(Part, frozen=True, kw_only=True):
+    """Whether "A beats B" survives refinement.
+
+    Attributes:
+        a: name of the row of A.
+        b: name of the row of B.
+        outcome: `accepted`, `rejected` or `uninformative`.
+        reason: why, in one sentence with numbers.
+        cells: what each cell says.
+    """
+
+    a: str
+    b: str
+    outcome: Outcome
+    reason: str
+    cells: tuple[CellFinding, ...]
+
+
+class RemedyLoss(Part, frozen=True, kw_only=True):
+    """A row of a single discretization that loses success in a cell by overfitting.
+
+    Attributes:
+        row: name of the row.
+        overfitting: see :class:`Verdict`.
+        difference: success of the mixture minus its own.
+    """
+
+    row: str
+    overfitting: Estimate
+    difference: Estimate
+
+
+class RemedyCell(Part, frozen=True, kw_only=True):
+    """A mixture in one cell, beside rows of a single discretization.
+
+    Attributes:
+        cell: name of the cell.
+        member: whether the mixture was trained there.
+        solved: whether any row solves the cell.
+        overfitting: of the mixture; see :class:`Verdict`.
+        lost: rows trained elsewhere whose overfitting is estimated above 0.2.
+    """
+
+    cell: str
+    member: bool
+    solved: bool
+    overfitting: Estimate
+    lost: tuple[RemedyLoss, ...]
+
+
+class Remedy(Part, frozen=True, kw_only=True):
+    """A mixture held against single discretizations; exploratory.
+
+    Attributes:
+        row: name of the mixture's row.
+        singles: names of the rows of a single discretization that learned.
+        cells: every cell of the grid, and the reference.
+        summary: what came out, in sentences with numbers.
+    """
+
+    row: str
+    singles: tuple[str, ...]
+    cells: tuple[RemedyCell, ...]
+    summary: str
+
+
+class Median(Part, frozen=True, kw_only=True):
+    """Median over seeds of what may not be reached; null where it is not.
+
+    Attributes:
+        estimate: the median; seeds that never got there count as longest.
+        low: lower end of its interval.
+        high: upper end of its interval.
+        level: nominal coverage of the interval, in (0, 1).
+    """
+
+    estimate: float | None
+    low: float | None
+    high: float | None
+    level: float
+
+
+class TrainingCost(Part, frozen=True, kw_only=True):
+    """Decisions of training until training episodes succeeded.
+
+    Attributes:
+        window: finished training episodes over which success is averaged.
+        rate: share of them that must succeed.
+        by_seed: decisions of every seed, shape (seeds,); null where it was not reached.
+        reached: how many seeds reached it.
+        median: median over seeds; null of fewer than two.
+    """
+
+    window: int
+    rate: float
+    by_seed: tuple[float | None, ...]
+    reached: int
+    median: Median | None
+
+
+class EngineAgreement(Part, frozen=True, kw_only=True):
+    """A cell on a foreign engine beside the native cell of the same map, its twin.
+
+    Attributes:
+        cell: name of the cell.
+        engine: the simulator.
+        integrator: integrator, as the simulator calls it.
+        dt: integration step, s.
+        control_period: time between two decisions, s.
+        map: the one-step map that it applies.
+        twin: name of the native cell; null without one.
+        episodes: how many episodes in the cell, over all rows.
+        success: success rate of these, in [0, 1].
+        twin_success: success rate in the twin, in [0, 1]; null without a twin.
+        differing: episodes that end otherwise in the twin; null without one.
+        largest: largest difference of a row's success; null without a twin.
+    """
+
+    cell: str
+    engine: str
+    integrator: str
+    dt: float
+    control_period: float
+    map: str
+    twin: str | None
+    episodes: int
+    success: float
+    twin_success: float | None
+    differing: int | None
+    largest: float | None
+
+
+class RankingAgreement(Part, frozen=True, kw_only=True):
+    """Whether a cell ranks the trained policies as the truth does; exploratory.
+
+    Attributes:
+        cell: name of the cell.
+        policies: how many policies of all rows and seeds.
+        correlation: Pearson's, of their success here and on the truth; null where either is the
+            same for all.
+        violation: mean maximum rank violation, in [0, 1]; 0 where both rank alike.
+        chosen: row with the highest success here.
+        best: row with the highest success on the truth.
+        regret: success on the truth that is lost by taking the one for the other.
+    """
+
+    cell: str
+    policies: int
+    correlation: Estimate | None
+    violation: Estimate
+    chosen: str
+    best: str
+    regret: float
+
+
+class Failure(Part, frozen=True, kw_only=True):
+    """A failed episode.
+
+    Attributes:
+        row: name of the row.
+        cell: name of the cell.
+        policy: id of the policy.
+        episode_index: place among the paired starts.
+        record_id: id of its evidence record.
+        label: failure label.
+        reason: why, in one sentence with numbers.
+    """
+
+    row: str
+    cell: str
+    policy: str
+    episode_index: int
+    record_id: str
+    label: str
+    reason: str
+
+
+SCHEMA_VERSION: Final = 5
+"""Version of ``panel.json`` that is written and read here."""
+
+ROW_ORDER: Final = ("trained", "given", "baseline")
+"""Kinds of rows in the order in which they are shown."""
+
+UNSKILLED: Final = ("random", "zero")
+"""Baselines that know nothing of a task."""
+
+
+class Cost(Part, frozen=True, kw_only=True):
+    """What a run took, interrupted runs included.
+
+    Attributes:
+        wall_seconds: time during which some unit of work was under way, s.
+        workers: how many processes worked.
+        train_seconds: time of all training runs, added up, s; 0 where policies were given.
+        evaluate_seconds: time of all evaluations, added up, s.
+    """
+
+    wall_seconds: float
+    workers: int
+    train_seconds: float
+    evaluate_seconds: float
+
+
+class Look(Part, frozen=True, kw_only=True):
+    """A look at the verdicts: what there was, and what it spends of the level of 0.05.
+
+    Attributes:
+        seeds: training seeds of the rows that the family names.
+        episodes: starts of each.
+        natives: declared transfers whose cell had policies trained in it.
+        level_exceeds: level of "overfitting > 0.2", and of comparisons of two rows.
+        level_equivalent: level of "overfitting within ±0.1".
+        adopted: whether it was in another run, whose policies were taken.
+    """
+
+    seeds: int
+    episodes: int
+    natives: int
+    level_exceeds: float
+    level_equivalent: float
+    adopted: bool = False
+
+
+class Group(NamedTuple):
+    """Neighbouring columns: one integrator from its coarsest step to its finest."""
+
+    label: str
+    cells: tuple[Cell, ...]
+    reference: bool = False
+
+
+class Panel(Part, frozen=True, kw_only=True, dict=True):
+    """Everything that a panel found.
+
+    Attributes:
+        schema_version: version of this form.
+        name: name of the panel.
+        question: question that the panel asks.
+        answer: answer to it, a line for each thing that is said; the first says success at home, on
+            the truth, what is lost, and whether dt is the cause.
+        warnings: what a reader must know before trusting anything here.
+        spec: specification of the panel.
+        protocol_gaps: what of the protocol the panel leaves out, in sentences.
+        command: command that makes it again.
+        directory: directory in which it was made.
+        created: when this was written, UTC.
+        platform: operating system and machine on which this was written.
+        instruction_sets: of its processor, as numpy names what it uses.
+        weights: one hash of all policies' hashes; equal where all weights are; empty without any.
+        versions: versions of Python and of all packages that the results depend on.
+        cost: time that it took.
+        rows: policies, by what they were trained on.
+        cells: discretizations in which policies were evaluated.
+        matrix: what each row did in each cell that it was evaluated in.
+        paired: what given policies do in each cell, beside what they do at home or on the truth
+            from the same starts.
+        verdicts: verdicts on the declared family of transfers.
+        looks: every look at the verdicts, the last is this one; empty before the first.
+        policy_comparisons: comparisons of declared pairs of rows.
+        remedies: mixtures held against single discretizations.
+        training_costs: what training cost, by row.
+        engine_agreement: cells on foreign engines beside their native twins.
+        rankings: whether cells rank the policies as the truth does.
+        failures: a sample of the failed episodes of policies that are no baselines.
+        failures_total: how many such episodes there are.
+
+    Raises:
+        ValueError: if a name occurs twice, or the matrix names a row or cell that the panel does
+            not declare.
+    """
+
+    schema_version: Literal[5] = SCHEMA_VERSION
+    name: str
+    question: str
+    answer: str
+    warnings: tuple[str, ...] = ()
+    spec: dict[str, Any]
+    protocol_gaps: tuple[str, ...] = ()
+    command: str
+    directory: str
+    created: datetime
+    platform: str
+    instruction_sets: tuple[str, ...] = ()
+    weights: str = ""
+    versions: dict[str, str]
+    cost: Cost
+    rows: tuple[Row, ...]
+    cells: tuple[Cell, ...]
+    matrix: tuple[Entry, ...]
+    paired: tuple[PairedEpisodes, ...] = ()
+    verdicts: tuple[Verdict, ...] = ()
+    looks: tuple[Look, ...] = ()
+    policy_comparisons: tuple[PolicyComparison, ...] = ()
+    remedies: tuple[Remedy, ...] = ()
+    training_costs: dict[str, TrainingCost] = {}
+    engine_agreement: tuple[EngineAgreement, ...] = ()
+    rankings: tuple[RankingAgreement, ...] = ()
+    failures: tuple[Failure, ...] = ()
+    failures_total: int = 0
+
+    def __post_init__(self) -> None:
+        require_unique([row.name for row in self.rows], "row")
+        require_unique([cell.name for cell in self.cells], "cell")
+        require_unique([f"{e.row} in {e.cell}" for e in self.matrix], "entry")
+        for entry in self.matrix:
+            if entry.row not in self._row_places or entry.cell not in self._cell_places:
+                raise InputError(
+                    f"the matrix has {entry.row!r} in {entry.cell!r}, but rows and cells do not "
+                    "declare both"
+                )
+
+    def row(self, name: str) -> Row:
+        """The row of a name."""
+        return self.rows[self._row_places[name]]
+
+    def cell(self, name: str) -> Cell:
+        """The cell of a name."""
+        return self.cells[self._cell_places[name]]
+
+    def entry(self, row: str, cell: str) -> Entry | None:
+        """What a row did in a cell, or None where it was not evaluated."""
+        return self._entries.get((row, cell))
+
+    def anchor(self, row: str, cell: str) -> str | None:
+        """Name of an entry's place in the report; None where there is none."""
+        if self.entry(row, cell) is None:
+            return None
+        return f"r{self._row_places[row]}c{self._cell_places[cell]}"
+
+    @cached_property
+    def groups(self) -> tuple[Group, ...]:
+        """Columns of the success matrix, the truth first: it is what decides."""
+        schemes: dict[str, list[Cell]] = {}
+        for cell in self.cells:
+            if cell.kind == "grid" and cell.plain and not cell.reference:
+                schemes.setdefault(cell.scheme, []).append(cell)
+        groups = [Group(name, _coarse_first(cells)) for name, cells in schemes.items()]
+        truth = tuple(cell for cell in self.cells if cell.reference)
+        return (Group("reference", truth, reference=True), *groups) if truth else tuple(groups)
+
+    @cached_property
+    def columns(self) -> tuple[Cell, ...]:
+        """Cells of the success matrix, in column order."""
+        return tuple(cell for group in self.groups for cell in group.cells)
+
+    @cached_property
+    def ordered_rows(self) -> tuple[Row, ...]:
+        """Trained rows, then given policies, then baselines."""
+        return tuple(sorted(self.rows, key=lambda row: ROW_ORDER.index(row.kind)))
+
+    def __repr__(self) -> str:
+        """In one line; all of it is in ``panel.json``, and the fields above hold it."""
+        about = f"{len(self.rows)} rows, {len(self.cells)} cells"
+        return f"<Panel {self.name!r}: {about}; {self.headline}>"
+
+    @property
+    def headline(self) -> str:
+        """The first line of the answer."""
+        return self.answer.partition("\n")[0]
+
+    @cached_property
+    def given_alone(self) -> bool:
+        """Whether policies were given and none was trained: what is replicated is the start."""
+        return all(row.kind != "trained" for row in self.rows)
+
+    @cached_property
+    def truth(self) -> Cell | None:
+        """The reference cell, or None."""
+        return next((cell for cell in self.cells if cell.reference), None)
+
+    @cached_property
+    def mixed_periods(self) -> bool:
+        """Whether the matrix mixes control periods, so that columns must name theirs."""
+        return len({cell.control_period for cell in self.columns}) > 1
+
+    def called(self, name: str) -> str:
+        """The name of a row or a cell as people read it, in which the truth is called so."""
+        if self.truth is None:
+            return name
+        return name.replace(self.truth.name, "truth").replace("reference dt=", "truth dt=")
+
+    def said(self, text: str) -> str:
+        """A sentence as people read it, in which the truth is called so."""
+        truth = self.truth
+        if truth is not None:
+            text = text.replace(truth.name, "the truth")
+            at = f"at dt {truth.dt:.6g} s and control period {truth.control_period:.6g} s"
+            text = text.replace(f"{truth.integrator} ({truth.engine}) {at}", "the truth")
+        return text
+
+    def on_truth(self, row: str) -> Entry | None:
+        """What a row did on the reference, or None."""
+        return None if self.truth is None else self.entry(row, self.truth.name)
+
+    @cached_property
+    def success_doubt(self) -> str:
+        """Why the rule of success looks wrong, in a sentence; empty where nothing speaks for it.
+
+        It looks wrong where a baseline that knows nothing of the task succeeds more than a policy
+        and returns less, on the same starts.
+        """
+        found = []
+        for entry in self.matrix:
+            if self.row(entry.row).baseline or entry.returns is None:
+                continue
+            for name in UNSKILLED:
+                base = self.entry(name, entry.cell)
+                if base is None or base.returns is None:
+                    continue
+                more = base.success.estimate - entry.success.estimate
+                low = entry.returns.low
+                least = entry.returns.estimate if low is None else low
+                if more > FAIL_MARGIN and base.returns.estimate < least:
+                    found.append((more, entry, base))
+        if not found:
+            return ""
+        _, entry, base = max(found, key=lambda one: one[0])
+        theirs, own = (
+            f"{one.row} succeeds in {percent(one.success.estimate)} of episodes with a mean return "
+            f"of {fixed(one.returns.estimate if one.returns else None, 1)}"
+            for one in (base, entry)
+        )
+        return (
+            f"The rule of success looks wrong: on {entry.cell}, {theirs}, and {own}. Compare "
+            "returns, or say which return is a success (--success-return R, where the task takes "
+            "it)."
+        )
+
+    @cached_property
+    def undeclared(self) -> tuple[Entry, ...]:
+        """Transfers that nobody declared, largest overfitting first.
+
+        Rows that did not learn and baselines have nothing to transfer and are left out, and so are
+        cells that are known not to be solvable in time.
+        """
+        declared = {(judged.row, judged.cell) for judged in self.verdicts}
+        columns = {cell.name for cell in self.columns if cell.achievability not in UNSOLVABLE}
+        found = []
+        for entry in self.matrix:
+            row = self.row(entry.row)
+            if row.baseline or row.learned is False or entry.cell in row.shares:
+                continue
+            if entry.cell in columns and (entry.row, entry.cell) not in declared:
+                found += [(entry.overfitting.estimate, entry)] if entry.overfitting else []
+        return tuple(entry for _, entry in sorted(found, key=lambda one: -one[0]))
+
+    @cached_property
+    def exploratory(self) -> tuple[Entry, ...]:
+        """Those of them in cells that are known to be solvable in time, or were not asked of."""
+        return tuple(
+            entry for entry in self.undeclared if self.cell(entry.cell).achievability != "undecided"
+        )
+
+    @property
+    def exploratory_failures(self) -> int:
+        """How many of them lose more by overfitting than verdicts let pass."""
+        losses = [entry.overfitting for entry in self.exploratory]
+        return sum(loss is not None and loss.estimate > FAIL_MARGIN for loss in losses)
+
+    @cached_property
+    def _row_places(self) -> dict[str, int]:
+        return {row.name: place for place, row in enumerate(self.rows)}
+
+    @cached_property
+    def _cell_places(self) -> dict[str, int]:
+        return {cell.name: place for place, cell in enumerate(self.cells)}
+
+    @cached_property
+    def _entries(self) -> dict[tuple[str, str], Entry]:
+        return {(entry.row, entry.cell): entry for entry in self.matrix}
+
+
+def _coarse_first(cells: Iterable[Cell]) -> tuple[Cell, ...]:
+    return tuple(sorted(cells, key=lambda cell: (-cell.control_period, -cell.dt)))
+
+
+FILE_NAME: Final = "panel.json"
+"""Name of the file in a panel's directory."""
+
+LARGEST = 256 << 20
+"""Bytes of it, at most."""
+
+
+class _Version(msgspec.Struct):
+    schema_version: Any = None
+
+
+def write_panel(panel: Panel, directory: Path) -> Path:
+    """Write ``panel.json`` into a panel's directory, whole or not at all.
+
+    Raises:
+        ValueError: if a number is not finite.
+    """
+    path = directory / FILE_NAME
+    write_json(path, msgspec.to_builtins(panel))
+    return path
+
+
+def read_panel(path: Path) -> Panel:
+    """Read a ``panel.json``.
+
+    Raises:
+        ValueError: in one sentence with the remedy, if the file is not JSON, is of another schema
+            version, lacks something or contradicts itself.
+    """
+    try:
+        content = read_bounded(path, LARGEST)
+        version = msgspec.json.decode(content, type=_Version).schema_version
+        if version == SCHEMA_VERSION:
+            return msgspec.json.decode(content, type=Panel)
+    except (msgspec.DecodeError, RecursionError, ValueError) as error:
+        raise InputError(
+            f"{path} is damaged or holds no panel ({error}); run the panel again to write it anew"
+        ) from error
+    raise InputError(
+        f"{path} has panel schema_version {version!r}, expected {SCHEMA_VERSION}; run the panel's "
+        "command again, which keeps what is finished and writes the file anew, or use the "
+        "integ-gym version that wrote it"
+    )
+
+
+SCHEMA_PATH = Path(__file__).with_name("panel.schema.json")
+
+
+def json_schema() -> dict[str, Any]:
+    """JSON Schema (2020-12) of ``panel.json``; every property is described with its unit."""
+    (whole,), parts = msgspec.json.schema_components([Panel], ref_template="#/$defs/{name}")
+    for part in parts.values():
+        _describe(part)
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": f"integ-gym panel, version {SCHEMA_VERSION}",
+        **whole,
+        "$defs": parts,
+    }
+
+
+def _describe(part: dict[str, Any]) -> None:
+    """Give the attributes that a docstring lists to the properties; a file holds all of them."""
+    about, _, rest = inspect.cleandoc(part["description"]).partition("\n\nAttributes:\n")
+    attributes = inspect.cleandoc(rest.partition("\n\n")[0])
+    found = re.findall(r"^(\w+): (.*(?:\n .*)*)", attributes, re.MULTILINE)
+    meanings = {name: " ".join(text.split()) for name, text in found}
+    meanings |= {"return": meanings.get("returns", "")}
+    part["description"] = " ".join(about.split())
+    part["required"] = list(part["properties"])
+    for name, kind in part["properties"].items():
+        kind.pop("default", None)
+        kind["description"] = meanings[name]
+
+
+def schema_text() -> str:
+    """The content of the published file."""
+    return json.dumps(json_schema(), indent=2, ensure_ascii=False) + "\n"
+
+
+def write_schema() -> None:
+    """Write the published file."""
+    SCHEMA_PATH.write_text(schema_text(), encoding="utf-8")

@@ -1,0 +1,583 @@
+"""The specification of a panel: read from TOML, checked, expanded into rows and cells."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields, replace
+from functools import cached_property
+from importlib import resources
+from itertools import accumulate
+from pathlib import Path
+from typing import Any
+
+from integ_gym.envs.registries import INTEGRATORS
+from integ_gym.envs.settings import DISCRETIZATION, WEIGHT, Discretization
+from integ_gym.envs.testbeds.interface import Testbed
+from integ_gym.envs.testbeds.making import find_testbed
+from integ_gym.support.files import read_bounded
+from integ_gym.support.optional import install_command, package_version
+from integ_gym.train.algorithms import ALGORITHMS, Algorithm
+from integ_gym.train.baselines.making import BASELINES, possible_baselines
+
+from ..verdict import MIN_SEEDS
+from .cells import (
+    Cell,
+    DiscretizationMixture,
+    Home,
+    Perturbation,
+    SpecError,
+    Sweep,
+    absent_engines,
+    asks_for_installed,
+    check_keys,
+    check_known,
+    check_unique,
+    engine_versions,
+    environments_of,
+    evaluated,
+    file_name,
+    flag,
+    integer,
+    list_of,
+    many,
+    nominal_setup,
+    pair_of,
+    perturbations_of,
+    positive,
+    sweeps_of,
+    table,
+    text,
+    trained,
+)
+
+_DELAYS = {"action_latency", "sensor_period", "observation_noise", "fallback"}
+"""Arguments that disturb what the policy is told and does, not the plant."""
+
+
+TRAINERS = {"fleet": ("jax",), "sb3": ("stable-baselines3", "torch")}
+"""What trains policies, with the packages that these depend on beside those of every run."""
+
+STARTS_APART = 10_000
+"""Seeds between the first starts of one training seed and of the next."""
+
+START_SETS = 5
+"""Seeds, from the first training seed on, whose starts a hand-made controller acts from."""
+
+ALGORITHM = "algorithm"
+"""Key in ``training`` that is no hyperparameter but says whose they are."""
+
+_NO_RESULT = ("memory_gib", "left_out")
+"""Attributes that change no result."""
+
+_LATER = ("sweeps", "episode_parts", "looks")
+"""Attributes that are told where there is something to tell; specifications of before lack them."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PanelSpec:
+    """One panel; see docs/reference/panel.md for the TOML form."""
+
+    name: str
+    question: str = "Does a policy trained on one integrator and timestep survive another?"
+    env_id: str
+    control_period: float
+    environment: Mapping[str, Any] = field(default_factory=dict)
+    training: Mapping[str, Any] = field(default_factory=dict)
+    trainer: str = "fleet"
+    """`fleet` (compiled; all policies at once) or `sb3` (stable-baselines3)."""
+    train: tuple[Home, ...]
+    grid: tuple[Discretization, ...]
+    seeds: tuple[int, ...]
+    exploratory_seeds: int | None = None
+    """How many of the seeds rows are trained with that no declared comparison names; all."""
+    baselines: tuple[str, ...] = ()
+    """Policies without training that the rows are held against."""
+    perturbations: tuple[Perturbation, ...] = ()
+    sweeps: tuple[Sweep, ...] = ()
+    """Arguments that are evaluated over several values, where perturbations are."""
+    family: tuple[tuple[str, str], ...] = ()
+    """Declared comparisons: (training discretization or mixture, cell)."""
+    compare: tuple[tuple[str, str], ...] = ()
+    """Pairs of the same whose policies are compared under refinement."""
+    looks: tuple[int, ...] = ()
+    """Seeds at the planned looks at verdicts, which share the level; empty: none is planned."""
+    ladder: bool = True
+    """Also refine each policy's own discretization with the control period following dt."""
+    episodes: int = 20
+    """Starts of every seed."""
+    episode_parts: tuple[int, ...] = ()
+    """How many of them came at a time, in order, where they did not come all at once."""
+    episode_seed: int = 1000
+    trace_every: int = 1
+    """Every so many-th episode of a policy in a cell has a trace; all can be replayed."""
+    memory_gib: float | None = None
+    """What the fleet's processes may take together, GiB."""
+    left_out: tuple[str, ...] = ()
+    """Engines that are not installed, where the grid asks for all that are."""
+
+    @property
+    def testbed(self) -> Testbed:
+        """What makes the environments."""
+        return find_testbed(self.env_id, self.environment)
+
+    @property
+    def nominal(self) -> Any:
+        """The setup of the undisturbed task; see `nominal_setup`."""
+        return nominal_setup(self.testbed, self.control_period)
+
+    @property
+    def reference(self) -> Discretization | None:
+        """The truth column: the plant solved to rounding under the same zero-order hold."""
+        return self.testbed.truth(self.control_period)
+
+    @property
+    def latest(self) -> range:
+        """Episodes that came last: all, where they came at once."""
+        return range(self.episodes - (self.episode_parts or (self.episodes,))[-1], self.episodes)
+
+    def parts(self) -> tuple[PanelSpec, ...]:
+        """The panel with the episodes that came first, with those after them, and whole.
+
+        How many starts a network answers at once shows in the last bits of its actions, so what is
+        evaluated is what is :attr:`latest` in one of these, and depends on nothing that came later.
+        """
+        totals = [*accumulate(self.episode_parts)]
+        return (
+            *(self._after(place + 1, total) for place, total in enumerate(totals[:-1])),
+            self,
+        )
+
+    def _after(self, parts: int, episodes: int) -> PanelSpec:
+        """The same with the first parts of its episodes alone."""
+        own = self.episode_parts[:parts] if parts > 1 else ()
+        return replace(self, episodes=episodes, episode_parts=own)
+
+    def start_seed(self, starts: int, episode: int) -> int:
+        """Seed of a start, the same in every cell.
+
+        Args:
+            starts: training seed of the policy; every seed has starts of its own.
+            episode: place among them.
+        """
+        return self.episode_seed + STARTS_APART * starts + episode
+
+    def attempt(self, place: int, episode: int) -> int:
+        """Number of a hand-made controller's attempt: from which of the sets' starts, and which."""
+        return episode * len(self.start_sets) + place
+
+    @property
+    def twice_the_time(self) -> dict[str, float] | None:
+        """Constructor argument of a second horizon; None where the testbed's horizon is fixed."""
+        name = self.testbed.horizon
+        return None if name is None else {name: 2.0 * self.nominal.settings.duration}
+
+    def seeds_of(self, home: Home) -> tuple[int, ...]:
+        """Training seeds of a row: all, or the first of them where nothing declared names it."""
+        named = {row for row, _ in self.family}
+        return self.seeds if home.name in named else self.seeds[: self.exploratory_seeds]
+
+    @property
+    def start_sets(self) -> tuple[int, ...]:
+        """Seeds whose starts a hand-made controller tries; baselines have the first's.
+
+        They do not depend on how many training seeds there are, so that more may be added.
+        """
+        if not self.seeds:
+            return (0,)
+        return tuple(range(self.seeds[0], self.seeds[0] + START_SETS))
+
+    def columns(self) -> tuple[Cell, ...]:
+        """Cells that every row is evaluated in: the grid, then the reference if there is one."""
+        grid = tuple(
+            Cell(d, "grid", role="quarter_step" if self._decides(d) else None)
+            for d in self.grid
+            if d != self.reference
+        )
+        if self.reference is None:
+            return grid
+        return (*grid, Cell(self.reference, "reference", role="reference"))
+
+    @cached_property
+    def changes(self) -> tuple[Perturbation, ...]:
+        """Perturbations, those of sweeps among them."""
+        swept = (p for sweep in self.sweeps for p in sweep.perturbations(self.nominal))
+        return (*self.perturbations, *swept)
+
+    def trained_on(self) -> tuple[Discretization, ...]:
+        """All discretizations that something is trained on."""
+        return tuple(dict.fromkeys(d for home in self.train for d in home.shares))
+
+    def _decides(self, discretization: Discretization) -> bool:
+        """Whether it is its integrator's finest step, a quarter of what it was trained at."""
+        own = (discretization.engine, discretization.integrator)
+        dts = [d.dt for d in self.grid if (d.engine, d.integrator) == own]
+        homes = [d.dt for d in self.trained_on() if (d.engine, d.integrator) == own]
+        coarsest = max(homes, default=self.control_period)
+        finest = discretization.dt <= min(dts)
+        return finest and discretization.dt * 4.0 <= coarsest * (1.0 + 1e-9)
+
+    def gaps(self) -> list[str]:
+        """What every panel has and this one lacks, in sentences."""
+        found = []
+        if self.reference is None:
+            found.append(
+                f"{self.env_id} has no reference solution: its cells are held against the home and "
+                "against each other, not against the truth."
+            )
+        found += [f"There is no baseline {b!r}." for b in BASELINES if b not in self.baselines]
+        changed = {name for p in self.changes for name in p.environment}
+        if not changed - _DELAYS:
+            found.append("No perturbation of the plant is evaluated.")
+        if "action_latency" not in changed:
+            found.append("No action latency is evaluated.")
+        found += [
+            f"Engine {name} is not installed, so it is left out: {install_command(name)}."
+            for name in self.left_out
+        ]
+        setup = self.nominal
+        if setup.settings.duration < setup.task.goal_stay:
+            found.append(
+                f"Episodes last {setup.settings.duration:g} s, but success takes "
+                f"{setup.task.goal_stay:g} s at the goal: nobody can succeed."
+            )
+        return found
+
+    def cells_of(self, home: Home | None) -> tuple[Cell, ...]:
+        """Cells of one row, those it was trained in first: columns, perturbations, its ladder."""
+        own = () if home is None else tuple(home.shares)
+        columns = sorted(self.columns(), key=lambda cell: cell.discretization not in own)
+        perturbed = [
+            Cell(d, "perturbation", perturbation=p)
+            for p in self.changes
+            for d in dict.fromkeys((*own, self.reference))
+            if d is not None
+        ]
+        return (*columns, *perturbed, *self._ladder(home))
+
+    def _ladder(self, home: Home | None) -> tuple[Cell, ...]:
+        """Of a single discretization whose control period can follow its step."""
+        fixed = self.testbed.control_period is not None
+        if fixed or not self.ladder or not isinstance(home, Discretization):
+            return ()
+        steps = [home.dt / 2.0, home.dt / 4.0]
+        return tuple(
+            Cell(Discretization(home.integrator, dt, dt, home.engine), "ladder") for dt in steps
+        )
+
+    def engine_versions(self) -> dict[str, str]:
+        """Version of the distribution behind each foreign engine that is used."""
+        return engine_versions({d.engine for d in (*self.trained_on(), *self.grid)})
+
+    def to_json(self) -> dict[str, Any]:
+        """The specification as plain data, everything resolved."""
+        empty = (name for name in _LATER if not getattr(self, name))
+        silent = (*_NO_RESULT, *empty)
+        told = [f.name for f in fields(self) if f.name not in silent]
+        plain = {name: _plain(getattr(self, name)) for name in told}
+        return {**plain, "trainer": self._trainer(), "sources": self._sources()}
+
+    def _trainer(self) -> dict[str, str | None]:
+        """The trainer, with what its results depend on beside the packages of every panel."""
+        packages = TRAINERS.get(self.trainer, ())
+        return {"name": self.trainer, **{name: package_version(name) for name in packages}}
+
+    @property
+    def fleet(self) -> bool:
+        """Whether the policies are trained by the fleet trainer."""
+        return self.trainer == "fleet"
+
+    @property
+    def algorithm(self) -> Algorithm:
+        """What learns: PPO where nothing is said."""
+        return ALGORITHMS[self.training.get(ALGORITHM, next(iter(ALGORITHMS)))]
+
+    def _sources(self) -> dict[str, str]:
+        """SHA-256 of the source of every integrator of the user's own."""
+        used = (*self.trained_on(), *self.grid)
+        names = {d.integrator for d in used if ":" in d.integrator}
+        hashes = {name: INTEGRATORS.source_hash(name) for name in sorted(names)}
+        return {name: digest for name, digest in hashes.items() if digest is not None}
+
+
+def _plain(value: Any) -> Any:
+    """An attribute of a specification as plain data."""
+    if isinstance(value, tuple):
+        return [_plain(one) for one in value]
+    if isinstance(value, Discretization):
+        return value.arguments()
+    if isinstance(value, DiscretizationMixture):
+        members = [{**member.arguments(), WEIGHT: weight} for member, weight in value.weights]
+        return {"mixture": value.name, "members": members}
+    if isinstance(value, (Perturbation, Sweep)):
+        return asdict(value)
+    return dict(value) if isinstance(value, Mapping) else value
+
+
+def check_parts(spec: PanelSpec) -> None:
+    """Check a specification.
+
+    Raises:
+        SpecError: for parts that contradict each other.
+        TypeError, ValueError: for a cell that cannot be made.
+    """
+    check_known("trainer", spec.trainer, TRAINERS)
+    _check_algorithm(spec)
+    if spec.episodes < 1 or not spec.seeds or not spec.train:
+        raise SpecError("`episodes`, `seeds` and `train` must each hold at least one")
+    if spec.episodes > STARTS_APART:
+        raise SpecError(f"`episodes` must be at most {STARTS_APART}, got {spec.episodes}")
+    for name in ("exploratory_seeds", "trace_every"):
+        value = getattr(spec, name)
+        if value is not None and value < 1:
+            raise SpecError(f"`{name}` must be 1 or above, got {value}")
+    _check_looks(spec)
+    named: dict[str, Sequence[Any]] = {
+        "seeds": spec.seeds,
+        "train": [home.name for home in spec.train],
+        "baselines": spec.baselines,
+        "perturbations": [p.name for p in spec.changes],
+        "family": spec.family,
+        "compare": spec.compare,
+    }
+    for label, values in named.items():
+        check_unique(label, values)
+    for perturbation in spec.changes:
+        varied = set(perturbation.environment) & set(DISCRETIZATION)
+        if varied:
+            raise SpecError(
+                f"perturbation {perturbation.name!r} changes `{sorted(varied)[0]}`, which is what "
+                "cells vary; use `evaluate` for it"
+            )
+    every = [spec.cells_of(home) for home in (*spec.train, None)]
+    for cells in every:
+        check_unique("cells", [cell.name for cell in cells])
+    for cell in {cell.name: cell for cells in every for cell in cells}.values():
+        environments_of(spec.testbed, cell, 1).close()
+    for home in spec.trained_on():
+        if home not in spec.grid and home != spec.reference:
+            raise SpecError(
+                f"every training discretization must also be evaluated, {home.name!r} is not; "
+                "add it to `evaluate`"
+            )
+    columns = {cell.name for cell in spec.columns()}
+    _check_mixture_names(spec, columns)
+    homes = {home.name: home for home in spec.train}
+    for home_name, cell_name in spec.family:
+        check_known("training discretization in `family`", home_name, homes)
+        check_known("cell in `family`", cell_name, columns)
+        if cell_name in {member.name for member in homes[home_name].shares}:
+            raise SpecError(
+                f"`family` compares {home_name!r} with its own home {cell_name!r}; name a cell "
+                "that it was not trained in"
+            )
+    for pair in spec.compare:
+        for name in pair:
+            check_known("training discretization in `compare`", name, homes)
+        _check_comparison(spec, pair)
+
+
+def _check_looks(spec: PanelSpec) -> None:
+    """Planned looks must be at ever more seeds, with each of which something is tested."""
+    if (
+        list(spec.looks) != sorted(set(spec.looks))
+        or min(spec.looks, default=MIN_SEEDS) < MIN_SEEDS
+    ):
+        raise SpecError(
+            f"`looks` must hold numbers of seeds from {MIN_SEEDS} on, each above the one before, "
+            f"got {list(spec.looks)}; with `looks = [{len(spec.seeds)}]` all is spent on one look"
+        )
+
+
+def _check_algorithm(spec: PanelSpec) -> None:
+    name = spec.training.get(ALGORITHM)
+    if name is None:
+        return
+    check_known(f"`{ALGORITHM}` in `training`", str(name), ALGORITHMS)
+    if spec.fleet and name != next(iter(ALGORITHMS)):
+        raise SpecError(
+            f"the fleet does not train by {spec.algorithm.config.algorithm}; take "
+            '`trainer = "sb3"`, or --trainer sb3'
+        )
+
+
+def check_environment(environment: Mapping[str, Any]) -> None:
+    """Refuse arguments of all cells that cells vary.
+
+    Raises:
+        SpecError: for such an argument, with where to give it.
+    """
+    varied = set(environment) & {*DISCRETIZATION, "mixture"}
+    if varied:
+        raise SpecError(
+            f"`environment` gives `{sorted(varied)[0]}`, which is what cells vary; use "
+            "`control_period`, `train` and `evaluate` for it"
+        )
+
+
+def _check_mixture_names(spec: PanelSpec, columns: set[str]) -> None:
+    """A mixture's name must be no other row's, no cell's, and one of its own as a file's."""
+    files = [file_name(name) for name in (*(home.name for home in spec.train), *spec.baselines)]
+    for home in spec.train:
+        if isinstance(home, Discretization):
+            continue
+        if home.name in columns or files.count(file_name(home.name)) > 1:
+            raise SpecError(
+                f"mixture {home.name!r} is named like another row or cell; give it another name"
+            )
+
+
+def _check_comparison(spec: PanelSpec, pair: tuple[str, str]) -> None:
+    """A comparison is decided at a quarter of each home's step and on the reference.
+
+    Of the steps that a mixture has of one integrator, the coarsest counts.
+    """
+    if pair[0] == pair[1]:
+        raise SpecError(f"`compare` names {pair[0]!r} twice; name two training discretizations")
+    if spec.reference is None:
+        raise SpecError(
+            f"`compare` is decided on the truth, and {spec.env_id} has none; leave it out"
+        )
+    homes = {d for home in spec.train if home.name in pair for d in home.shares}
+    by_step = sorted(homes - {spec.reference}, key=lambda d: (d.dt, d.name))
+    for own, home in {(d.engine, d.integrator): d for d in by_step}.items():
+        finest = min(d.dt for d in spec.grid if (d.engine, d.integrator) == own)
+        if finest * 4.0 > home.dt * (1.0 + 1e-9):
+            raise SpecError(
+                f"`compare` needs {home.integrator} evaluated at dt={home.dt / 4.0:g} or finer, a "
+                f"quarter of {home.name}'s; add it to `evaluate`"
+            )
+
+
+BUILT_IN = ("quick", "engines")
+"""Panels that come with the package."""
+
+_VALUES: dict[str, Callable[[str, Any], Any]] = {
+    "name": text,
+    "question": text,
+    "env_id": text,
+    "control_period": positive,
+    "trainer": text,
+    "memory_gib": positive,
+    "ladder": flag,
+    "episode_seed": integer,
+    "exploratory_seeds": integer,
+    "trace_every": integer,
+}
+"""Key of a single value to what reads it."""
+
+_LISTS: dict[str, Callable[[str, Any], Any]] = {
+    "seeds": integer,
+    "looks": integer,
+    "baselines": text,
+    "family": pair_of,
+    "compare": pair_of,
+}
+"""Key of a list to what reads each of its values."""
+
+LARGEST_FILE = 1 << 20
+"""Bytes of a specification, at most."""
+
+_KEYS = (
+    *_VALUES, *_LISTS, "episodes", "environment", "training", "train", "evaluate", "perturbations",
+    "sweep",
+)  # fmt: skip
+_REQUIRED = ("name", "env_id", "control_period", "seeds", "train", "evaluate")
+
+
+def built_in_spec(name: str = "quick") -> PanelSpec:
+    """A panel that comes with the package."""
+    file = resources.files(__package__) / "built_in" / f"{name}.toml"
+    content = file.read_text(encoding="utf-8")
+    return parse_spec(tomllib.loads(content), source=f"built-in panel {name!r}")
+
+
+def read_spec(path: Path) -> PanelSpec:
+    """Read a specification from a TOML file.
+
+    Raises:
+        SpecError: if the file cannot be read, or is no valid specification.
+    """
+    return parse_spec(read_toml(path), source=str(path))
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """The plain data of a specification.
+
+    Raises:
+        SpecError: if the file cannot be read, or is no TOML.
+    """
+    try:
+        return tomllib.loads(read_bounded(path, LARGEST_FILE).decode())
+    except UnicodeDecodeError as error:
+        raise SpecError(f"{path} is not UTF-8 text; save it as UTF-8") from error
+    except OSError as error:
+        raise SpecError(
+            f"cannot read the specification {path}: {error.strerror}; give the path of a TOML "
+            f"file, or a built-in panel: {', '.join(BUILT_IN)}"
+        ) from error
+    except tomllib.TOMLDecodeError as error:
+        raise SpecError(
+            f"{path} is not valid TOML: {error}; docs/reference/panel.md has the format"
+        ) from error
+    except RecursionError:
+        raise SpecError(
+            f"{path} is nested too deep to be a specification; docs/reference/panel.md has the "
+            "format"
+        ) from None
+    except ValueError as error:
+        raise SpecError(
+            f"{path} cannot be a specification: {error}; docs/reference/panel.md has the format"
+        ) from None
+
+
+def parse_spec(data: Mapping[str, Any], source: str) -> PanelSpec:
+    """Check plain data and expand it.
+
+    Raises:
+        SpecError: for an unknown key or an impossible value, naming ``source``.
+    """
+    try:
+        spec = _parse(data)
+        check_parts(spec)
+    except SpecError as error:
+        raise SpecError(f"{source}: {error}") from None
+    except (TypeError, ValueError) as error:
+        raise SpecError(f"{source}: {error}") from error
+    return spec
+
+
+def _parse(data: Mapping[str, Any]) -> PanelSpec:
+    check_keys("key", data, _KEYS)
+    missing = [key for key in _REQUIRED if key not in data]
+    if missing:
+        raise SpecError(f"missing key {missing[0]!r}; see docs/reference/panel.md for the format")
+    given = {key: read(key, data[key]) for key, read in _VALUES.items() if key in data}
+    for key, read in _LISTS.items():
+        if key in data:
+            given[key] = tuple(read(key, value) for value in list_of(data, key))
+    if "episodes" in data:
+        given |= _episodes(data["episodes"])
+    given |= {key: dict(table(data, key)) for key in ("environment", "training")}
+    check_environment(given["environment"])
+    testbed = find_testbed(given["env_id"], given["environment"])
+    of = replace(testbed.home, control_period=given["control_period"])
+    nominal = nominal_setup(testbed, of.control_period)
+    if "baselines" not in data:
+        given["baselines"] = possible_baselines(nominal, testbed.controller)
+    return PanelSpec(
+        **given,
+        train=trained(data, of),
+        grid=evaluated(data, of),
+        perturbations=perturbations_of(data, nominal),
+        sweeps=sweeps_of(data, nominal),
+        left_out=absent_engines() if any(map(asks_for_installed, data["evaluate"])) else (),
+    )
+
+
+def _episodes(value: Any) -> dict[str, Any]:
+    """How many there are, and in which parts, where there are several."""
+    parts = tuple(integer("episodes", part) for part in many(value))
+    if 0 in parts or not parts:
+        raise SpecError(f"`episodes` must be 1 or above, or a list of such parts, got {value!r}")
+    return {"episodes": sum(parts), "episode_parts": parts if len(parts) > 1 else ()}

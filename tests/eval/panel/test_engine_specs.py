@@ -1,0 +1,143 @@
+"""Specifications of several engines: what they expand to, and what is refused."""
+
+from __future__ import annotations
+
+import tomllib
+
+import engines_panel
+import pytest
+import small_panel
+from engine_cases import ELSEWHERE, FOREIGN, needs
+from engines_panel import trained_units
+from small_panel import small_data
+
+from integ_gym.cli import main
+from integ_gym.envs.engines.interface import missing_modules
+from integ_gym.envs.registries import ENGINES
+from integ_gym.eval.panel import cells as engines
+from integ_gym.eval.panel.cells import SpecError, installed_engines, integrator_applying, map_of
+from integ_gym.eval.panel.running.panel import check_spec
+from integ_gym.eval.panel.running.units import training_config, training_key
+from integ_gym.eval.panel.spec import built_in_spec, parse_spec
+from integ_gym.support import optional as extras
+
+
+def test_the_built_in_panel_asks_the_quick_panels_policies():
+    quick, engines = built_in_spec("quick"), built_in_spec("engines")
+    assert (engines.training, engines.environment) == (quick.training, quick.environment)
+    assert (engines.train, engines.trainer) == (quick.train, quick.trainer)
+    known = {
+        unit.policy: training_key(training_config(quick, unit)) for unit in trained_units(quick)
+    }
+    for unit in trained_units(engines):
+        assert known[unit.policy] == training_key(training_config(engines, unit))
+    for engine in installed_engines():
+        maps = {(map_of(d), d.dt) for d in engines.grid if d.engine == engine}
+        assert maps
+        assert {dt for _, dt in maps} == {0.05, 0.0125}
+    assert {"native", *installed_engines()} == {d.engine for d in engines.grid}
+
+
+@pytest.mark.slow
+def test_every_engine_takes_what_the_built_in_panel_asks():
+    """Each is made, which those that compile take seconds for."""
+    check_spec(built_in_spec("engines"))
+
+
+def test_engines_that_are_not_installed_are_left_out_and_named(monkeypatch):
+    absent = [name for k, name in enumerate(FOREIGN) if k % 2 == 0 or missing_modules(name)]
+    absent = sorted([*absent, *ELSEWHERE])
+    monkeypatch.setattr(engines, "missing_modules", lambda name: [name] * (name in absent))
+    spec = parse_spec(tomllib.loads(engines_panel.TOML), "test")
+    assert spec.left_out == tuple(absent)
+    assert not {d.engine for d in spec.grid} & set(absent)
+    for engine in absent:
+        command = f"make {engine}." if engine in ELSEWHERE else f".[{engine}]"
+        assert any(command in gap for gap in spec.gaps())
+
+
+def test_a_panel_about_engines_without_one_is_refused_in_one_line(monkeypatch, tmp_path, capsys):
+    monkeypatch.setattr(engines, "missing_modules", lambda name: [name] * (name != "native"))
+    assert main(["panel", "engines", "--out", str(tmp_path / "out")]) == 2
+    message = capsys.readouterr().err.strip()
+    assert "\n" not in message
+    assert 'run: pip install -e ".[mujoco]"' in message
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_engine_that_is_named_as_missing_applies_what_was_asked(monkeypatch):
+    monkeypatch.setattr(engines, "missing_modules", lambda name: [name] * (name != "native"))
+    data = tomllib.loads(engines_panel.TOML)
+    data["evaluate"][1]["map"] = "implicit_midpoint"
+    with pytest.raises(SpecError, match=r'pip install -e "\.\[casadi\]"'):
+        parse_spec(data, "test")
+
+
+def test_one_engine_of_its_own_is_enough_for_a_panel_about_engines(monkeypatch):
+    monkeypatch.setattr(engines, "missing_modules", lambda name: [name] * (name != "native"))
+    data = tomllib.loads(engines_panel.TOML)
+    data["evaluate"].append({"engine": "mujoco", "integrator": "Euler", "dt": 0.05})
+    assert "mujoco" in {d.engine for d in parse_spec(data, "test").grid}
+
+
+@pytest.mark.parametrize("engine", FOREIGN)
+def test_a_missing_extra_is_one_line(engine, monkeypatch, tmp_path, capsys):
+    """Of an engine that the specification names."""
+    needs(engine)
+    integrator = next(iter(ENGINES.load(engine).maps))
+    spec = tmp_path / "spec.toml"
+    cell = f'[[evaluate]]\nengine = "{engine}"\nintegrator = "{integrator}"\ndt = 0.05\n'
+    spec.write_text(f"{small_panel.TOML}\n{cell}", encoding="utf-8")
+    _hide(engine, monkeypatch)
+    assert main(["panel", str(spec), "--out", str(tmp_path / "out")]) == 2
+    message = capsys.readouterr().err.strip()
+    assert "\n" not in message
+    assert f'pip install -e ".[{engine}]"' in message
+    assert not (tmp_path / "out").exists()
+
+
+def _hide(engine, monkeypatch):
+    """As if the modules of an engine's extra were not there."""
+    hidden = ENGINES.load(engine).modules
+
+    def find(module, *arguments, **named):
+        if module.partition(".")[0] in hidden:
+            raise ModuleNotFoundError(f"No module named {module!r}", name=module)
+        return importlib_import(module, *arguments, **named)
+
+    importlib_import = extras.importlib.import_module
+    monkeypatch.setattr(extras.importlib, "import_module", find)
+
+
+@pytest.mark.parametrize(
+    ("entry", "fragments"),
+    [
+        ({"engine": "mujocco"}, ["unknown engine 'mujocco'", "Did you mean 'mujoco'"]),
+        ({"engine": "mujoco"}, ["engine 'mujoco' has no integrator 'rk4'", "RK4"]),
+        ({"engine": "dart"}, ["engine 'dart' has no integrator 'rk4'", "semi_implicit_euler"]),
+        ({"engine": "installed"}, ["takes `map` in place of `integrator`", "symplectic_euler"]),
+        ({"map": "rk4"}, ["unknown key in `evaluate`"]),
+    ],
+)  # fmt: skip
+def test_cells_that_no_engine_has_are_refused(entry, fragments):
+    evaluate = [*small_data(compare=[])["evaluate"], {"integrator": "rk4", "dt": 0.05, **entry}]
+    with pytest.raises(SpecError) as caught:
+        parse_spec(small_data(compare=[], evaluate=evaluate), "panel.toml")
+    for fragment in fragments:
+        assert fragment in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_unknown_maps_are_refused():
+    evaluate = [
+        *small_data(compare=[])["evaluate"],
+        {"engine": "installed", "map": "rk5", "dt": 0.05},
+    ]
+    with pytest.raises(SpecError, match="unknown map in `evaluate`"):
+        parse_spec(small_data(compare=[], evaluate=evaluate), "panel.toml")
+
+
+def test_every_engine_but_casadi_has_symplectic_euler():
+    maps = ("symplectic_euler", "symplectic_euler_implicit_damping")
+    without = {name for name in FOREIGN if integrator_applying(name, maps) is None}
+    assert without == {"casadi"}
