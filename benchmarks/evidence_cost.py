@@ -37,7 +37,7 @@ from measuring.commit_parts import commit_parts
 from measuring.rates import TURN, single, vector
 
 import integ_gym  # noqa: F401
-from integ_gym.evidence.context import EpisodeContext
+from integ_gym.evidence.labels import EpisodeContext
 from integ_gym.evidence.recorder import RecordEvidence
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.evidence.vector_recorder import RecordVectorEvidence

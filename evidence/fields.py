@@ -2,28 +2,104 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import json
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
+from math import gcd
 from operator import attrgetter
 from typing import Any
 
 import numpy as np
 
+from integ_gym.envs import numerics
 from integ_gym.envs.plants.interface import state_names, state_units
+from integ_gym.envs.settings import NATIVE, Setup
 from integ_gym.envs.transition import STATUS_NAMES
-from integ_gym.support.errors import InputError
+from integ_gym.support.errors import InputError, InputTypeError
+from integ_gym.support.optional import installed_versions
 from integ_gym.support.processes import host
 
-from .descriptions import (
-    action_latency,
-    arguments,
-    engine_description,
-    json_text,
-    optional_json,
-    package_versions,
-    sensor_period,
-)
+_PACKAGES = ("integ-gym", "gymnasium", "numpy")
+
+
+def arguments(setup: Setup, lane: int) -> str:
+    """JSON of {name: {"value": …, "unit": …}} for all constructor arguments."""
+    values, units = setup.arguments(), setup.units()
+    return json_text(
+        {name: {"value": _of_lane(values[name], lane), "unit": units[name]} for name in values}
+    )
+
+
+def engine_description(setup: Setup, _: int) -> str:
+    """What the engine says of itself, and what it was measured to be, if it is not ours; JSON."""
+    settings, described = setup.settings, setup.engine.describe()
+    if settings.engine not in (NATIVE, None) and setup.fingerprinted is not None:
+        measured = numerics.fingerprint(settings.engine, settings.integrator, setup.fingerprinted)
+        described = {**described, "fingerprint": measured.to_json()}
+    return json_text(described)
+
+
+def sensor_period(setup: Setup, _: int) -> float | None:
+    """Time between two samples, s; None where it is not known."""
+    timing = setup.timing
+    if timing.dt is None:
+        return None
+    return (timing.substeps if timing.sensor is None else timing.sensor) * timing.dt
+
+
+def action_latency(setup: Setup, _: int) -> float | None:
+    """Delay of every command, s; None where it is not known."""
+    timing = setup.timing
+    return None if timing.dt is None else timing.latency * timing.dt
+
+
+def staleness(setup: Setup) -> float:
+    """Action latency plus the greatest age that a sample can have at a decision, s.
+
+    0 where nothing is known of either.
+    """
+    timing = setup.timing
+    if timing.dt is None:
+        return 0.0
+    age = 0 if timing.sensor is None else timing.sensor - gcd(timing.sensor, timing.substeps)
+    return (timing.latency + age) * timing.dt
+
+
+def in_words(fields: Mapping[str, Any]) -> str:
+    """Engine, integrator and steps in words, from the record's fields of these names."""
+    if fields["engine"] is None:
+        return "an engine that is not known"
+    return (
+        f"{fields['integrator']} ({fields['engine']}) at dt {fields['dt']:.6g} s and control "
+        f"period {fields['control_period']:.6g} s"
+    )
+
+
+def package_versions(further: Mapping[str, str]) -> dict[str, str]:
+    """Versions of Python, of what integ-gym always needs, and of ``further`` packages."""
+    return {**installed_versions(_PACKAGES), **further}
+
+
+def json_text(value: Any) -> str:
+    """JSON with sorted keys and no spaces; NumPy numbers as Python's own."""
+    return json.dumps(value, sort_keys=True, separators=(",", ":"), default=_plain)
+
+
+def optional_json(value: Any) -> str | None:
+    """The same, or None for None."""
+    return None if value is None else json_text(value)
+
+
+def _of_lane(value: Any, lane: int) -> Any:
+    return value[lane].item() if isinstance(value, np.ndarray) else value
+
+
+def _plain(value: Any) -> Any:
+    try:
+        return value.tolist()
+    except AttributeError:
+        raise InputTypeError(f"{value!r} cannot be written as JSON") from None
 
 
 @dataclass(frozen=True)
@@ -32,10 +108,10 @@ class Origin:
 
     Attributes:
         of: what they are read from: ``context``, an episode's
-            :class:`~integ_gym.evidence.context.EpisodeContext`; ``setup``, its setup and
-            lane; ``head``, the :class:`~integ_gym.evidence.episode_log.EpisodeHeads`
+            :class:`~integ_gym.evidence.labels.EpisodeContext`; ``setup``, its setup and
+            lane; ``head``, the :class:`~integ_gym.evidence.episodes.EpisodeHeads`
             of many episodes and all contexts; ``rows``, the
-            :class:`~integ_gym.evidence.layout.EpisodeRows` of many episodes.
+            :class:`~integ_gym.evidence.episodes.EpisodeRows` of many episodes.
         value: function of that to the value; of many episodes to one value per episode, of rows
             as an array.
     """
@@ -138,7 +214,7 @@ class Field:
         at: ``instant`` (a value at every control instant) or ``step`` (a value for every control
             step); empty outside the trace.
         source: name of the row entry that a trace column is made of; see
-            :class:`integ_gym.evidence.layout.Layout`.
+            :class:`integ_gym.evidence.episodes.Layout`.
         since: schema version that brought it; null in records of earlier ones.
     """
 

@@ -27,13 +27,11 @@ from integ_gym.envs.settings import Setup
 from integ_gym.envs.transition import quiet_status
 from integ_gym.support.errors import InputError, InputTypeError
 
-from .attribution import ReplayLookups, SetupOfLane
-from .context import EpisodeContext
-from .episode_log import EpisodeHead, EpisodeHeads, EpisodeLog
-from .episode_table import record_table, unhashed_table
-from .layout import Layout
+from .episodes import EpisodeHead, EpisodeHeads, EpisodeLog, Layout
+from .labels import EpisodeContext
 from .reservation import Episodes, Reservation, batch_name, from_on
 from .store import EvidenceStore
+from .table import ReplayLookups, SetupOfLane, record_table, unhashed_table
 
 _CHANGING = (
     gym.ActionWrapper,
@@ -117,7 +115,7 @@ class Recorder:
         """Summaries of the finished episodes that are not committed yet.
 
         Returns:
-            One value per episode; see :func:`integ_gym.evidence.layout.summarise`.
+            One value per episode; see :func:`integ_gym.evidence.episodes.summarise`.
         """
         self._hand_over()
         episodes = self._log.episodes()
@@ -128,7 +126,7 @@ class Recorder:
         """The finished episodes as a table, to be committed with others; None if there are none.
 
         Args:
-            replays: see :data:`integ_gym.evidence.attribution.ReplayLookups`.
+            replays: see :data:`integ_gym.evidence.table.ReplayLookups`.
         """
         table = self._table(record_table, replays)
         self._log.clear()
@@ -140,7 +138,7 @@ class Recorder:
         Args:
             name: name of the batch; by default made of environment, cell, policy and episodes, so
                 that the same work done twice is refused.
-            replays: see :data:`integ_gym.evidence.attribution.ReplayLookups`.
+            replays: see :data:`integ_gym.evidence.table.ReplayLookups`.
 
         Raises:
             BatchExistsError: if the batch has been committed before.

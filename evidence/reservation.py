@@ -15,7 +15,7 @@ from typing import TypeAlias
 from integ_gym.support.files import make_folder
 from integ_gym.support.locks import FileLock
 
-from .context import EpisodeContext
+from .labels import EpisodeContext
 from .schema import EvidenceError
 from .store import EvidenceStore
 

@@ -17,6 +17,7 @@ from .parquet_file import (
     check_schema,
     groups,
     parts,
+    query,
     read,
     read_row,
     record_ids,
@@ -24,7 +25,6 @@ from .parquet_file import (
     sample,
     write,
 )
-from .query import query
 from .record import EvidenceRecord, records_of
 from .schema import BatchExistsError, EvidenceError, Finding, pyarrow
 

@@ -13,8 +13,8 @@ from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 from integ_gym.envs.sequential_vector import DiscretizedVectorEnv
 from integ_gym.support.errors import InputError
 
-from .context import EpisodeContext
-from .episode_log import EpisodeHeads
+from .episodes import EpisodeHeads
+from .labels import EpisodeContext
 from .recorder import (
     Recorder,
     all_setups,

@@ -43,10 +43,11 @@ from integ_gym.train.config import (
     whole,
 )
 from integ_gym.train.policy import ACTIVATIONS
-from integ_gym.train.policy_files.card import make_card, mixture_of
 from integ_gym.train.policy_files.sidecar import TrainedPolicy, write_policy
 from integ_gym.train.sb3_model import Tell, last_episodes, logger, reproducible, saved, telling
 from integ_gym.train.side_by_side import OnTrained, checked_runs, train_each, unheard
+
+from .policy_files.card import make_card, mixture_of
 
 # ---------------------------------------------------------------------------------- hyperparameters
 

@@ -26,7 +26,7 @@ from integ_gym.envs.testbeds.making import find_testbed
 from integ_gym.evidence.labels import SENTENCE_COLUMNS
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.train.policy import MlpPolicy
-from integ_gym.train.policy_files.limits import PolicyFileError
+from integ_gym.train.policy_files.card import PolicyFileError
 from integ_gym.train.policy_files.reading import read_weights
 from integ_gym.train.policy_files.sidecar import WEIGHTS_FILE
 

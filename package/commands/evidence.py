@@ -12,14 +12,25 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
-from integ_gym.evidence.exchange.exporting import EXPORT_FORMATS, TEXT_FORMATS, export
-from integ_gym.evidence.exchange.parquet_dataset import changed_since_export, read_export
+from integ_gym.evidence.exporting import (
+    EXPORT_FORMATS,
+    TEXT_FORMATS,
+    changed_since_export,
+    export,
+    read_export,
+)
 from integ_gym.evidence.fields import SCHEMA_VERSION
+from integ_gym.evidence.parquet_file import query_in_place
 from integ_gym.evidence.printing import ASCII_BARS, BARS, TABLE_FORMATS, print_table, show
-from integ_gym.evidence.query import query_in_place
 from integ_gym.evidence.recomputing import recompute
 from integ_gym.evidence.record import EvidenceRecord
-from integ_gym.evidence.replaying import ELSEWHERE, Acting
+from integ_gym.evidence.replaying import (
+    ELSEWHERE,
+    Acting,
+    missing_episodes,
+    other_columns,
+    replay_some,
+)
 from integ_gym.evidence.schema import EvidenceError, Finding
 from integ_gym.evidence.sealing import (
     SEAL_FILE,
@@ -34,7 +45,6 @@ from integ_gym.evidence.sealing import (
     sign,
 )
 from integ_gym.evidence.store import EvidenceStore, merge, open_run
-from integ_gym.evidence.verification import missing_episodes, other_columns, replay_some
 from integ_gym.support.files import make_folder
 from integ_gym.support.optional import absent
 from integ_gym.support.options import CommandParser, whole_number

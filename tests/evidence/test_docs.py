@@ -8,7 +8,12 @@ from pathlib import Path
 import pytest
 
 from integ_gym.envs.registries import PLANTS, TASKS
-from integ_gym.evidence.fields import LABELS, SCHEMA_VERSION, SUMMARY_FIELDS, trace_fields
+from integ_gym.evidence.fields import (
+    LABELS,
+    SCHEMA_VERSION,
+    SUMMARY_FIELDS,
+    trace_fields,
+)
 from integ_gym.evidence.store import open_run
 
 TEXT = (Path(__file__).parents[2] / "docs" / "reference" / "evidence.md").read_text(

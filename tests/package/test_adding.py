@@ -13,12 +13,11 @@ import numpy as np
 import pytest
 
 import integ_gym  # noqa: F401
-from integ_gym.evidence import episode_table as table
-from integ_gym.evidence import fields
+from integ_gym.evidence import fields, table
 from integ_gym.evidence import fields as trace_fields
 from integ_gym.evidence import record as summary
 from integ_gym.evidence import schema as arrow_schema
-from integ_gym.evidence.context import EpisodeContext
+from integ_gym.evidence.labels import EpisodeContext
 from integ_gym.evidence.recorder import RecordEvidence
 from integ_gym.evidence.store import EvidenceStore
 

@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 
 from integ_gym.envs.settings import Setup
 from integ_gym.envs.transition import quiet_status
-from integ_gym.evidence.episode_log import EpisodeHead, EpisodeHeads, EpisodeLog
-from integ_gym.evidence.episode_table import unhashed_table
-from integ_gym.evidence.layout import Layout
+from integ_gym.evidence.episodes import EpisodeHead, EpisodeHeads, EpisodeLog, Layout
 from integ_gym.evidence.recorder import now
 from integ_gym.evidence.store import EvidenceStore
+from integ_gym.evidence.table import unhashed_table
 from integ_gym.support.optional import installed_versions
 
 from ..config import TrainingEvidence

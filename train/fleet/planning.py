@@ -13,7 +13,7 @@ import numpy as np
 
 from integ_gym.envs.ops.jax_ops import jax
 from integ_gym.envs.registries import ENGINES
-from integ_gym.evidence.layout import Layout
+from integ_gym.evidence.episodes import Layout
 from integ_gym.support.errors import InputError
 
 from ..ppo import PPOConfig

@@ -18,7 +18,7 @@ from integ_gym.envs.ops.jax_ops import jax, jnp
 from integ_gym.envs.ops.ops import Components
 from integ_gym.envs.plants.interface import join_state
 from integ_gym.envs.transition import EnvState, Outcome, reset_info, step_info
-from integ_gym.evidence.layout import Layout
+from integ_gym.evidence.episodes import Layout
 
 from ..sb3_model import Stack
 from .learning import (

@@ -24,7 +24,7 @@ from integ_gym.envs import functional
 from integ_gym.envs.functional import FunctionalEnv
 from integ_gym.envs.ops.jax_ops import jax, jnp
 from integ_gym.envs.settings import Mixture
-from integ_gym.evidence.layout import Layout
+from integ_gym.evidence.episodes import Layout
 from integ_gym.support.errors import InputError
 from integ_gym.support.executors import Cluster
 from integ_gym.support.optional import require

@@ -1,8 +1,4 @@
-"""A card's hash of itself: of home, environment arguments, bounds and all else that it says.
-
-`content_hash` is of what decides the actions, and names a policy in evidence; the hash here is of
-what is said about that policy, which decides what its results mean.
-"""
+"""How large a policy file may be, and what is wrong with one, in one sentence."""
 
 from __future__ import annotations
 
@@ -17,13 +13,30 @@ import numpy as np
 from gymnasium.vector import VectorEnv
 
 from integ_gym.envs.settings import Mixture, Setup
+from integ_gym.support.errors import IntegGymError
 from integ_gym.support.optional import installed_versions
 from integ_gym.support.processes import host
 
-from .limits import PolicyFileError
-
 if TYPE_CHECKING:
     from ..config import TrainingConfig
+
+
+RETRAIN = "train with PPO('MlpPolicy', ...) and save again"
+
+
+DAMAGED = "save it again with model.save(path)"
+
+
+class PolicyFileError(IntegGymError, ValueError):
+    """A policy file, or a statistics file, that cannot be read safely; one sentence says why."""
+
+
+MAX_WEIGHTS_BYTES = 256 * 2**20
+"""Largest `policy.pth` that is read, in bytes, also after unpacking (256 MiB)."""
+
+
+MAX_JSON_BYTES = 16 * 2**20
+"""Largest `data` member and largest statistics file that are read, in bytes (16 MiB)."""
 
 
 HASH_KEY = "card_hash"

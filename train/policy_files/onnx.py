@@ -20,8 +20,7 @@ from integ_gym.support.files import parse_json, read_bounded
 from integ_gym.support.optional import load
 
 from ..policy import ActionArray, BoxActions, DiscreteActions, MlpPolicy, ObservationStatistics
-from .card import check_own_hash, hashed
-from .limits import PolicyFileError
+from .card import PolicyFileError, check_own_hash, hashed
 
 METADATA = "integ_gym"
 """Key of the metadata that holds what a side-car does, as JSON."""

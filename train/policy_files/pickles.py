@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..policy import ObservationStatistics
-from .limits import PolicyFileError
+from .card import PolicyFileError
 
 Name: TypeAlias = tuple[str, str]
 """Module and name of what a pickle imports."""

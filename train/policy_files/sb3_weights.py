@@ -18,8 +18,8 @@ import numpy as np
 from integ_gym.support.optional import missing
 
 from ..policy import ACTIVATIONS, Layer
-from . import limits
-from .limits import DAMAGED, RETRAIN, PolicyFileError
+from . import card
+from .card import DAMAGED, RETRAIN, PolicyFileError
 
 SHARED = "mlp_extractor.shared_net"
 """Layers that actor and critic have in common, in files of before 1.8."""
@@ -361,9 +361,9 @@ def _check_old_format(content: bytes, what: str) -> None:
         raise PolicyFileError(f"{what} is not a whole file of torch; {DAMAGED}") from error
     largest = max((given for _, given, _ in read if isinstance(given, int)), default=0)
     storages = sum(opcode.name in ("PERSID", "BINPERSID") for opcode, _, _ in read)
-    if 4 * largest * max(1, storages) > limits.MAX_WEIGHTS_BYTES:
+    if 4 * largest * max(1, storages) > card.MAX_WEIGHTS_BYTES:
         raise PolicyFileError(
-            f"{what} asks for more memory than the limit of {limits.MAX_WEIGHTS_BYTES} bytes; "
+            f"{what} asks for more memory than the limit of {card.MAX_WEIGHTS_BYTES} bytes; "
             "give a model with a smaller network"
         )
 
@@ -381,10 +381,10 @@ def _check_archive(content: bytes, what: str) -> None:
             "torch.onnx.export, or save the state_dict alone"
         )
     unpacked = sum(member.file_size for member in members)
-    if unpacked > limits.MAX_WEIGHTS_BYTES:
+    if unpacked > card.MAX_WEIGHTS_BYTES:
         raise PolicyFileError(
             f"{what} unpacks to {unpacked} bytes, above the limit of "
-            f"{limits.MAX_WEIGHTS_BYTES}; give a model with a smaller network"
+            f"{card.MAX_WEIGHTS_BYTES}; give a model with a smaller network"
         )
 
 
@@ -416,9 +416,9 @@ def layers_of(
                 f"the weights '{name}' should have shape {shape} for the saved architecture "
                 f"{sizes} and have {found}; {DAMAGED}"
             )
-    if 4 * sum(math.prod(shape) for shape in expected.values()) > limits.MAX_WEIGHTS_BYTES:
+    if 4 * sum(math.prod(shape) for shape in expected.values()) > card.MAX_WEIGHTS_BYTES:
         raise PolicyFileError(
-            f"the actor needs more than {limits.MAX_WEIGHTS_BYTES} bytes; "
+            f"the actor needs more than {card.MAX_WEIGHTS_BYTES} bytes; "
             "give a model with a smaller network"
         )
     return tuple(

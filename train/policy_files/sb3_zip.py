@@ -29,8 +29,8 @@ from ..policy import (
     ObservationStatistics,
     spread,
 )
-from . import limits
-from .limits import DAMAGED, PolicyFileError
+from . import card
+from .card import DAMAGED, PolicyFileError
 from .pickles import looks_pickled, read_number_type, read_vec_normalize
 from .sb3_weights import (
     SHARED,
@@ -250,9 +250,9 @@ def read_observation_statistics(path: str | os.PathLike[str]) -> ObservationStat
 
 
 def _read_small_file(file: Path) -> bytes:
-    """The bytes of a file of at most `limits.MAX_JSON_BYTES`."""
+    """The bytes of a file of at most `card.MAX_JSON_BYTES`."""
     try:
-        return read_bounded(file, limits.MAX_JSON_BYTES)
+        return read_bounded(file, card.MAX_JSON_BYTES)
     except OSError as error:
         raise PolicyFileError(f"cannot be opened ({error.strerror})") from error
 
@@ -433,8 +433,8 @@ def _read_members(file: Path | BinaryIO) -> tuple[bytes, bytes]:
             check_regular(file)
         with zipfile.ZipFile(file) as archive:
             return (
-                read_member(archive, "data", limits.MAX_JSON_BYTES),
-                read_member(archive, "policy.pth", limits.MAX_WEIGHTS_BYTES),
+                read_member(archive, "data", card.MAX_JSON_BYTES),
+                read_member(archive, "policy.pth", card.MAX_WEIGHTS_BYTES),
             )
     except PolicyFileError:
         raise

@@ -28,10 +28,10 @@ from ..policy import BoxActions, DiscreteActions, MlpPolicy
 from .card import (
     FORMAT,
     UNHASHED_FORMAT,
+    PolicyFileError,
     check_own_hash,
     hashed,
 )
-from .limits import PolicyFileError
 from .onnx import OnnxPolicy
 from .reading import read_weights
 from .safetensors_file import safetensors_bytes

@@ -20,14 +20,18 @@ from integ_gym.support.errors import InputError, InputTypeError
 from integ_gym.support.files import replace_file
 
 from ..policy import BoxActions, MlpPolicy
-from .card import FORMAT, hashed
-from .limits import PolicyFileError
+from .card import FORMAT, PolicyFileError, hashed
 from .onnx import OnnxPolicy, onnx_bytes
-from .reading import ONNX_ENDING, SAFETENSORS_ENDING, read_weights, unscaled
+from .reading import (
+    ONNX_ENDING,
+    SAFETENSORS_ENDING,
+    STATE_DICT_ENDINGS,
+    read_weights,
+    unscaled,
+)
 from .safetensors_file import safetensors_bytes
 from .sb3_zip import GivenStatistics, lacks_statistics, observation_statistics_of, read_sb3_model
 from .sidecar import Stated, has_sidecar, read_trained, stated_arguments
-from .state_dict import STATE_DICT_ENDINGS
 
 _UNSCALED = (
     "was trained inside VecNormalize, whose statistics are missing; pass "

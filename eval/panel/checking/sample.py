@@ -8,9 +8,9 @@ from itertools import chain
 from pathlib import Path
 
 from integ_gym.evidence.recomputing import recompute
+from integ_gym.evidence.replaying import replay_some
 from integ_gym.evidence.schema import Finding
 from integ_gym.evidence.store import EvidenceStore
-from integ_gym.evidence.verification import replay_some
 
 from ..existing.run_policies import acting_in
 from ..running.run_directory import RunDirectory, RunDirectoryError

@@ -17,7 +17,7 @@ from integ_gym.support.errors import InputError
 from integ_gym.train.called_policy import CalledPolicy, behaviour_hash
 from integ_gym.train.monitoring import RawModel
 from integ_gym.train.policy import MlpPolicy, Policy
-from integ_gym.train.policy_files.limits import PolicyFileError
+from integ_gym.train.policy_files.card import PolicyFileError
 from integ_gym.train.policy_files.onnx import OnnxPolicy
 from integ_gym.train.policy_files.sb3_zip import lacks_statistics, read_sb3_model
 from integ_gym.train.policy_files.sidecar import Stated

@@ -12,9 +12,14 @@ from gymnasium import spaces
 
 from integ_gym.train.baselines.making import BASELINES
 from integ_gym.train.policy import Policy
-from integ_gym.train.policy_files.limits import PolicyFileError
+from integ_gym.train.policy_files.card import PolicyFileError
 from integ_gym.train.policy_files.onnx import OnnxPolicy, onnx_card, onnx_data
-from integ_gym.train.policy_files.reading import ONNX_ENDING, POLICY_ENDINGS, read_weights, unscaled
+from integ_gym.train.policy_files.reading import (
+    ONNX_ENDING,
+    POLICY_ENDINGS,
+    read_weights,
+    unscaled,
+)
 from integ_gym.train.policy_files.sidecar import Stated, has_sidecar, read_trained, readable_file
 
 from ..cells import Home

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from integ_gym.evidence.context import EpisodeContext
+from integ_gym.evidence.labels import EpisodeContext
 from integ_gym.support.errors import MissingPackageError
 from integ_gym.support.executors import Cluster
 from integ_gym.support.optional import require

@@ -15,7 +15,7 @@ from sb3_contrib.common.wrappers import TimeFeatureWrapper
 
 import integ_gym
 from integ_gym.envs.catalogue.lookup import environment_setup
-from integ_gym.evidence.context import EpisodeContext
+from integ_gym.evidence.labels import EpisodeContext
 from integ_gym.evidence.recorder import RecordEvidence
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.train.vec_env import Sb3VecEnv

@@ -12,7 +12,7 @@ from dataclasses import replace
 import gymnasium as gym
 import pytest
 
-from integ_gym.evidence.context import EpisodeContext
+from integ_gym.evidence.labels import EpisodeContext
 from integ_gym.evidence.recorder import RecordEvidence
 from integ_gym.evidence.schema import EvidenceError
 from integ_gym.evidence.store import EvidenceStore

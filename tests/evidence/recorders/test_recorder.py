@@ -13,9 +13,8 @@ from gymnasium.utils.env_checker import check_env
 from integ_gym.envs.catalogue.pendulum import IntegPendulumEnv
 from integ_gym.envs.registries import ENVIRONMENTS
 from integ_gym.evidence import recorder as recorder_module
-from integ_gym.evidence.context import EpisodeContext
 from integ_gym.evidence.fields import PHASES, record_fields
-from integ_gym.evidence.labels import Replays
+from integ_gym.evidence.labels import EpisodeContext, Replays
 from integ_gym.evidence.recorder import RecordEvidence
 from integ_gym.evidence.schema import BatchExistsError, EvidenceError
 from integ_gym.evidence.store import EvidenceStore

@@ -11,7 +11,7 @@ import pytest
 from engine_cases import needs
 from gymnasium import spaces
 
-from integ_gym.evidence.context import EpisodeContext
+from integ_gym.evidence.labels import EpisodeContext
 from integ_gym.evidence.recomputing import recompute
 from integ_gym.evidence.recorder import RecordEvidence, Stranger
 from integ_gym.evidence.replaying import replay

@@ -15,7 +15,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from integ_gym.cli import main as run
-from integ_gym.evidence.exchange.exporting import TEXT_FORMATS, export
+from integ_gym.evidence.exporting import TEXT_FORMATS, export
 from integ_gym.evidence.fields import LABELS, SCHEMA_VERSION, SUMMARY_FIELDS
 from integ_gym.evidence.hashing import with_hashes
 from integ_gym.evidence.labels import Replays, failure_label, failure_sentence

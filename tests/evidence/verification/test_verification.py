@@ -13,12 +13,11 @@ import pytest
 
 from integ_gym.envs.registries import ENVIRONMENTS
 from integ_gym.evidence import replaying
-from integ_gym.evidence.context import EpisodeContext
 from integ_gym.evidence.hashing import with_hashes
-from integ_gym.evidence.labels import Replays
+from integ_gym.evidence.labels import EpisodeContext, Replays
 from integ_gym.evidence.recomputing import recompute
 from integ_gym.evidence.recorder import RecordEvidence
-from integ_gym.evidence.replaying import replay
+from integ_gym.evidence.replaying import missing_episodes, replay, replay_some
 from integ_gym.evidence.schema import EvidenceError, is_trace
 from integ_gym.evidence.sealing import (
     SEAL_FILE,
@@ -27,7 +26,6 @@ from integ_gym.evidence.sealing import (
     seal,
 )
 from integ_gym.evidence.store import EvidenceStore
-from integ_gym.evidence.verification import missing_episodes, replay_some
 
 SETTINGS = {
     "plain": {},

@@ -13,7 +13,7 @@ import stable_baselines3 as sb3
 import torch
 from policy_files import refusal, rewritten, saved, state_dict
 
-from integ_gym.train.policy_files.limits import PolicyFileError
+from integ_gym.train.policy_files.card import PolicyFileError
 from integ_gym.train.policy_files.sb3_zip import read_sb3_model, read_sb3_zip
 
 SMALL = {"net_arch": [16, 8]}

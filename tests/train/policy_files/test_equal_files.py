@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from integ_gym.train.policy import BoxActions, MlpPolicy
-from integ_gym.train.policy_files.limits import PolicyFileError
+from integ_gym.train.policy_files.card import PolicyFileError
 from integ_gym.train.policy_files.safetensors_file import read_safetensors, safetensors_bytes
 
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from policy_files import refusal
 
-from integ_gym.train.policy_files import limits
-from integ_gym.train.policy_files.limits import PolicyFileError
+from integ_gym.train.policy_files import card as limits
+from integ_gym.train.policy_files.card import PolicyFileError
 from integ_gym.train.policy_files.sb3_zip import read_observation_statistics, read_sb3_zip
 
 GOOD_STATISTICS = {"mean": [0.0, 1, -2.5], "var": [1.0, 0, 4.0], "epsilon": 1e-8, "clip_obs": 10}

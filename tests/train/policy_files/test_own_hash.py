@@ -9,8 +9,7 @@ import onnx
 import pytest
 
 from integ_gym.train.policy import BoxActions, MlpPolicy
-from integ_gym.train.policy_files.card import hashed
-from integ_gym.train.policy_files.limits import PolicyFileError
+from integ_gym.train.policy_files.card import PolicyFileError, hashed
 from integ_gym.train.policy_files.onnx import onnx_card
 from integ_gym.train.policy_files.sidecar import read_trained
 from integ_gym.train.policy_files.writing import save_policy, write_sidecar

@@ -15,8 +15,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from policy_files import read_or_none, refusal, rewritten, saved, setting, state_dict
 
-from integ_gym.train.policy_files import limits
-from integ_gym.train.policy_files.limits import PolicyFileError
+from integ_gym.train.policy_files import card as limits
+from integ_gym.train.policy_files.card import PolicyFileError
 from integ_gym.train.policy_files.reading import read_weights
 from integ_gym.train.policy_files.sb3_zip import read_sb3_zip
 

@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
-from integ_gym.train.policy_files.limits import PolicyFileError
+from integ_gym.train.policy_files.card import PolicyFileError
 from integ_gym.train.policy_files.pickles import StandIn, read_vec_normalize
 from integ_gym.train.policy_files.sb3_zip import read_observation_statistics
 

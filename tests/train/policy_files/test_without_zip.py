@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from gymnasium import spaces
 
-from integ_gym.train.policy_files.card import hashed
-from integ_gym.train.policy_files.limits import PolicyFileError
+from integ_gym.train.policy_files.card import PolicyFileError, hashed
 from integ_gym.train.policy_files.sidecar import (
     actor_of,
     policy_file,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
-from integ_gym.evidence.layout import Layout
+from integ_gym.evidence.episodes import Layout
 
 from ...cells import Home
 from ...spec import PanelSpec

@@ -12,8 +12,8 @@ import numpy.typing as npt
 from gymnasium.vector import VectorEnv
 
 from integ_gym.envs.sequential_vector import DiscretizedVectorEnv
-from integ_gym.evidence.context import EpisodeContext
 from integ_gym.evidence.fields import ATTEMPT, LATER_ATTEMPT, SECOND_HORIZON
+from integ_gym.evidence.labels import EpisodeContext
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.evidence.vector_recorder import RecordVectorEvidence
 from integ_gym.support.processes import report_work

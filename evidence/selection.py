@@ -16,12 +16,17 @@ import numpy.typing as npt
 from integ_gym.envs.registries import ENVIRONMENTS
 from integ_gym.support.terminal import plural
 
-from ..episode_log import choices, told_setup
-from ..fields import SUMMARY_FIELDS
-from ..parquet_file import check_schema, parts, read
-from ..record import EvidenceRecord, records_of
-from ..schema import EvidenceError, described, is_trace, pyarrow
-from ..store import EvidenceStore
+from .episodes import choices, told_setup
+from .fields import SUMMARY_FIELDS
+from .parquet_file import check_schema, parts, read
+from .record import EvidenceRecord, records_of
+from .schema import (
+    EvidenceError,
+    described,
+    is_trace,
+    pyarrow,
+)
+from .store import EvidenceStore
 
 Array = npt.NDArray[Any]
 

@@ -16,8 +16,8 @@ from integ_gym.envs.registries import ENVIRONMENTS, TRUTH
 from integ_gym.envs.settings import NATIVE
 from integ_gym.support.optional import load
 
-from ..record import EvidenceRecord
-from ..schema import EvidenceError, argument_values, parse_field
+from .record import EvidenceRecord
+from .schema import EvidenceError, argument_values, parse_field
 from .selection import (
     NO_CHOICE,
     Columns,
