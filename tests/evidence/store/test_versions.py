@@ -18,9 +18,9 @@ from integ_gym.cli import main as run
 from integ_gym.evidence.exporting import TEXT_FORMATS, export
 from integ_gym.evidence.fields import LABELS, SCHEMA_VERSION, SUMMARY_FIELDS
 from integ_gym.evidence.hashing import with_hashes
-from integ_gym.evidence.labels import Replays, failure_label, failure_sentence
+from integ_gym.evidence.labels import Replays, failure_sentence
 from integ_gym.evidence.printing import show
-from integ_gym.evidence.recomputing import course_of, facts_of, replays_of
+from integ_gym.evidence.recomputing import course_of, failure_of
 from integ_gym.evidence.recorder import RecordEvidence
 from integ_gym.evidence.schema import VERSION_KEY, EvidenceError
 from integ_gym.evidence.store import EvidenceStore
@@ -101,9 +101,7 @@ def test_a_file_of_version_4_is_read_queried_and_verified(fourth, capsys):
         assert record["schema_version"] == 4
         assert record["failure_numbers"] is None
         assert record.reason == record["failure_reason"]
-        expected = failure_label(
-            facts_of(record.fields, course_of(record)), replays_of(record.fields)
-        )
+        expected = failure_of(record.fields, course_of(record))
         assert failure_sentence({**record.fields, **expected.columns()}) == record.reason
     sql = "SELECT failure_reason, failure_numbers FROM records WHERE cell = 'euler'"
     ((sentence, numbers),) = (row.values() for row in fourth.query(sql).to_pylist())
