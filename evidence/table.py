@@ -11,9 +11,8 @@ import numpy as np
 from integ_gym.envs.settings import DISCRETIZATION, Setup
 from integ_gym.envs.transition import STATUS_NAMES
 
-from .episodes import Array, EpisodeHeads, EpisodeLog, Episodes, Layout
+from .episodes import Array, EpisodeLog, Episodes, Layout
 from .fields import SUMMARY_FIELDS, Field, staleness
-from .hashing import with_hashes
 from .labels import EpisodeContext, EpisodeFacts, Replays, failure_label
 from .schema import arrow_schema, arrow_type, pyarrow
 
@@ -27,114 +26,65 @@ ReplayLookups = ReplayLookup | Sequence[ReplayLookup]
 """What replays said, for all episodes or by episode index; or such for each context."""
 
 
-_ORIGINS = {field.name: field.origin for field in SUMMARY_FIELDS if field.origin is not None}
-
-
 _NOT_RUN = Replays()
-
 
 _COURSE = {
     "episode_return": "return",
-    **{
-        name: name
-        for name in (
-            *("success", "time", "solver_status", "saturated_share"),
-            *("goal_reached", "goal_left", "goal_since"),
-        )
-    },
+    **{name: name for name in ("success", "time", "solver_status", "saturated_share")},
+    **{name: name for name in ("goal_reached", "goal_left", "goal_since")},
 }
 """Facts of :class:`EpisodeFacts` that are summaries, to the summaries' names."""
 
+_CIRCUMSTANCES = {
+    field.name: field.origin.value
+    for field in SUMMARY_FIELDS
+    if field.origin is not None and field.name in (*DISCRETIZATION, "observation_noise")
+}
+"""What labels look at that is the same in all episodes of a setup."""
 
-def attributed(
+
+def _attribute(
     contexts: Sequence[EpisodeContext],
     episodes: Episodes,
     setups: Sequence[SetupOfLane],
     replays: ReplayLookups | None,
-) -> dict[str, Sequence[Any]]:
-    """Label, reason and what they rest on, by field name.
-
-    Args:
-        contexts: what the episodes are for.
-        episodes: finished episodes, at least one.
-        setups: setups with the lane whose plant parameters hold.
-        replays: overrides what the contexts say.
-    """
-    lookups, explanations = _lookups(contexts, replays), _Explanations(contexts, episodes, setups)
-    rows = []
-    owned = zip(episodes.heads.context, episodes.heads.index, strict=True)
-    for episode, (context, index) in enumerate(owned):
+) -> dict[str, list[Any]]:
+    """Label, reason and what they rest on, by field name; of equal episodes they are found once."""
+    lookups: Sequence[ReplayLookup] = [context.replays for context in contexts]
+    if replays is not None:
+        alone = isinstance(replays, Replays | Mapping)
+        lookups = [replays] * len(contexts) if alone else replays  # type: ignore[list-item,assignment]
+    heads = episodes.heads
+    own = {
+        place: {name: value(*setups[place]) for name, value in _CIRCUMSTANCES.items()}
+        for place in set(heads.setup)
+    }
+    courses = {fact: _values(episodes.summary[name]) for fact, name in _COURSE.items()}
+    bits, rows = _bits(episodes), []
+    homes: dict[Any, tuple[Replays, Replays]] = {}  # what was said, kept so that its id stays
+    known: dict[Any, dict[str, Any]] = {}
+    cases = zip(heads.context, heads.index, heads.setup, strict=True)
+    for episode, (context, index, place) in enumerate(cases):
         lookup = lookups[context]
         said = lookup if isinstance(lookup, Replays) else lookup.get(index, _NOT_RUN)
-        rows.append(explanations.of(episode, said))
+        case = context, place, id(said)
+        same = bits[episode], case
+        if same not in known:
+            if case not in homes:
+                home = contexts[context].home(own[place]) if said.home is None else said.home
+                homes[case] = said, replace(said, home=home)
+            said = homes[case][1]
+            course = {fact: values[episode] for fact, values in courses.items()}
+            course["solver_status"] = STATUS_NAMES[course["solver_status"]]
+            facts = EpisodeFacts(
+                **course,
+                observation_noise=own[place]["observation_noise"],
+                staleness=staleness(setups[place][0]),
+                homes=len(contexts[context].homes),
+            )
+            known[same] = {**failure_label(facts, said).columns(), **said.columns()}
+        rows.append(known[same])
     return {name: [row[name] for row in rows] for name in rows[0]}
-
-
-class _Explanations:
-    """Explains episodes: those that are equal once."""
-
-    def __init__(
-        self,
-        contexts: Sequence[EpisodeContext],
-        episodes: Episodes,
-        setups: Sequence[SetupOfLane],
-    ) -> None:
-        heads = episodes.heads
-        self._contexts = contexts
-        self._cases = list(zip(heads.context, heads.setup, strict=True))
-        self._own = {setup: _circumstances(*setups[setup]) for setup in set(heads.setup)}
-        self._courses = {fact: _values(episodes.summary[name]) for fact, name in _COURSE.items()}
-        self._bits = _bits(episodes)
-        self._homes: dict[Any, tuple[Replays, Replays]] = {}
-        """What was said, kept so that its identity stays its own, and the same with the home."""
-        self._known: dict[Any, dict[str, Any]] = {}
-
-    def of(self, episode: int, said: Replays) -> dict[str, Any]:
-        """Label, reason and the columns of what replays said."""
-        case = (*self._cases[episode], id(said))
-        same = (self._bits[episode], case)
-        if same not in self._known:
-            if case not in self._homes:
-                self._homes[case] = said, self._with_home(*self._cases[episode], said)
-            said = self._homes[case][1]
-            failure = failure_label(self._facts(episode), said)
-            self._known[same] = {**failure.columns(), **said.columns()}
-        return self._known[same]
-
-    def _with_home(self, context: int, setup: int, said: Replays) -> Replays:
-        """With whether the episode ran at home, where that needs no replay."""
-        home = self._contexts[context].home(self._own[setup]) if said.home is None else None
-        return said if home is None else replace(said, home=home)
-
-    def _facts(self, episode: int) -> EpisodeFacts:
-        context, setup = self._cases[episode]
-        own = self._own[setup]
-        course = {fact: values[episode] for fact, values in self._courses.items()}
-        course["solver_status"] = STATUS_NAMES[course["solver_status"]]
-        return EpisodeFacts(
-            **course,
-            observation_noise=own["observation_noise"],
-            staleness=own["staleness"],
-            homes=len(self._contexts[context].homes),
-        )
-
-
-def _circumstances(setup: Setup, lane: int) -> dict[str, Any]:
-    """What labels look at that is the same in all episodes of a setup."""
-    names = (*DISCRETIZATION, "observation_noise")
-    own = {name: _ORIGINS[name].value(setup, lane) for name in names}
-    return {**own, "staleness": staleness(setup)}
-
-
-def _lookups(
-    contexts: Sequence[EpisodeContext], replays: ReplayLookups | None
-) -> Sequence[ReplayLookup]:
-    """What replays said, context by context."""
-    if replays is None:
-        return [context.replays for context in contexts]
-    if isinstance(replays, Replays | Mapping):
-        return [replays] * len(contexts)
-    return replays
 
 
 def _values(column: Array) -> list[Any]:
@@ -150,16 +100,6 @@ def _bits(episodes: Episodes) -> list[bytes]:
     table = np.array([episodes.summary[name] for name in _COURSE.values()], dtype=np.float64)
     rows: list[bytes] = table.T.copy().view(f"V{table.itemsize * len(table)}").ravel().tolist()
     return rows
-
-
-def record_table(
-    log: EpisodeLog,
-    env_id: str,
-    setups: Sequence[SetupOfLane],
-    replays: ReplayLookups | None = None,
-) -> Any:
-    """The records of a log's episodes; see :func:`unhashed_table`."""
-    return with_hashes(unhashed_table(log, env_id, setups, replays))
 
 
 def unhashed_table(
@@ -182,30 +122,23 @@ def unhashed_table(
     """
     pa = pyarrow()
     episodes, fields = log.episodes(), log.layout.fields
-    width = setups[0][0].engine.width
-    contexts = [replace(c, float_width=_narrower(c.float_width, width)) for c in log.contexts]
+    width, contexts = setups[0][0].engine.width, []
+    for context in log.contexts:
+        widths = (context.float_width, width)
+        contexts.append(replace(context, float_width=None if None in widths else min(widths)))
     columns = _summary_columns(contexts, episodes, setups)
     columns["env_id"] = pa.array([env_id] * len(episodes.heads))
     columns["content_hash"] = pa.array([""] * len(episodes.heads))
-    for name, values in attributed(contexts, episodes, setups, replays).items():
+    for name, values in _attribute(contexts, episodes, setups, replays).items():
         columns[name] = pa.array(values, arrow_type(_KINDS[name]))
     trace = _Trace(log.layout, episodes)
     arrays = [trace.column(field) if field.at else columns[field.name] for field in fields]
     table = pa.Table.from_arrays(arrays, schema=arrow_schema(fields, env_id))
-    return _in_order(table, episodes.heads)
+    order = np.lexsort((episodes.heads.index, episodes.heads.context))
+    return table if (np.diff(order) > 0).all() else table.take(order)
 
 
 _KINDS = {field.name: field.kind for field in SUMMARY_FIELDS}
-
-
-def _narrower(told: int | None, width: int | None) -> int | None:
-    """Bits of the numbers that were computed with; None where the engine's are not known."""
-    return None if told is None or width is None else min(told, width)
-
-
-def _in_order(table: Any, heads: EpisodeHeads) -> Any:
-    order = np.lexsort((heads.index, heads.context))
-    return table if (np.diff(order) > 0).all() else table.take(order)
 
 
 def _summary_columns(

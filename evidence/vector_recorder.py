@@ -349,7 +349,7 @@ class RecordVectorEvidence(Recorder, VectorWrapper):
     def _ready_buffer(self, info: dict[str, Any]) -> LaneBuffer:
         """The buffer, made at the first reset, which tells what its rows are."""
         if self._buffer is None:
-            self._note_contact(info)
+            self._lay_out(info)
             self._buffer = LaneBuffer(len(self._layout), self.num_envs, self._horizon)
         return self._buffer
 
