@@ -5,6 +5,7 @@ from __future__ import annotations
 import random
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
+from contextlib import contextmanager
 from itertools import chain
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -95,9 +96,9 @@ def _together(tables: list[Any]) -> Any:
 
 
 def _writer(schema: Any, file: Path) -> Any:
-    numbers = [f for f in schema if is_trace(f.name) and "float" in str(f.type)]
-    streams = [f"{f.name}.list.element" for f in numbers if f.name not in _REPEATING]
-    dictionaries = [f.name for f in schema if f.name not in {x.name for x in numbers}]
+    numbers = [f.name for f in schema if is_trace(f.name) and "float" in str(f.type)]
+    streams = [f"{name}.list.element" for name in numbers if name not in _REPEATING]
+    dictionaries = [f.name for f in schema if f.name not in numbers]
     return parquet().ParquetWriter(
         file,
         schema,
@@ -134,13 +135,11 @@ def read(file: Path, *, trace: bool = True, **selection: Any) -> Any:
     Raises:
         EvidenceError: for a file that cannot be read or has another schema version.
     """
-    schema = check_schema(file)
-    if not trace:
-        selection["columns"] = [name for name in schema.names if not is_trace(name)]
-    try:
+    with _open(file) as opened:
+        if not trace:
+            names = opened.schema_arrow.names
+            selection["columns"] = [name for name in names if not is_trace(name)]
         return parquet().read_table(file, partitioning=None, **selection)
-    except _errors() as error:
-        raise _unreadable(file, error) from None
 
 
 def parts(file: Path, ids: Collection[str] = ()) -> Iterator[Any]:
@@ -153,18 +152,14 @@ def parts(file: Path, ids: Collection[str] = ()) -> Iterator[Any]:
     Raises:
         EvidenceError: for a file that cannot be read or has another schema version.
     """
-    check_schema(file)
-    try:
-        with parquet().ParquetFile(file) as opened:
-            for group in range(opened.num_row_groups):
-                if not ids:
-                    yield opened.read_row_group(group)
-                    continue
-                held = opened.read_row_group(group, columns=["record_id"]).column(0).to_pylist()
-                if places := [place for place, name in enumerate(held) if name in ids]:
-                    yield opened.read_row_group(group).take(places)
-    except _errors() as error:
-        raise _unreadable(file, error) from None
+    with _open(file) as opened:
+        for group in range(opened.num_row_groups):
+            if not ids:
+                yield opened.read_row_group(group)
+                continue
+            held = opened.read_row_group(group, columns=["record_id"]).column(0).to_pylist()
+            if places := [place for place, name in enumerate(held) if name in ids]:
+                yield opened.read_row_group(group).take(places)
 
 
 def sample(file: Path, count: int) -> Any:
@@ -173,46 +168,20 @@ def sample(file: Path, count: int) -> Any:
     Raises:
         EvidenceError: for a file that cannot be read or has another schema version.
     """
+    with _open(file) as opened:
+        group = opened.read_row_group(random.randrange(opened.num_row_groups))
+        return group.take(random.sample(range(group.num_rows), min(count, group.num_rows)))
+
+
+@contextmanager
+def _open(file: Path) -> Iterator[Any]:
+    """A file that has all fields of its schema version; see :func:`check_schema`."""
     check_schema(file)
     try:
         with parquet().ParquetFile(file) as opened:
-            group = opened.read_row_group(random.randrange(opened.num_row_groups))
+            yield opened
     except _errors() as error:
         raise _unreadable(file, error) from None
-    return group.take(random.sample(range(group.num_rows), min(count, group.num_rows)))
-
-
-def record_ids(file: Path) -> list[str]:
-    """Ids of the records of one file, in order.
-
-    Raises:
-        EvidenceError: see :func:`read`.
-    """
-    check_schema(file)
-    try:
-        ids: list[str] = _opened(file).read(columns=["record_id"]).column(0).to_pylist()
-    except _errors() as error:
-        raise _unreadable(file, error) from None
-    return ids
-
-
-def read_row(file: Path, row: int) -> Any:
-    """One record of a file with its trace, as an Arrow table; no other row group is read.
-
-    Raises:
-        EvidenceError: see :func:`read`.
-    """
-    check_schema(file)
-    try:
-        opened = _opened(file)
-        for group in range(opened.num_row_groups):
-            rows = opened.metadata.row_group(group).num_rows
-            if row < rows:
-                return opened.read_row_group(group).slice(row, 1)
-            row -= rows
-    except _errors() as error:
-        raise _unreadable(file, error) from None
-    raise IndexError(f"{file} has no such row")
 
 
 def check_schema(file: Path | str, on: Any = None) -> Any:
@@ -232,35 +201,25 @@ def check_schema(file: Path | str, on: Any = None) -> Any:
             f"{file} has schema version {version}, and this integ-gym reads 1 to {SCHEMA_VERSION}; "
             "read it with the version that wrote it, or move it away"
         )
-    missing = [
-        field.name
-        for field in SUMMARY_FIELDS
-        if field.since <= int(version) and field.name not in schema.names
-    ]
-    if missing:
-        raise EvidenceError(
-            f"{file} lacks the columns {', '.join(missing)}; restore it from a copy or move it away"
-        )
-    for field in SUMMARY_FIELDS:
-        if field.name in schema.names and schema.field(field.name).type != arrow_type(field.kind):
+    remedy = "restore it from a copy or move it away"
+    present = set(schema.names)
+    lacking = [f.name for f in SUMMARY_FIELDS if f.since <= int(version) and f.name not in present]
+    if lacking:
+        raise EvidenceError(f"{file} lacks the columns {', '.join(lacking)}; {remedy}")
+    kinds = {field.name: arrow_type(field.kind) for field in SUMMARY_FIELDS}
+    types = pyarrow().types
+    for column in schema:
+        if column.name in kinds:
+            wanted, fits = kinds[column.name], column.type == kinds[column.name]
+        else:
+            inner = column.type.value_type if types.is_list(column.type) else pyarrow().null()
+            wanted, fits = "a list of numbers", types.is_floating(inner) or types.is_integer(inner)
+        if not fits:
             raise EvidenceError(
-                f"{file}: column {field.name} is {schema.field(field.name).type} where "
-                f"{arrow_type(field.kind)} was expected; restore it from a copy or move it away"
-            )
-    for name in filter(is_trace, schema.names):
-        if not _is_trace_type(schema.field(name).type):
-            raise EvidenceError(
-                f"{file}: column {name} is {schema.field(name).type} where a list of numbers was "
-                "expected; restore it from a copy or move it away"
+                f"{file}: column {column.name} is {column.type} where {wanted} was expected; "
+                f"{remedy}"
             )
     return schema
-
-
-def _is_trace_type(kind: Any) -> bool:
-    types = pyarrow().types
-    if not types.is_list(kind):
-        return False
-    return bool(types.is_floating(kind.value_type) or types.is_integer(kind.value_type))
 
 
 def row_count(file: Path) -> int:
@@ -270,10 +229,6 @@ def row_count(file: Path) -> int:
         EvidenceError: for a file that cannot be read.
     """
     return int(_metadata(file).num_rows)
-
-
-def _opened(file: Path) -> Any:
-    return parquet().ParquetFile(file)
 
 
 def _metadata(file: Path | str, on: Any = None) -> Any:
@@ -289,13 +244,11 @@ def _errors() -> tuple[type[Exception], ...]:
 
 
 def _unreadable(file: Path | str, error: Exception) -> EvidenceError:
+    reason, remedy = " ".join(str(error).split()), "restore it from a copy or move it away"
     if is_short_of_memory(error):
-        return EvidenceError(
-            f"cannot read {file}: {SHORT_OF_MEMORY} ({' '.join(str(error).split())}); close other "
-            "programs, or raise the limit that this one runs under"
-        )
-    reason = " ".join(str(error).split())
-    return EvidenceError(f"cannot read {file}: {reason}; restore it from a copy or move it away")
+        reason = f"{SHORT_OF_MEMORY} ({reason})"
+        remedy = "close other programs, or raise the limit that this one runs under"
+    return EvidenceError(f"cannot read {file}: {reason}; {remedy}")
 
 
 _ONE_STATEMENT = (

@@ -19,8 +19,6 @@ from .parquet_file import (
     parts,
     query,
     read,
-    read_row,
-    record_ids,
     row_count,
     sample,
     write,
@@ -171,12 +169,12 @@ class EvidenceStore:
             EvidenceError: if there is none, or more than one.
         """
         found = [
-            (file, row, full_id)
+            (file, full_id)
             for file in self.files()
-            for row, full_id in enumerate(record_ids(file))
+            for full_id in read(file, columns=["record_id"]).column(0).to_pylist()
             if full_id.startswith(record_id)
         ]
-        exact = [match for match in found if match[2] == record_id]
+        exact = [match for match in found if match[1] == record_id]
         found = exact or found
         if not found:
             raise EvidenceError(
@@ -185,13 +183,13 @@ class EvidenceStore:
                 '"SELECT record_id, cell, failure_label FROM records LIMIT 20"`'
             )
         if len(found) > 1:
-            some = ", ".join(full_id for *_, full_id in found[:4])
+            some = ", ".join(full_id for _, full_id in found[:4])
             raise EvidenceError(
                 f"{len(found)} records of {self.directory} begin with {record_id!r}: {some}"
                 f"{', ...' if len(found) > 4 else ''}; give more digits"
             )
-        file, row, _ = found[0]
-        return records_of(read_row(file, row))[0]
+        file, full_id = found[0]
+        return records_of(next(parts(file, [full_id])))[0]
 
     def query(self, sql: str) -> Any:
         """Run SQL over the view ``records``, which holds all files with their columns united.
