@@ -48,19 +48,15 @@ def write_parquet(chosen: Selection, folder: Path) -> int:
     for env_id in chosen.env_ids:
         name = re.sub(r"[^A-Za-z0-9._-]+", "-", env_id).strip("._-") or "environment"
         store.commit_all(name, chosen.tables(env_id))
-    write_json(folder / EXPORT_FILE, _describe_export(chosen, store))
-    return store.count()
-
-
-def _describe_export(chosen: Selection, store: EvidenceStore) -> dict[str, Any]:
-    """The contents of `export.json`."""
-    return {
+    content = {
         "format": FORMAT,
         "where": chosen.where,
         "records": store.count(),
         "of": chosen.store.count(),
         "files": {file.name: file_hash(file) for file in store.files()},
     }
+    write_json(folder / EXPORT_FILE, content)
+    return store.count()
 
 
 def read_export(folder: Path) -> dict[str, Any] | None:
@@ -153,7 +149,11 @@ def export(
         raise InputError(f"the format must be one of {', '.join(EXPORT_FORMATS)}, got {form!r}")
     chosen = select(store, where, traced=form in _OF_TRACES)
     if form in _TEXTS:
-        return Exported(_write_text(form, chosen.episodes(trace=False), out), chosen.left_out)
+        episodes = chosen.episodes(trace=False)
+        if not isinstance(out, Path):
+            return Exported(_TEXTS[form](episodes, out), chosen.left_out)
+        with _new(out) as part, part.open("w", encoding="utf-8", newline="") as file:
+            return Exported(_TEXTS[form](episodes, file), chosen.left_out)
     assert isinstance(out, Path)
     load("tqdm", "exchange")
     with _new(out) as folder, work_bar(f"export {form}", len(chosen.ids), progress) as bar:
@@ -161,13 +161,6 @@ def export(
         chosen.report = bar.update
         written = _FOLDERS[form](chosen, folder)
     return Exported(written, chosen.left_out)
-
-
-def _write_text(form: str, episodes: Episodes, out: Path | TextIO) -> int:
-    if not isinstance(out, Path):
-        return _TEXTS[form](episodes, out)
-    with _new(out) as part, part.open("w", encoding="utf-8", newline="") as file:
-        return _TEXTS[form](episodes, file)
 
 
 @contextmanager
