@@ -23,13 +23,12 @@ from integ_gym.envs.testbeds.making import find_testbed
 from integ_gym.support.errors import InputError
 from integ_gym.support.optional import require
 
-from .panel.calls import run_panel
 from .panel.cells import SpecError, file_name
 from .panel.conclusions import Cause, cause_of, closed_words
 from .panel.plan import grown
 from .panel.result import Estimate, Panel
-from .panel.running.panel import check_spec
-from .panel.running.run_directory import MANIFEST, read_manifest
+from .panel.run import check_spec, run_panel
+from .panel.run_directory import MANIFEST, read_manifest
 from .panel.spec import PanelSpec, check_parts
 from .statistics import (
     DRAWS,

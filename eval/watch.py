@@ -32,8 +32,7 @@ from .film import (
     played,
     recorded,
 )
-from .panel.existing.policy import read_existing
-from .panel.existing.run_policies import policy_of
+from .panel.policies import policy_of, read_existing
 
 
 def side_by_side(

@@ -17,9 +17,9 @@ from integ_gym.envs.testbeds.interface import Success as Success
 from integ_gym.envs.testbeds.interface import Testbed as Testbed
 from integ_gym.envs.vector import IntegVectorEnv as IntegVectorEnv
 from integ_gym.eval.loss_check import check as check
-from integ_gym.eval.panel.calls import evaluate as evaluate
-from integ_gym.eval.panel.calls import run_panel as run_panel
+from integ_gym.eval.panel.existing import evaluate as evaluate
 from integ_gym.eval.panel.result import read_panel as read_panel
+from integ_gym.eval.panel.run import run_panel as run_panel
 from integ_gym.eval.watch import side_by_side as side_by_side
 from integ_gym.evidence.labels import EpisodeContext as EpisodeContext
 from integ_gym.evidence.recorder import RecordEvidence as RecordEvidence

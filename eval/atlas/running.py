@@ -10,7 +10,7 @@ import msgspec
 
 from integ_gym.support.errors import InputError
 
-from ..panel.calls import run_panel
+from ..panel.run import run_panel
 from .specification import Atlas, Block
 from .summaries import (
     Agreement,

@@ -17,7 +17,7 @@ from integ_gym.support.errors import InputError, IntegGymError, is_raised_under
 from integ_gym.support.files import cannot_write, make_folder, replace_file
 from integ_gym.support.processes import Progress, work_bar
 
-from ..panel.running.run_directory import package_versions
+from ..panel.run_directory import package_versions
 from .bench import Bench
 from .figures import write_diagnosis_figures
 from .lines import Diagnosis

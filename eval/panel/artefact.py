@@ -42,7 +42,7 @@ from .result import (
 )
 from .result import Cell as PanelCell
 from .result import Row as PanelRow
-from .running.run_directory import RunDirectory
+from .run_directory import RunDirectory
 
 FAILURE_SAMPLE = 40
 """Failed episodes listed in the artefact; the evidence holds them all."""

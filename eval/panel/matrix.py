@@ -39,10 +39,10 @@ from ..verdict import (
     reference_class,
     split,
 )
+from .achieve import Tried
 from .cells import Cell, Home, main_home
 from .result import AppliedDiscretization, Entry, Estimate, Failure, Look, RowKind, build
-from .running.evaluation.achievability import Tried
-from .running.run_directory import Seen, looks_before, spent_by
+from .run_directory import Seen, looks_before, spent_by
 from .spec import PanelSpec
 
 Array = npt.NDArray[Any]

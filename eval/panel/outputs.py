@@ -20,22 +20,21 @@ from integ_gym.train.policy_files.sidecar import policy_file
 from ..report.figures import write_figures
 from ..report.page import write_report
 from ..verdict import ALPHA, share_of_look
+from .achieve import tried
 from .artefact import as_sealed, build_artefact
-from .checking.sample import check_records
+from .checking.plan import check_records
+from .evaluate import evaluated
 from .findings import agreements, training_costs
 from .matrix import COLUMNS, Matrix, PanelLayout, Row, applied_in, reward_doubts
 from .result import Cost, Panel, Policy, write_panel
-from .running.evaluation.achievability import tried
-from .running.evaluation.units import evaluated
-from .running.run_directory import (
+from .run_directory import (
     CALLED,
     MANIFEST,
     RunDirectory,
     Seen,
 )
-from .running.units import training_config, units_of
-from .running.work import panel_bar
 from .spec import PanelSpec
+from .units import panel_bar, training_config, units_of
 
 Phase = Literal["checking records", "judging", "drawing figures", "writing the page"]
 

@@ -11,7 +11,7 @@ from integ_gym.eval.atlas.publishing import publish
 from integ_gym.eval.atlas.running import again, missing, run_blocks
 from integ_gym.eval.atlas.specification import Atlas, Block, read_atlas
 from integ_gym.eval.atlas.summaries import Agreement
-from integ_gym.eval.panel.running.costs.expected_cost import policy_costs, total_cost
+from integ_gym.eval.panel.costs import policy_costs, total_cost
 from integ_gym.support.errors import InputError
 from integ_gym.support.options import CommandParser
 from integ_gym.support.terminal import plural, print_aligned, say, seconds

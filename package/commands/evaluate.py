@@ -9,7 +9,7 @@ from pathlib import Path
 
 from integ_gym.envs.catalogue.lookup import OTHER_TESTBEDS, is_integ_environment
 from integ_gym.envs.registries import ENVIRONMENTS
-from integ_gym.eval.panel.calls import evaluate
+from integ_gym.eval.panel.existing import evaluate
 from integ_gym.support.errors import InputError
 from integ_gym.support.options import (
     CommandParser,

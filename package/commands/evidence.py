@@ -174,7 +174,7 @@ def _policies(store: EvidenceStore, own_code: bool) -> Callable[[EvidenceRecord]
 
     @cache
     def found() -> Callable[[EvidenceRecord], Acting]:
-        from integ_gym.eval.panel.existing.run_policies import acting_in
+        from integ_gym.eval.panel.policies import acting_in
 
         return acting_in(store, own_code)
 

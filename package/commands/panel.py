@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from integ_gym.eval.panel.calls import run_panel, specified
 from integ_gym.eval.panel.plan import grown
+from integ_gym.eval.panel.run import run_panel, specified
 from integ_gym.eval.panel.spec import BUILT_IN, TRAINERS, PanelSpec
 from integ_gym.eval.report.forests import ordered_verdicts
 from integ_gym.evidence.sealing import check_key, read_seal, sign

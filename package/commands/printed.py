@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Final, TextIO
 
 from integ_gym.eval.panel.conclusions import next_step
+from integ_gym.eval.panel.costs import fixed_cost, policy_costs, total_cost
 from integ_gym.eval.panel.power import family_power
 from integ_gym.eval.panel.result import FILE_NAME, Estimate, Look, Panel, Verdict, read_panel
-from integ_gym.eval.panel.running.costs.expected_cost import fixed_cost, policy_costs, total_cost
 from integ_gym.eval.panel.spec import PanelSpec
 from integ_gym.eval.report.forests import ordered_verdicts
 from integ_gym.support.processes import cores

@@ -6,10 +6,10 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from integ_gym.eval.panel.calls import rewriting
 from integ_gym.eval.panel.checking.page import check_finished
 from integ_gym.eval.panel.result import FILE_NAME, read_panel
-from integ_gym.eval.panel.running.run_directory import MANIFEST
+from integ_gym.eval.panel.run import rewriting
+from integ_gym.eval.panel.run_directory import MANIFEST
 from integ_gym.eval.report.figures import STYLES, write_figures
 from integ_gym.eval.report.page import write_report
 from integ_gym.support.errors import InputError

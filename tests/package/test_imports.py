@@ -39,7 +39,7 @@ values = {name: jax.config.values[name] for name in jax.config.values}
 environ = dict(os.environ)
 import gymnasium
 import integ_gym.envs.ops.jax_ops
-import integ_gym.eval.panel.running.panel
+import integ_gym.eval.panel.run
 from integ_gym.cli import main
 from integ_gym.train.ppo import PPOConfig, train_ppo
 out = Path(tempfile.mkdtemp())

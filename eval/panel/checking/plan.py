@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import random
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
 from integ_gym.evidence.fields import FIRST_WRITTEN, SCHEMA_VERSION
+from integ_gym.evidence.recomputing import recompute
+from integ_gym.evidence.replaying import replay_some
 from integ_gym.evidence.schema import Finding
 from integ_gym.evidence.sealing import SEAL_FILE
 from integ_gym.evidence.store import EvidenceStore
@@ -20,23 +24,36 @@ from integ_gym.train.policy_files.sidecar import (
     readable_file,
 )
 
+from ..achieve import unit_of_cell
 from ..cells import SpecError, engine_versions
-from ..existing.policy import hashes_of
-from ..plan import inputs, names_code, planned_home, planned_spec
+from ..evaluate import Evaluated, evaluated
+from ..plan import (
+    inputs,
+    names_code,
+    planned_home,
+    planned_spec,
+)
+from ..policies import acting_in, hashes_of
 from ..result import FILE_NAME, read_panel
-from ..running.evaluation.achievability import unit_of_cell
-from ..running.evaluation.units import Evaluated, evaluated
-from ..running.run_directory import (
+from ..run_directory import (
     MANIFEST,
     RunDirectory,
+    RunDirectoryError,
     first_of,
     package_versions,
     read_manifest,
 )
-from ..running.units import Unit, is_card_of, trained_units
 from ..spec import PanelSpec
-from .setups import PlannedPolicy, of_setups, of_training, of_versions, planned_policies
-from .trained import Trained, planned_key
+from ..units import Unit, is_card_of, trained_units
+from .setups import (
+    PlannedPolicy,
+    Trained,
+    of_setups,
+    of_training,
+    of_versions,
+    planned_key,
+    planned_policies,
+)
 from .yardsticks import of_attempts, of_replays
 
 EVALUATION, TRIED = "evaluate-", "achieve-"
@@ -330,3 +347,51 @@ def _of_cells(
             if found != (episodes, 0, episodes - 1):
                 have = f"has {found[0]} of {episodes} episodes in cell {cell!r}"
                 yield Finding("evidence", None, f"policy {policy!r} {have}")
+
+
+SAMPLED = 128
+"""Records that are recomputed and played again before a page is written, of two files or more."""
+
+
+def check_records(directory: RunDirectory) -> None:
+    """Refuse records that no unit was finished with, or whose outcomes their traces deny.
+
+    Of the latter a sample is recomputed and played again; `integ-gym evidence verify --all` does
+    that with all.
+
+    Raises:
+        RunDirectoryError: with the first of them and the remedy.
+    """
+    refuse_first(directory.path, of_files(directory), of_sample(directory))
+
+
+def refuse_first(path: Path, *findings: Iterator[Finding]) -> None:
+    """Refuse a run if anything is found.
+
+    Raises:
+        RunDirectoryError: with the first finding and the remedy.
+    """
+    for finding in chain.from_iterable(findings):
+        raise RunDirectoryError(
+            f"{path / finding.file}: {finding.message}; restore it from a copy, or remove it and "
+            "run the panel's command again, which does what is missing"
+        )
+
+
+def of_sample(directory: RunDirectory) -> Iterator[Finding]:
+    """Outcomes that their traces deny, and episodes that environments and policies deny.
+
+    Looked at are evaluation records that nobody can foretell.
+    """
+    store = EvidenceStore(directory.evidence)
+    files = [file.name for file in store.files() if file.name.startswith(EVALUATION)]
+    random.shuffle(files)
+    left, most = SAMPLED, SAMPLED // min(2, max(1, len(files)))
+    while files and left > 0:
+        name = files.pop()
+        records = store.some_records(name, most)
+        left -= len(records)
+        for record in records:
+            yield from recompute(record, f"evidence/{name}")
+        own, chance = store.only(name), random.Random()
+        yield from replay_some(own, most, chance, acting_in(store)).findings

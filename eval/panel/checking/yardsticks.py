@@ -20,19 +20,19 @@ from integ_gym.evidence.fields import ATTEMPT, LATER_ATTEMPT, SECOND_HORIZON
 from integ_gym.evidence.schema import Finding, argument_values
 from integ_gym.evidence.store import EvidenceStore
 
-from ..cells import Cell
-from ..running.evaluation.achievability import (
+from ..achieve import (
     HANDMADE,
     has_controller,
     search_of,
     tried_in,
     unit_of_cell,
 )
-from ..running.evaluation.replays import Successes
-from ..running.evaluation.units import Evaluated, statuses
-from ..running.run_directory import RunDirectory
-from ..running.units import baseline_of
+from ..cells import Cell
+from ..episodes import Successes
+from ..evaluate import Evaluated, statuses
+from ..run_directory import RunDirectory
 from ..spec import PanelSpec
+from ..units import baseline_of
 from .setups import PlannedPolicy
 
 Flags = npt.NDArray[np.bool_]

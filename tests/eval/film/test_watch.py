@@ -14,7 +14,7 @@ import pytest
 from integ_gym.cli import main
 from integ_gym.envs.settings import DISCRETIZATION, Discretization
 from integ_gym.eval import watch as of_record
-from integ_gym.eval.panel.existing.run_policies import policy_of
+from integ_gym.eval.panel.policies import policy_of
 from integ_gym.eval.watch import watch
 from integ_gym.evidence.store import open_run
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from integ_gym.envs.settings import Discretization
+from integ_gym.eval.panel.achieve import Tried
 from integ_gym.eval.panel.artefact import build_artefact
 from integ_gym.eval.panel.cells import Cell, Perturbation
 from integ_gym.eval.panel.conclusions import (
@@ -20,7 +21,6 @@ from integ_gym.eval.panel.conclusions import (
 )
 from integ_gym.eval.panel.matrix import Matrix, PanelLayout, Row
 from integ_gym.eval.panel.result import Cost, Look, Panel, Policy
-from integ_gym.eval.panel.running.evaluation.achievability import Tried
 from integ_gym.eval.report.forests import paired_success
 from integ_gym.eval.report.page import _headline
 from integ_gym.eval.verdict import Search

@@ -13,7 +13,12 @@ import pytest
 from forgery import make_fit
 
 from integ_gym.cli import main
-from integ_gym.eval.panel.running.run_directory import RunDirectory, Seen, hash_of_looks, spent_by
+from integ_gym.eval.panel.run_directory import (
+    RunDirectory,
+    Seen,
+    hash_of_looks,
+    spent_by,
+)
 from integ_gym.eval.verdict import Shares
 from integ_gym.evidence.fields import SUMMARY_FIELDS
 from integ_gym.evidence.hashing import with_hashes

@@ -9,11 +9,11 @@ import numpy.typing as npt
 import pytest
 
 from integ_gym.envs.settings import Discretization
+from integ_gym.eval.panel.achieve import Tried
 from integ_gym.eval.panel.artefact import build_artefact
 from integ_gym.eval.panel.cells import Cell
 from integ_gym.eval.panel.matrix import Matrix, PanelLayout, Row
 from integ_gym.eval.panel.result import Cost, Panel, Policy
-from integ_gym.eval.panel.running.evaluation.achievability import Tried
 from integ_gym.eval.verdict import Search
 
 Rates = npt.NDArray[np.float64]

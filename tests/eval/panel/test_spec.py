@@ -13,9 +13,9 @@ import integ_gym.eval
 from integ_gym.envs.engines.native import NativeEngine
 from integ_gym.eval.panel.cells import SpecError
 from integ_gym.eval.panel.plan import inputs, planned_spec
-from integ_gym.eval.panel.running.panel import check_spec
-from integ_gym.eval.panel.running.units import units_of
+from integ_gym.eval.panel.run import check_spec
 from integ_gym.eval.panel.spec import built_in_spec, parse_spec, read_spec
+from integ_gym.eval.panel.units import units_of
 from integ_gym.support.executors import Cluster
 
 SPECS = sorted((Path(integ_gym.eval.__file__).parent.parent / "specs").glob("*.toml"))

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from integ_gym.eval.panel.running.units import Unit, units_of
 from integ_gym.eval.panel.spec import PanelSpec
+from integ_gym.eval.panel.units import Unit, units_of
 
 TOML = """
 name = "alike"

@@ -61,7 +61,7 @@ PATIENCE = 500.0
 
 PRELOADED = (
     "duckdb", "matplotlib.figure", "pyarrow.parquet", "integ_gym.cli",
-    "integ_gym.commands.panel", "integ_gym.eval.panel.running.panel",
+    "integ_gym.commands.panel", "integ_gym.eval.panel.run",
     "integ_gym.eval.panel.outputs", "shared_panel",
 )  # fmt: skip
 

@@ -20,7 +20,7 @@ from forgery import EVALUATED, make_fit
 from victim import Victim, command, write_spec
 
 import integ_gym  # noqa: F401
-from integ_gym.eval.panel.running.run_directory import RunDirectory, read_manifest
+from integ_gym.eval.panel.run_directory import RunDirectory, read_manifest
 from integ_gym.eval.panel.spec import read_spec
 from integ_gym.evidence.exporting import EXPORT_FORMATS
 from integ_gym.evidence.hashing import with_hashes

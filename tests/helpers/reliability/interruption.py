@@ -21,7 +21,7 @@ from integ_gym.support import figures as style
 
 PRELOADED = (
     "duckdb", "matplotlib.figure", "pyarrow.parquet", "stable_baselines3", "integ_gym.cli",
-    "integ_gym.commands.panel", "integ_gym.eval.panel.running.panel",
+    "integ_gym.commands.panel", "integ_gym.eval.panel.run",
     "integ_gym.eval.panel.outputs", "integ_gym.train.ppo", "victim",
 )  # fmt: skip
 PATIENCE, SHORTEST, LONGEST = 240.0, 3.0, 12.0  # s

@@ -40,12 +40,12 @@ from victim import PICTURES, Task, write_spec
 
 from integ_gym.eval.panel.artefact import differences
 from integ_gym.eval.panel.checking.page import against_plan
-from integ_gym.eval.panel.existing.facts import given_panel
-from integ_gym.eval.panel.existing.run_policies import acting_in
+from integ_gym.eval.panel.existing import given_panel
 from integ_gym.eval.panel.outputs import noted_call, panel_of
 from integ_gym.eval.panel.plan import planned_spec
+from integ_gym.eval.panel.policies import acting_in
 from integ_gym.eval.panel.result import FILE_NAME, Panel, read_panel, write_panel
-from integ_gym.eval.panel.running.run_directory import MANIFEST, RunDirectory
+from integ_gym.eval.panel.run_directory import MANIFEST, RunDirectory
 from integ_gym.evidence.fields import PHASES
 from integ_gym.evidence.recomputing import recompute
 from integ_gym.evidence.record import EvidenceRecord, records_of

@@ -19,7 +19,7 @@ import integ_gym
 from integ_gym.cli import main
 from integ_gym.commands import evaluate, panel, train, watch
 from integ_gym.eval import watch as of_policy
-from integ_gym.eval.panel import calls
+from integ_gym.eval.panel import run as calls
 from integ_gym.eval.panel.spec import built_in_spec
 from integ_gym.support.executors import Resources
 from integ_gym.train import command as training

@@ -21,7 +21,7 @@ from stable_baselines3 import DQN, PPO, SAC
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
 import integ_gym
-from integ_gym.eval.panel.existing.policy import read_existing
+from integ_gym.eval.panel.policies import read_existing
 from integ_gym.train.policy_files.card import PolicyFileError
 from integ_gym.train.policy_files.reading import unscaled
 from integ_gym.train.policy_files.sidecar import read_trained

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from stable_baselines3 import DQN, PPO, SAC
 from torch import nn
 
-from integ_gym.eval.panel.existing.policy import hashes_of, read_policy_file
+from integ_gym.eval.panel.policies import hashes_of, read_policy_file
 from integ_gym.train.policy import (
     ACTIVATIONS,
     BoxActions,

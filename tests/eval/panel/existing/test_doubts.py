@@ -11,11 +11,10 @@ import pyarrow as pa
 import pytest
 
 import integ_gym
-from integ_gym.eval.panel.existing.doubts import doubts_of
-from integ_gym.eval.panel.existing.given import given_policy
-from integ_gym.eval.panel.existing.planning import plan
-from integ_gym.eval.panel.existing.policy import read_existing
+from integ_gym.eval.panel.doubts import doubts_of
+from integ_gym.eval.panel.existing import plan
 from integ_gym.eval.panel.matrix import Matrix, PanelLayout, given_rows
+from integ_gym.eval.panel.policies import given_policy, read_existing
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.train.baselines.making import BASELINES
 from integ_gym.train.policy import BoxActions, DiscreteActions, MlpPolicy

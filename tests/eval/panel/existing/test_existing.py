@@ -13,8 +13,8 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.evaluation import evaluate_policy
 
 from integ_gym.cli import main
-from integ_gym.eval.panel.existing.planning import plan
-from integ_gym.eval.panel.existing.policy import read_existing, row_name
+from integ_gym.eval.panel.existing import plan
+from integ_gym.eval.panel.policies import read_existing, row_name
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.train.policy_files.card import hashed
 from integ_gym.train.policy_files.sidecar import has_sidecar

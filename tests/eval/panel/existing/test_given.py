@@ -17,8 +17,7 @@ from torch import nn
 
 import integ_gym
 from integ_gym.cli import main
-from integ_gym.eval.panel.existing.given import given_policy, is_reference
-from integ_gym.eval.panel.existing.policy import read_existing
+from integ_gym.eval.panel.policies import given_policy, is_reference, read_existing
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.train.policy import MlpPolicy
 from integ_gym.train.policy_files.writing import save_policy

@@ -12,8 +12,8 @@ from stable_baselines3 import PPO
 import integ_gym
 from integ_gym.cli import main
 from integ_gym.envs.settings import Discretization
-from integ_gym.eval.panel.existing.home import provenance
-from integ_gym.eval.panel.existing.policy import read_existing
+from integ_gym.eval.panel.home import provenance
+from integ_gym.eval.panel.policies import read_existing
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.train.policy_files.sidecar import stated_arguments
 from integ_gym.train.policy_files.writing import write_sidecar

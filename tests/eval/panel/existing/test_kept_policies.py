@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from integ_gym.eval.panel.existing.policy import hashes_of, kept_policy, read_existing
+from integ_gym.eval.panel.policies import hashes_of, kept_policy, read_existing
 from integ_gym.train.policy import BoxActions, DiscreteActions, MlpPolicy
 from integ_gym.train.policy_files.writing import save_policy
 

@@ -18,9 +18,8 @@ from torch import nn
 
 from integ_gym.cli import main
 from integ_gym.commands.evaluate import parser
-from integ_gym.eval.panel.existing.given import given_policy
-from integ_gym.eval.panel.existing.planning import plan
-from integ_gym.eval.panel.existing.policy import read_existing
+from integ_gym.eval.panel.existing import plan
+from integ_gym.eval.panel.policies import given_policy, read_existing
 from integ_gym.eval.panel.result import read_panel
 from integ_gym.train.policy_files.reading import POLICY_ENDINGS
 from integ_gym.train.policy_files.writing import save_policy, write_sidecar

@@ -9,7 +9,7 @@ from gymnasium import spaces
 from stable_baselines3 import PPO, SAC
 
 import integ_gym
-from integ_gym.eval.panel.existing.given import given_policy
+from integ_gym.eval.panel.policies import given_policy
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.train.policy_files.reading import read_weights
 from integ_gym.train.policy_files.writing import save_policy

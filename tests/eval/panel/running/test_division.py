@@ -5,10 +5,10 @@ from __future__ import annotations
 from shared_panel import specification
 
 from integ_gym.eval.panel.plan import grown
-from integ_gym.eval.panel.running.division import waiting_chunks
-from integ_gym.eval.panel.running.run_directory import RunDirectory
-from integ_gym.eval.panel.running.units import trained_units
+from integ_gym.eval.panel.run_directory import RunDirectory
 from integ_gym.eval.panel.spec import read_spec
+from integ_gym.eval.panel.training import waiting_chunks
+from integ_gym.eval.panel.units import trained_units
 from integ_gym.train.fleet.worker import Workers
 
 TWO, MANY = Workers(2, "cpu"), Workers(64, "cpu")

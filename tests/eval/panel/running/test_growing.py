@@ -12,8 +12,9 @@ from engine_cases import needs
 from small_panel import TOML, small_data
 
 from integ_gym.cli import main
-from integ_gym.eval.panel import calls, outputs
+from integ_gym.eval.panel import outputs
 from integ_gym.eval.panel import plan as growth
+from integ_gym.eval.panel import run as calls
 from integ_gym.eval.panel.spec import parse_spec
 from integ_gym.evidence.store import EvidenceStore
 

@@ -17,10 +17,10 @@ from integ_gym.cli import main
 from integ_gym.envs.catalogue.lookup import environment_setup
 from integ_gym.envs.settings import Discretization
 from integ_gym.eval.panel.cells import Cell, DiscretizationMixture, SpecError, training_arguments
-from integ_gym.eval.panel.running.evaluation.subjects import Subject, evaluate
-from integ_gym.eval.panel.running.panel import check_spec
-from integ_gym.eval.panel.running.units import training_config, units_of
+from integ_gym.eval.panel.episodes import Subject, evaluate
+from integ_gym.eval.panel.run import check_spec
 from integ_gym.eval.panel.spec import PanelSpec, parse_spec
+from integ_gym.eval.panel.units import training_config, units_of
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.train.baselines.making import make_baseline
 from integ_gym.train.policy_files.card import hashed

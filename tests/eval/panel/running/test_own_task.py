@@ -13,7 +13,7 @@ from small_panel import small_data
 from integ_gym.envs.catalogue import lookup
 from integ_gym.envs.catalogue.lookup import environment_setup
 from integ_gym.envs.testbeds import making
-from integ_gym.eval.panel.running.panel import check_spec
+from integ_gym.eval.panel.run import check_spec
 from integ_gym.eval.panel.spec import parse_spec
 from integ_gym.train.baselines.making import has_handmade, make_baseline, possible_baselines
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from integ_gym.eval.panel.calls import run_panel
+from integ_gym.eval.panel.run import run_panel
 from integ_gym.eval.panel.spec import built_in_spec
 
 ROOT = Path(__file__).parents[4]

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import pytest
 
-from integ_gym.eval.panel.running.run_directory import (
+from integ_gym.eval.panel.run_directory import (
     MANIFEST,
     PACKAGES,
     RunDirectory,

@@ -11,7 +11,7 @@ from engine_cases import needs
 
 from integ_gym.cli import main
 from integ_gym.eval.panel.cells import SpecError
-from integ_gym.eval.panel.running.panel import check_spec
+from integ_gym.eval.panel.run import check_spec
 from integ_gym.eval.panel.spec import parse_spec
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.train.algorithms import ALGORITHMS

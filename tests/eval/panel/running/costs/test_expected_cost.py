@@ -6,9 +6,9 @@ import pytest
 from shared_panel import specification
 
 from integ_gym.cli import main
-from integ_gym.eval.panel.calls import specified
-from integ_gym.eval.panel.running.costs.expected_cost import fixed_cost, policy_costs, total_cost
-from integ_gym.eval.panel.running.units import trained_units
+from integ_gym.eval.panel.costs import fixed_cost, policy_costs, total_cost
+from integ_gym.eval.panel.run import specified
+from integ_gym.eval.panel.units import trained_units
 
 
 def test_every_policy_is_counted_with_its_evaluation(tmp_path):

@@ -10,12 +10,12 @@ from engines_panel import trained_units
 from small_panel import small_data
 
 from integ_gym.cli import main
+from integ_gym.eval.panel import units
 from integ_gym.eval.panel.cells import SpecError
-from integ_gym.eval.panel.running import units
-from integ_gym.eval.panel.running.costs.expected_time import cell_seconds
-from integ_gym.eval.panel.running.panel import check_spec
-from integ_gym.eval.panel.running.units import training_config, training_key
+from integ_gym.eval.panel.costs import cell_seconds
+from integ_gym.eval.panel.run import check_spec
 from integ_gym.eval.panel.spec import parse_spec
+from integ_gym.eval.panel.units import training_config, training_key
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.support.optional import package_version
 

@@ -9,11 +9,11 @@ from dataclasses import replace
 import pytest
 from small_panel import small_data
 
-from integ_gym.eval.panel.running.costs.expected_time import trying_seconds
-from integ_gym.eval.panel.running.evaluation import achievability
-from integ_gym.eval.panel.running.evaluation.achievability import TRYING, tried
-from integ_gym.eval.panel.running.evaluation.units import evaluate_all, expected_seconds, statuses
-from integ_gym.eval.panel.running.run_directory import RunDirectory, RunDirectoryError
+from integ_gym.eval.panel import achieve as achievability
+from integ_gym.eval.panel.achieve import TRYING, tried
+from integ_gym.eval.panel.costs import trying_seconds
+from integ_gym.eval.panel.evaluate import evaluate_all, expected_seconds, statuses
+from integ_gym.eval.panel.run_directory import RunDirectory, RunDirectoryError
 from integ_gym.eval.panel.spec import built_in_spec, parse_spec
 from integ_gym.eval.verdict import Search
 from integ_gym.support.executors import Cluster

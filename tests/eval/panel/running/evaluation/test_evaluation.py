@@ -17,9 +17,8 @@ from integ_gym.eval.panel.cells import (
     Perturbation,
     nominal_setup,
 )
-from integ_gym.eval.panel.running.evaluation.replays import Successes
-from integ_gym.eval.panel.running.evaluation.subjects import Subject, divided, evaluate
-from integ_gym.eval.panel.running.evaluation.units import batches_of, evaluation_seconds
+from integ_gym.eval.panel.episodes import Subject, Successes, divided, evaluate
+from integ_gym.eval.panel.evaluate import batches_of, evaluation_seconds
 from integ_gym.eval.panel.spec import PanelSpec, built_in_spec
 from integ_gym.evidence.fields import VOLATILE_NAMES
 from integ_gym.evidence.store import EvidenceStore
@@ -90,9 +89,7 @@ def test_records_side_by_side_are_those_of_each_policy_alone(env_id, tmp_path, m
     every = range(spec.episodes)
     subjects, store = _subjects(spec), EvidenceStore(tmp_path)
     counted = []
-    monkeypatch.setattr(
-        "integ_gym.eval.panel.running.evaluation.subjects.report_work", counted.append
-    )
+    monkeypatch.setattr("integ_gym.eval.panel.episodes.report_work", counted.append)
     store.commit_all("together", evaluate(spec, subjects, every, store, {}))
     assert len(counted) == len({cell.name for subject in subjects for cell in subject.cells})
     assert sum(counted) == pytest.approx(evaluation_seconds(spec, subjects))

@@ -21,21 +21,30 @@ from integ_gym.evidence.store import EvidenceStore
 from integ_gym.support.processes import report_work
 from integ_gym.train.baselines.making import possible_baselines
 
-from ....verdict import (
+from ..verdict import (
     ACHIEVED,
     Achieved,
     Attempt,
     Search,
     achieved,
 )
-from ...cells import Cell, engine_versions, environments_of, file_name
-from ...plan import inputs
-from ...spec import PanelSpec
-from ..costs.expected_time import trying_seconds
-from ..run_directory import RunDirectory, first_of, key_of, told_first
-from ..units import baseline_of
-from ..work import Work
-from .subjects import attempts
+from .cells import (
+    Cell,
+    engine_versions,
+    environments_of,
+    file_name,
+)
+from .costs import trying_seconds
+from .episodes import attempts
+from .plan import inputs
+from .run_directory import (
+    RunDirectory,
+    first_of,
+    key_of,
+    told_first,
+)
+from .spec import PanelSpec
+from .units import Work, baseline_of
 
 PREFIX = "achieve-"
 HANDMADE = "handmade"

@@ -20,8 +20,8 @@ from integ_gym.train.policy_files.sidecar import (
     stated_arguments,
 )
 
-from ..cells import UNNAMED, DiscretizationMixture, Home
-from ..plan import texts_of
+from .cells import UNNAMED, DiscretizationMixture, Home
+from .plan import texts_of
 
 VARIED = (*DISCRETIZATION, "mixture")
 

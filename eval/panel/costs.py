@@ -1,4 +1,4 @@
-"""What a panel costs in core time and storage, from measured figures, before anything is run."""
+"""What a panel is expected to cost in time and storage, from measured rates, before it is run."""
 
 from __future__ import annotations
 
@@ -7,14 +7,93 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
+from integ_gym.envs.registries import ENGINES
+from integ_gym.envs.settings import Discretization, Timing
 from integ_gym.evidence.episodes import Layout
 
-from ...cells import Home
-from ...spec import PanelSpec
-from ..units import Unit, trained_units, training_config
-from .expected_time import cell_seconds, cell_timing
+from .cells import (
+    Cell,
+    Home,
+    SpecError,
+    is_engine,
+)
+from .spec import PanelSpec
+from .units import Unit, trained_units, training_config
 
-DECISION_SECONDS = {"PPO": 1.3e-4, "SAC": 7e-3}
+DECISION_SECONDS = 4e-6
+"""Time of one recorded decision, s."""
+
+TASK_SECONDS = 1e-4
+"""Time of one recorded decision in a testbed that advances lanes one by one, s."""
+
+FOREIGN_STEP_SECONDS = 1e-5
+"""Time of one step of an engine that advances lanes one by one, s."""
+
+SEARCH_SECONDS = 1e-3
+"""Time of one decision in the search over controls, whose lanes are side by side, s."""
+
+TRAINING_SECONDS = 1e-5
+"""Time of one decision of a training run, at least, s."""
+
+LONGEST_DAYS, MOST_RUNS = 365.0, 10_000
+"""A panel that takes longer on one core, or has more training runs, is refused."""
+
+
+def check_cost(spec: PanelSpec) -> None:
+    """Refuse a panel that nobody could wait for.
+
+    Raises:
+        SpecError: with what it would take.
+    """
+    runs = {home: len(spec.seeds_of(home)) for home in spec.train}
+    playing = sum(count * _seconds_of(spec, home) for home, count in runs.items())
+    playing += len(spec.baselines) * _seconds_of(spec, None)
+    steps = spec.training.get("total_steps", 0)
+    training = sum(runs.values()) * TRAINING_SECONDS * (steps if isinstance(steps, int) else 0)
+    days = (playing + training) / 86400.0
+    if days > LONGEST_DAYS or sum(runs.values()) > MOST_RUNS:
+        raise SpecError(
+            f"panel {spec.name!r} has {sum(runs.values())} training runs and "
+            f"{spec.episodes} episodes in each cell, about {days:.3g} days of one core, and at "
+            f"most {MOST_RUNS} runs and {LONGEST_DAYS:g} days are taken; give fewer seeds, cells "
+            "or episodes, or a shorter `duration`"
+        )
+
+
+def _seconds_of(spec: PanelSpec, home: Home | None) -> float:
+    return sum(cell_seconds(spec, cell) for cell in spec.cells_of(home))
+
+
+def cell_timing(spec: PanelSpec, cell: Cell) -> Timing:
+    """Sub-steps and horizon in a cell; no engine is built for it."""
+    given = {"duration": spec.nominal.settings.duration, **cell.arguments(spec.environment)}
+    return Timing.of(given["dt"], given["control_period"], 0.0, None, given["duration"])
+
+
+def cell_seconds(spec: PanelSpec, cell: Cell) -> float:
+    """Time of one policy's episodes in a cell, s, without second horizons: who fails is unknown."""
+    timing = cell_timing(spec, cell)
+    recorded = DECISION_SECONDS if spec.testbed.batched else TASK_SECONDS
+    decision = recorded + _engine_seconds(cell.discretization, timing.substeps)
+    return spec.episodes * timing.horizon * decision
+
+
+def trying_seconds(spec: PanelSpec, cell: Cell) -> float:
+    """Time of finding out whether a cell can be solved, from the starts that came last, s."""
+    starts = len(spec.start_sets) * len(spec.latest) / spec.episodes
+    searched = 0 if spec.testbed.horizon is None else cell_timing(spec, cell).horizon
+    return searched * SEARCH_SECONDS + starts * cell_seconds(spec, cell)
+
+
+def _engine_seconds(discretization: Discretization, substeps: int) -> float:
+    """What one decision takes beside that of an engine that advances all lanes at once, s."""
+    engine = discretization.engine
+    if not is_engine(engine) or ENGINES.load(engine).batched:
+        return 0.0
+    return FOREIGN_STEP_SECONDS * substeps
+
+
+TRAINING_DECISION_SECONDS = {"PPO": 1.3e-4, "SAC": 7e-3}
 """Time of a decision of training with stable-baselines3, by algorithm, s: docs/how-to/fleet.md."""
 
 ENTRY_BYTES = 2.7
@@ -104,7 +183,7 @@ def _training(spec: PanelSpec, unit: Unit) -> ExpectedCost:
 
 def _training_seconds(spec: PanelSpec, config: Any) -> float:
     if not spec.fleet:
-        return float(config.rounded_steps) * DECISION_SECONDS[config.algorithm]
+        return float(config.rounded_steps) * TRAINING_DECISION_SECONDS[config.algorithm]
     from integ_gym.train.fleet.planning import training_seconds
 
     return training_seconds(config)

@@ -1,25 +1,90 @@
-"""Training of a panel's policies, by the trainer that it names."""
+"""Training of a panel's policies: who is trained together, the trainer, and policies taken over."""
 
 from __future__ import annotations
 
 import shutil
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from integ_gym.evidence.labels import EpisodeContext
 from integ_gym.support.errors import MissingPackageError
 from integ_gym.support.executors import Cluster
+from integ_gym.support.files import read_object, write_json
 from integ_gym.support.optional import require
 from integ_gym.train.config import TrainingConfig, TrainingEvidence
 from integ_gym.train.fleet.worker import GIB_PER_WORKER, Workers, workers_of
 from integ_gym.train.policy_files.card import card_hash
 from integ_gym.train.policy_files.sidecar import TrainedPolicy
 
-from ..spec import PanelSpec
-from .division import waiting_chunks
-from .run_directory import WORK, RunDirectory
-from .units import Unit, is_there, trained_units, training_config, training_key
+from .plan import stages
+from .run_directory import (
+    MANIFEST,
+    WORK,
+    RunDirectory,
+    RunDirectoryError,
+    read_manifest,
+)
+from .spec import PanelSpec
+from .units import (
+    Unit,
+    is_there,
+    is_trained,
+    trained_units,
+    training_config,
+    training_key,
+)
+
+_CHUNKS = "together"
+_DIVISION = "division.json"
+
+
+def waiting_chunks(
+    spec: PanelSpec, directory: RunDirectory, workers: Workers, memory_gib: float | None = None
+) -> list[tuple[Unit, ...]]:
+    """The training runs that are not finished, each with all that it is trained together with.
+
+    Args:
+        spec: the panel, or a stage of it.
+        directory: held by the caller.
+        workers: that the work is divided for, if it was not before.
+        memory_gib: that they may take together.
+    """
+    units = {unit.policy: unit for unit in trained_units(spec)}
+    waiting = {unit.policy for unit in units.values() if not is_there(spec, directory, unit)}
+    noted = _noted_chunks(directory)
+    chunks = [tuple(map(str, chunk)) for chunk in noted if set(chunk) <= set(units)]
+    known = {policy for chunk in chunks for policy in chunk}
+    for stage in stages(spec):
+        new = [u for u in trained_units(stage) if u.policy in waiting and u.policy not in known]
+        chunks += _divided(spec, new, workers, memory_gib)
+        known.update(unit.policy for unit in new)
+    if len(chunks) > len(noted):
+        write_json(directory.path / WORK / _DIVISION, {_CHUNKS: chunks})
+        directory.storage.send()
+    return [tuple(units[p] for p in chunk) for chunk in chunks if waiting.intersection(chunk)]
+
+
+def _noted_chunks(directory: RunDirectory) -> list[Any]:
+    """Who is trained together, as it was noted."""
+    path = directory.path / WORK / _DIVISION
+    return list(read_object(path, {_CHUNKS: list}, "remove it")[_CHUNKS]) if path.exists() else []
+
+
+def _divided(
+    spec: PanelSpec, units: Sequence[Unit], workers: Workers, memory_gib: float | None
+) -> list[tuple[str, ...]]:
+    if not units:
+        return []
+    if not spec.fleet:
+        return [(unit.policy,) for unit in units]
+    from integ_gym.train.fleet.planning import plan
+
+    configs = [training_config(spec, unit) for unit in units]
+    chunks = plan(configs, workers, memory_gib)  # type: ignore[arg-type]
+    return [tuple(units[place].policy for place in chunk.places) for chunk in chunks]
+
 
 _AGAIN = ".again"
 """Folder for what is trained once more, because something that it is trained with is not there."""
@@ -143,3 +208,71 @@ def _evidence(spec: PanelSpec, directory: RunDirectory, unit: Unit) -> TrainingE
         packages=directory.versions(),
     )
     return TrainingEvidence(directory.evidence, unit.training, context)
+
+
+def finished_policies(path: Path, spec: PanelSpec) -> RunDirectory:
+    """The directory of a panel whose policies another one would train alike.
+
+    Args:
+        path: directory of the panel that trained them.
+        spec: the panel that wants them.
+
+    Raises:
+        RunDirectoryError: unless the directory has every policy of ``spec`` with its training
+            evidence, trained by the same trainer with the same key.
+    """
+    manifest = path / MANIFEST
+    if not manifest.exists():
+        raise RunDirectoryError(
+            f"{path} holds no panel; give --policies the directory of a finished one"
+        )
+    held = read_manifest(manifest)["specification"]
+    wanted, trainer = spec.to_json()["trainer"], held.get("trainer")
+    if trainer != wanted:
+        raise RunDirectoryError(
+            f"the policies in {path} come from trainer {_named(trainer)}, this panel's from "
+            f"{_named(wanted)}; choose with --trainer, or train without --policies"
+        )
+    source = RunDirectory(path, held)
+    for unit in trained_units(spec):
+        _check(source, unit, training_key(training_config(spec, unit)))
+    return source
+
+
+def bring(source: RunDirectory, directory: RunDirectory, spec: PanelSpec) -> None:
+    """Copy every policy that is not there yet, and the looks at it; its marker comes last.
+
+    Args:
+        source: what :func:`finished_policies` found.
+        directory: held by the caller.
+        spec: the panel that wants them.
+    """
+    missing = [unit for unit in trained_units(spec) if not is_there(spec, directory, unit)]
+    if missing:
+        directory.inherit_looks(source)
+        for unit in missing:
+            directory.discard_remains(unit.training)
+            directory.adopt_policy(source, unit.policy)
+            directory.adopt(source, unit.training)
+    directory.storage.send()
+
+
+def _check(source: RunDirectory, unit: Unit, key: str) -> None:
+    marker = source.marker(unit.training)
+    if marker is not None and marker.get("key") != key:
+        raise RunDirectoryError(
+            f"policy {unit.policy} in {source.path} was trained with other hyperparameters, on "
+            "another environment or by another version; train without --policies"
+        )
+    if marker is None or not is_trained(source, unit, key):
+        raise RunDirectoryError(
+            f"{source.path} has no finished policy {unit.policy}; give the directory of a "
+            "finished panel with all rows and seeds of this one, or train without --policies"
+        )
+
+
+def _named(trainer: Any) -> str:
+    if not isinstance(trainer, Mapping):
+        return repr(trainer)
+    packages = [f"{k} {v}" for k, v in trainer.items() if k != "name"]
+    return " with ".join([repr(trainer.get("name")), *packages])

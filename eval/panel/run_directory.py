@@ -35,8 +35,8 @@ from integ_gym.support.files import (
 from integ_gym.support.optional import installed_versions
 from integ_gym.support.storage import LOCK, Busy, Storage
 
-from ...verdict import Looks, Shares
-from ..plan import GROWING, additions, contradictions
+from ..verdict import Looks, Shares
+from .plan import GROWING, additions, contradictions
 
 MANIFEST = "run.json"
 PANEL_FILE = "panel.json"

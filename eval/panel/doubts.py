@@ -16,12 +16,18 @@ from integ_gym.support.terminal import percent
 from integ_gym.train.policy_files.reading import STATE_DICT_ENDINGS
 from integ_gym.train.policy_files.sidecar import HOW_TO_STATE
 
-from ...verdict import ALPHA, FAIL_MARGIN, p_text
-from ..findings import paired_episodes
-from ..matrix import Matrix, PanelLayout, compares_success, home_cell, reward_doubts
-from ..result import Estimate, PairedEpisodes
-from ..spec import PanelSpec
-from .policy import Existing
+from ..verdict import ALPHA, FAIL_MARGIN, p_text
+from .findings import paired_episodes
+from .matrix import (
+    Matrix,
+    PanelLayout,
+    compares_success,
+    home_cell,
+    reward_doubts,
+)
+from .policies import Existing
+from .result import Estimate, PairedEpisodes
+from .spec import PanelSpec
 
 FEWEST, ENOUGH = 6, 20
 """Paired episodes below which not even a sign test can show anything at 5 %, and those that do."""

@@ -1,0 +1,470 @@
+"""The evaluation of an existing policy: a panel without training around it."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from integ_gym.envs.settings import Discretization
+from integ_gym.envs.testbeds.making import find_testbed
+from integ_gym.evidence.store import EvidenceStore
+from integ_gym.support.errors import InputError, InputTypeError
+from integ_gym.support.executors import Cluster, Resources, open_cluster
+from integ_gym.support.files import replace_file
+from integ_gym.support.optional import installed_versions, require
+from integ_gym.support.processes import check_spawning, cores
+from integ_gym.support.storage import Storage, open_storage
+from integ_gym.support.terminal import say
+from integ_gym.train.baselines.making import possible_baselines
+from integ_gym.train.policy_files.reading import unscaled
+from integ_gym.train.policy_files.sidecar import Stated
+
+from .cells import environments_of, main_home, standard_perturbations
+from .checking.plan import check_records
+from .doubts import doubts_of
+from .episodes import Subject
+from .evaluate import all_seconds, evaluate_all
+from .home import VARIED, Provenance, provenance
+from .matrix import given_rows
+from .outputs import (
+    CHECKING,
+    JUDGING,
+    Begin,
+    artefact_of,
+    call_of,
+    cost_of,
+    look_warnings,
+    of_plan,
+    phases,
+    reduced,
+    write_outputs,
+)
+from .plan import planned_home
+from .policies import (
+    Existing,
+    given_policy,
+    is_reference,
+    kept_policy,
+    read_existing,
+    read_policy_file,
+)
+from .result import Panel
+from .result import Policy as PanelPolicy
+from .run import as_there, resources_for
+from .run_directory import GIVEN, MANIFEST, RunDirectory, Seen
+from .spec import TRAINERS, PanelSpec
+from .units import baseline_of
+
+
+class Facts(msgspec.Struct, frozen=True):
+    """What is known of a policy beside its hash and its home.
+
+    Attributes:
+        seed: of its training; None: not known.
+        file: in its folder of the run; None for what came as an object.
+        unscaled: whether it learned from scaled observations, and is given them as they are.
+        statistics: whether it scales observations itself.
+        bounds: of its actions, low and high; None: not known.
+        overridden: arguments of its training in place of which others were given.
+    """
+
+    seed: int | None
+    file: str | None
+    unscaled: bool
+    statistics: bool
+    bounds: tuple[list[float], list[float]] | None
+    overridden: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class _Known:
+    """What doubts ask of a policy."""
+
+    policy_id: str
+    content_hash: str
+    bounds: tuple[list[float], list[float]] | None
+    statistics: object
+
+    def act(self, observation: NDArray[Any]) -> NDArray[Any]:
+        """It does not act: nothing here plays an episode."""
+        raise NotImplementedError
+
+
+def facts_of(existing: Existing) -> dict[str, Any]:
+    """What a run's manifest keeps of a policy."""
+    facts = Facts(
+        existing.seed,
+        next(iter(existing.files), None),
+        existing.unscaled,
+        *_of_actions(existing.policy),
+        dict(existing.provenance.overridden),
+    )
+    return dict(msgspec.to_builtins(facts))
+
+
+def given_panel(spec: PanelSpec, directory: RunDirectory, called: Mapping[str, Any]) -> Panel:
+    """What ``panel.json`` holds of an evaluation: a function of its manifest and records alone.
+
+    Args:
+        spec: of the evaluation.
+        directory: of the run, all of which is there.
+        called: see :func:`~integ_gym.eval.panel.outputs.call_of`.
+
+    Raises:
+        ValueError: where the manifest does not say what is known of the policy.
+    """
+    existing = _kept(spec, directory)
+    name = existing.policy.policy_id
+    layout, matrix = reduced(spec, directory, given_rows(spec, name, existing.home))
+    file = next((f"policies/{name}/{kept}" for kept in existing.files), None)
+    told: dict[str, Any] = {
+        "seed": existing.seed,
+        "hash": existing.policy.content_hash,
+        "file": file,
+    }
+    policies = [PanelPolicy(id=name, **told)]
+    policies += [PanelPolicy(id=x, seed=None, hash=None, file=None) for x in spec.baselines]
+    store = EvidenceStore(directory.evidence)
+    return artefact_of(
+        directory,
+        layout,
+        matrix,
+        policies,
+        **of_plan(spec, directory, called),
+        cost=cost_of(directory, layout, (), called),
+        looks=layout.looks,
+        warnings=(
+            *doubts_of(existing, spec, layout, matrix, store),
+            *look_warnings(layout),
+        ),
+    )
+
+
+def other_facts(
+    spec: PanelSpec, directory: RunDirectory, own_code: bool
+) -> Iterator[tuple[str, Any, Any]]:
+    """What a run says of a policy and its file does not: name, what is said, what is read.
+
+    Raises:
+        ValueError: for a file that cannot be read, or a manifest without this.
+    """
+    existing, said = _kept(spec, directory), _facts(directory)
+    folder = directory.policies / existing.policy.policy_id
+    found = kept_policy(folder)
+    if found is None:
+        if said.file is not None:
+            yield "file", said.file, None
+        return
+    path, statistics = found
+    policy, card, _ = read_policy_file(path, statistics)
+    overridden = said.overridden
+    if card is not None and existing.provenance.origin.startswith("the side-car"):
+        given = {name: x for name, x in spec.environment.items() if name not in VARIED}
+        overridden = dict(provenance(spec.env_id, card, None, given, own_code)[0].overridden)
+    made = Facts(
+        None if card is None else card.get("seed"),
+        path.name,
+        statistics is None and unscaled(path, card),
+        *_of_actions(policy),
+        overridden,
+    )
+    one, other = msgspec.to_builtins(said), msgspec.to_builtins(made)
+    yield from ((name, one[name], other[name]) for name in one if one[name] != other[name])
+
+
+def _of_actions(policy: Any) -> tuple[bool, tuple[list[float], list[float]] | None]:
+    """Whether a policy scales observations, and the bounds of its actions."""
+    bounds = getattr(policy, "bounds", None)
+    told = None
+    if bounds is not None:
+        low, high = (np.asarray(end, dtype=np.float64).tolist() for end in bounds)
+        told = (low, high)
+    return getattr(policy, "statistics", None) is not None, told
+
+
+def _facts(directory: RunDirectory) -> Facts:
+    try:
+        return msgspec.convert(directory.manifest().get(GIVEN), Facts)
+    except msgspec.ValidationError as error:
+        raise InputError(f"its {MANIFEST} does not say what the policy is ({error})") from None
+
+
+def _kept(spec: PanelSpec, directory: RunDirectory) -> Existing:
+    """The policy of an evaluation, as far as doubts ask for it."""
+    plan, facts = directory.manifest()["specification"], _facts(directory)
+    environments = environments_of(spec.testbed, spec.columns()[0], 1)
+    environments.close()
+    name = spec.name.removeprefix("evaluate ")
+    folder = directory.policies / name
+    known = Provenance(
+        planned_home(plan),
+        spec.control_period,
+        spec.environment,
+        str(plan["home"].get("origin")),
+        overridden=facts.overridden,
+    )
+    return Existing(
+        _Known(name, str(plan["policy"]), facts.bounds, facts.statistics or None),
+        known,
+        {} if facts.file is None else {facts.file: folder / facts.file},
+        facts.seed,
+        environments.single_action_space,
+        facts.unscaled,
+    )
+
+
+def plan(
+    existing: Existing,
+    env_id: str,
+    integrators: Sequence[str] = (),
+    dts: Sequence[float] = (),
+    episodes: int = 50,
+) -> PanelSpec:
+    """The evaluation as a panel without training, all its cells checked.
+
+    A baseline that cannot be made for the environment, such as a hand-made controller without
+    gravity, is left out. The truth, where there is one, is always evaluated on.
+
+    Args:
+        existing: the policy.
+        env_id: environment.
+        integrators: names; by default all that the testbed offers but the truth.
+        dts: steps, s; by default the testbed's.
+        episodes: paired starts.
+
+    Raises:
+        TypeError, ValueError: for a cell that cannot be made.
+    """
+    environment = existing.provenance.environment
+    testbed = find_testbed(env_id, environment)
+    period, name = existing.provenance.control_period, existing.policy.policy_id
+    own = () if existing.home is None else tuple(existing.home.shares)
+    around = main_home(existing.home) or replace(testbed.home, control_period=period)
+    engine = around.engine if integrators else testbed.home.engine
+    columns = [
+        Discretization(integrator, dt, period, engine)
+        for integrator in integrators or testbed.integrators(engine)
+        for dt in dts or testbed.steps(around)
+    ]
+    spec = PanelSpec(
+        name=f"evaluate {name}",
+        env_id=env_id,
+        control_period=period,
+        train=(),
+        grid=tuple(dict.fromkeys([*columns, *own])),
+        seeds=(),
+        environment=environment,
+        ladder=False,
+        episodes=episodes,
+        question=f"Does {name} survive another integrator or timestep?",
+    )
+    for cell in spec.columns():
+        environments_of(testbed, cell, 1).close()
+    return replace(
+        spec,
+        perturbations=standard_perturbations(spec.nominal),
+        baselines=possible_baselines(spec.nominal, testbed.controller),
+    )
+
+
+SHORT = 10.0
+"""Expected work that is not worth starting worker processes for, s."""
+
+
+def evaluate_existing(
+    existing: Existing,
+    spec: PanelSpec,
+    out: Storage,
+    command: str,
+    *,
+    workers: int | None = None,
+    progress: bool = False,
+    on_doubt: Callable[[str], None] = lambda doubt: None,
+    cluster: Cluster | None = None,
+) -> Panel:
+    """Evaluate a policy and the baselines, and write the usual directory.
+
+    Args:
+        existing: the policy.
+        spec: what :func:`~integ_gym.eval.panel.existing.plan` made.
+        out: its directory, or where else it is kept; one that holds another policy's evaluation
+            is refused.
+        command: how to run this again, for the page.
+        workers: processes; 1: this one; by default one per core where that is worth it.
+        progress: show a bar.
+        on_doubt: called at the end, with each sentence that casts doubt on the result.
+        cluster: an engine that may be on other machines, in place of this one's processes.
+
+    Returns:
+        What ``panel.json`` holds; ``warnings`` lists the doubts.
+
+    Raises:
+        RunDirectoryError: for a directory that holds something else.
+        SpawnError: where worker processes cannot be started, before anything is created.
+        PanelError: if an evaluation fails; what was finished stays.
+    """
+    row, home, spec = existing.policy.policy_id, existing.home, as_there(spec, out)
+    content = {**spec.to_json(), "policy": existing.policy.content_hash, "home": existing.told}
+    learned_by = installed_versions(TRAINERS["sb3"])
+    directory = RunDirectory(out, content, {**learned_by, **spec.engine_versions()})
+    subjects = [
+        Subject(existing.policy, spec.cells_of(home), home, home_known=home is not None),
+        *(Subject(baseline_of(spec, name), spec.cells_of(None)) for name in spec.baselines),
+    ]
+    if cluster is None or not cluster.remote:
+        cluster = Cluster(_processes(workers, all_seconds(spec, subjects)))
+    if cluster.workers:
+        check_spawning(existing.policy, alone=True)
+    with directory.opened():
+        for name, source in existing.files.items():
+            replace_file(directory.policies / row / name, source.read_bytes())
+        before = directory.markers("")
+        evaluate_all(spec, directory, subjects, "evaluate", cluster, progress)
+        if progress and directory.markers("") == before:
+            print("Complete: nothing to evaluate.", file=sys.stderr)
+        with phases("evaluate", progress) as begin:
+            count = max(1, cluster.workers)
+            panel = _write(existing, spec, directory, command, count, begin)
+        directory.finish_work()
+    for doubt in panel.warnings:
+        on_doubt(panel.said(doubt))
+    return panel
+
+
+def _write(
+    existing: Existing,
+    spec: PanelSpec,
+    directory: RunDirectory,
+    command: str,
+    processes: int,
+    begin: Begin,
+) -> Panel:
+    """Reduce the records, and write the directory's page."""
+    begin(CHECKING)
+    check_records(directory)
+    begin(JUDGING)
+    directory.note(**{GIVEN: facts_of(existing)})
+    directory.record_look(Seen(1, spec.episodes, 0))
+    called = call_of(directory, command, processes)
+    return write_outputs(directory, given_panel(spec, directory, called), called, begin)
+
+
+def _processes(workers: int | None, seconds: float) -> int:
+    """Worker processes; 0: this one works."""
+    if workers is None:
+        return 0 if seconds < SHORT else cores()
+    if workers < 1:
+        raise InputError(f"`workers` must be 1 or above, got {workers}")
+    return 0 if workers == 1 else workers
+
+
+def tell_doubt(doubt: str) -> None:
+    """Say a sentence that casts doubt on a result on stderr."""
+    say(f"warning: {doubt}", sys.stderr)
+
+
+def evaluate(
+    policy: Any,
+    env_id: str,
+    out: str | os.PathLike[str],
+    *,
+    home: Stated = None,
+    integrators: Sequence[str] = (),
+    dts: Sequence[float] = (),
+    episodes: int = 50,
+    environment: Mapping[str, Any] | None = None,
+    obs_stats: str | os.PathLike[str] | None = None,
+    own_code: bool = False,
+    workers: int | None = None,
+    progress: bool = True,
+    on_home: Callable[[str], None] = lambda line: None,
+    on_doubt: Callable[[str], None] = tell_doubt,
+    command: str = "integ_gym.evaluate",
+    executor: str = "local",
+    address: str | None = None,
+    resources: Resources | None = None,
+) -> Panel:
+    """Judge a policy that exists already over many discretizations: a panel without training.
+
+    Args:
+        policy: a policy's file, and beside it the side-car if there is one; a function from one
+            observation to one action; anything with ``predict``, such as a model of
+            stable-baselines3; or ``"module:function"``.
+        env_id: one of integ-gym's environments, or a MuJoCo task of Gymnasium's.
+        out: directory, or a place in an object store; one that holds another policy's evaluation
+            is refused.
+        home: what it was trained on: ``"integrator=…,dt=…,control_period=…"``, the same as a
+            mapping or a `Discretization`, or ``"stock"`` for Gymnasium's own environment. By
+            default what the side-car says; without one it is unknown, and null in evidence.
+        integrators: to judge on; by default all.
+        dts: integration steps, s; by default the coarsest, half and a quarter of it.
+        episodes: paired starts.
+        environment: constructor arguments, without the discretization.
+        obs_stats: VecNormalize's statistics, as its ``vecnormalize.pkl`` or as JSON.
+        own_code: whether classes that the side-car names as ``"module:Class"`` may be loaded.
+        workers: processes; 1: this one; by default one per core where that is worth it.
+        progress: show a bar on stderr.
+        on_home: told what is taken as home and why, before anything is run.
+        on_doubt: told each sentence that casts doubt on the result; by default stderr is.
+        command: how to run this again, for the page.
+        executor: what runs the processes; see :func:`run_panel`.
+        address: of a running cluster.
+        resources: of each worker of an engine.
+
+    Returns:
+        What ``panel.json`` holds; ``warnings`` lists the doubts.
+
+    Raises:
+        PolicyFileError, TypeError, ValueError: for a policy that cannot be read or does not fit, a
+            home that cannot be, or a cell that cannot be made.
+        RunDirectoryError: for a directory that holds something else.
+        SpawnError: where worker processes cannot be started, before anything is created.
+        PanelError: if an evaluation fails; what was finished stays.
+        ModuleNotFoundError: if an extra is missing, with the command that installs it.
+    """
+    require("report", "evidence")
+    given = environment or {}
+    if isinstance(policy, os.PathLike) and not Path(policy).exists():
+        policy = os.fspath(policy)
+    if is_reference(policy) or not isinstance(policy, str | os.PathLike):
+        if obs_stats is not None:
+            raise InputError(
+                "statistics of observations are given for a policy's file; a model carries its own "
+                "VecNormalize, and a function normalizes for itself"
+            )
+        if own_code:
+            raise InputError(
+                "own_code lets a side-car name classes, and a policy that is no file has none; "
+                "leave it out"
+            )
+        existing = given_policy(policy, env_id, given, home)
+    else:
+        if not isinstance(obs_stats, str | os.PathLike | None):
+            raise InputTypeError(
+                "obs_stats must be a file, which the run keeps; save its numbers as JSON, or with "
+                "integ_gym.write_sidecar(..., obs_stats=...)"
+            )
+        statistics = None if obs_stats is None else Path(obs_stats)
+        existing = read_existing(Path(policy), env_id, given, statistics, own_code, home)
+    spec = plan(existing, env_id, integrators, dts, episodes)
+    on_home(str(existing.provenance))
+    asked = resources_for(resources, workers, None)
+    with open_cluster(executor, address, asked) as cluster, open_storage(out) as place:
+        return evaluate_existing(
+            existing,
+            spec,
+            place,
+            command,
+            workers=workers,
+            progress=progress,
+            on_doubt=on_doubt,
+            cluster=cluster,
+        )

@@ -1,0 +1,363 @@
+"""Policies that exist already: from a file, an object, a function, or the records of a run."""
+
+from __future__ import annotations
+
+import importlib
+import re
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, is_dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from integ_gym.envs.catalogue.lookup import environment_setup
+from integ_gym.envs.sequential_vector import DiscretizedVectorEnv
+from integ_gym.envs.testbeds.making import find_testbed, make_training_environments
+from integ_gym.evidence.record import EvidenceRecord
+from integ_gym.evidence.replaying import Acting
+from integ_gym.evidence.schema import argument_values
+from integ_gym.evidence.store import EvidenceStore
+from integ_gym.support.errors import InputError
+from integ_gym.support.files import read_object
+from integ_gym.train.baselines.making import BASELINES, make_baseline
+from integ_gym.train.called_policy import CalledPolicy, behaviour_hash
+from integ_gym.train.monitoring import RawModel
+from integ_gym.train.policy import MlpPolicy, Policy
+from integ_gym.train.policy_files.card import PolicyFileError
+from integ_gym.train.policy_files.onnx import OnnxPolicy, onnx_card, onnx_data
+from integ_gym.train.policy_files.reading import (
+    ONNX_ENDING,
+    POLICY_ENDINGS,
+    read_weights,
+    unscaled,
+)
+from integ_gym.train.policy_files.sb3_zip import lacks_statistics, read_sb3_model
+from integ_gym.train.policy_files.sidecar import (
+    Stated,
+    has_sidecar,
+    read_trained,
+    readable_file,
+)
+
+from .cells import Home
+from .home import Provenance, provenance
+
+
+@dataclass(frozen=True)
+class Existing:
+    """A policy and what is known of its training.
+
+    Attributes:
+        policy: what acts.
+        provenance: where it comes from.
+        files: what it was read from, by the name to keep it under.
+        seed: of its training, where it is known.
+        action_space: of the environment that it is judged in; None: not known.
+        unscaled: whether it learned from scaled observations, and is given them as they are.
+    """
+
+    policy: Policy
+    provenance: Provenance
+    files: Mapping[str, Path]
+    seed: int | None
+    action_space: spaces.Space[Any] | None = None
+    unscaled: bool = False
+
+    @property
+    def home(self) -> Home | None:
+        """Discretization or mixture that it was trained on; None: unknown."""
+        return self.provenance.home
+
+    @property
+    def told(self) -> dict[str, Any]:
+        """What a panel's specification says of its home; null where that is unknown."""
+        shares = {} if self.home is None else self.home.shares
+        members = [one.arguments() for one in shares] or None
+        told = {"discretizations": members, "origin": self.provenance.origin}
+        return {**told, "shares": list(shares.values())} if len(shares) > 1 else told
+
+
+def read_existing(
+    path: Path,
+    env_id: str,
+    given: Mapping[str, Any],
+    obs_stats: Path | None = None,
+    own_code: bool = False,
+    home: Stated = None,
+) -> Existing:
+    """A policy from its file, with what its side-car, the JSON file of the same name, says of it.
+
+    Without a side-car, its home is what is stated, or unknown.
+
+    Args:
+        path: of its file.
+        env_id: environment to evaluate in.
+        given: environment arguments that override those of its training; not the discretization,
+            which is what the evaluation varies.
+        obs_stats: VecNormalize's statistics, as its pickle or as JSON.
+        own_code: whether a class that the side-car names as ``"module:Class"`` may be loaded.
+        home: what it was trained on.
+
+    Raises:
+        PolicyFileError: for a file that cannot be read, or a side-car of another policy.
+        TypeError, ValueError: see :func:`~integ_gym.eval.panel.home.provenance`.
+    """
+    read, card, files = read_policy_file(path, obs_stats)
+    known, environments = provenance(env_id, card, home, given, own_code)
+    space = environments.single_action_space
+    policy = fitted(read, space)
+    policy.check_spaces(environments.single_observation_space, space)
+    name, seed = (path.stem, None)
+    if card is not None:
+        name, seed = str(card.get("policy_id", name)), card.get("seed")
+    bare = obs_stats is None and unscaled(path, card)
+    return Existing(replace(policy, policy_id=row_name(name)), known, files, seed, space, bare)
+
+
+def read_policy_file(path: Path, obs_stats: Path | None = None) -> tuple[Any, Any, dict[str, Path]]:
+    """The policy, what its side-car or metadata says, and the files by the name to keep them.
+
+    Raises:
+        PolicyFileError: for a file that cannot be read, or a side-car of another policy.
+    """
+    files = {f"policy{path.suffix.lower()}": path}
+    if obs_stats is not None:
+        files[f"obs_stats{obs_stats.suffix}"] = obs_stats
+    card = None
+    if path.suffix.lower() == ONNX_ENDING:
+        card = onnx_card(path)
+        files |= {data.name: data for data in onnx_data(path)}
+    if not has_sidecar(path):
+        return read_weights(path, None, obs_stats), card, files
+    files["policy.json"] = path.with_suffix(".json")
+    policy, told = read_trained(path)
+    if card is not None and card.get("home") is not None and card["config"] != told.get("config"):
+        raise PolicyFileError(
+            f"{path}: its metadata and its side-car say different trainings; move the one away "
+            "that is wrong"
+        )
+    return (policy if obs_stats is None else read_weights(path, told, obs_stats)), told, files
+
+
+def kept_policy(folder: Path) -> tuple[Path, Path | None] | None:
+    """File and observation statistics of a policy in its folder of a run; None without a file."""
+    found = (readable_file(folder), *(folder / f"policy{ending}" for ending in POLICY_ENDINGS))
+    file = next((path for path in found if path.exists()), None)
+    return None if file is None else (file, next(folder.glob("obs_stats.*"), None))
+
+
+def hashes_of(folder: Path) -> set[str]:
+    """Hashes that the policy in a folder of a run can have in evidence; empty without a file.
+
+    Whether its outputs are actions or values of actions is for the environment to say.
+
+    Raises:
+        PolicyFileError: see :func:`read_policy_file`.
+    """
+    kept = kept_policy(folder)
+    if kept is None:
+        return set()
+    policy, _, _ = read_policy_file(*kept)
+    acting = (fitted(policy, space) for space in (spaces.Box(-1.0, 1.0), spaces.Discrete(2)))
+    return {one.content_hash for one in acting}
+
+
+def fitted(policy: Any, action_space: spaces.Space[Any]) -> Any:
+    """A graph's outputs are values of actions where the environment's actions are discrete."""
+    if isinstance(policy, OnnxPolicy) and isinstance(action_space, spaces.Discrete):
+        return replace(policy, discrete=True)
+    return policy
+
+
+def row_name(name: str) -> str:
+    """A policy's name as that of its row and files, kept apart from the baselines'."""
+    usable = re.sub(r"[^A-Za-z0-9._]+", "-", name).strip("-._")[:100] or "policy"
+    return f"policy-{usable}" if usable in BASELINES else usable
+
+
+LANES, STEPS = 8, 16
+"""Environments and decisions of the observations that a policy is known by."""
+
+_REFERENCE = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_][\w.]*")
+
+
+def is_reference(given: Any) -> bool:
+    """Whether this names code, ``"module:function"``."""
+    return isinstance(given, str) and _REFERENCE.fullmatch(given) is not None
+
+
+def given_policy(
+    given: Any, env_id: str, environment: Mapping[str, Any], home: Stated = None
+) -> Existing:
+    """What is known of a policy that an object is.
+
+    Args:
+        given: anything callable, from one observation to one action; anything with ``predict``,
+            such as a model of stable-baselines3; a policy with ``act``; or ``"module:name"`` of
+            one, of which a class is made without arguments.
+        env_id: environment to evaluate in.
+        environment: environment arguments of its training; not the discretization.
+        home: what it was trained on.
+
+    Raises:
+        TypeError, ValueError: for what cannot be asked for actions, or for a home that cannot be;
+            see also :func:`~integ_gym.eval.panel.home.provenance`.
+    """
+    target = _loaded(given) if isinstance(given, str) else given
+    known, environments = provenance(env_id, None, home, environment)
+    policy = _as_policy(target, _name(given, target), env_id, known.environment, environments)
+    policy = replace(policy, policy_id=row_name(policy.policy_id))
+    bare = _is_sb3_model(target) and lacks_statistics(target)
+    return Existing(policy, known, {}, None, environments.single_action_space, bare)
+
+
+def _loaded(reference: str) -> Any:
+    module, _, name = reference.partition(":")
+    try:
+        target: Any = importlib.import_module(module)
+        for part in name.split("."):
+            target = getattr(target, part)
+        return target() if isinstance(target, type) else target
+    except Exception as error:  # whatever the user's module does while it is imported
+        raise InputError(
+            f"cannot load policy {reference!r}: {type(error).__name__}: {error}; write it as "
+            '"module:function", importable from here'
+        ) from error
+
+
+def _name(given: Any, target: Any) -> str:
+    if isinstance(given, str):
+        return given.rpartition(":")[2]
+    named = getattr(target, "__name__", type(target).__name__)
+    return "policy" if named == "<lambda>" else str(named)
+
+
+def _as_policy(
+    target: Any,
+    name: str,
+    env_id: str,
+    arguments: Mapping[str, Any],
+    environments: DiscretizedVectorEnv,
+) -> Any:
+    """A policy, checked against the environment's spaces.
+
+    A model of stable-baselines3 is read as its file would be, so that it acts by the same numbers.
+    """
+    observation_space = environments.single_observation_space
+    action_space = environments.single_action_space
+    if _is_sb3_model(target):
+        try:
+            read = read_sb3_model(target, name)
+            read.check_spaces(observation_space, action_space)
+            return read
+        except PolicyFileError:  # what is not read is asked
+            target = RawModel(target)
+    if isinstance(target, Policy):
+        if is_dataclass(target):
+            return _checked(target, observation_space, action_space)
+        return CalledPolicy(target, action_space, target.policy_id, target.content_hash)
+    called = CalledPolicy(target, action_space, name)
+    observations = _observations(env_id, arguments)
+    return replace(called, content_hash=behaviour_hash(called, observations))
+
+
+def _checked(policy: Any, observation_space: Any, action_space: Any) -> Any:
+    """One of our own policies, for these spaces."""
+    if not isinstance(policy, MlpPolicy | OnnxPolicy):
+        return policy
+    fitting = fitted(policy, action_space)
+    fitting.check_spaces(observation_space, action_space)
+    return fitting
+
+
+def _is_sb3_model(target: Any) -> bool:
+    kinds = {base.__module__.partition(".")[0] for base in type(target).__mro__}
+    return "stable_baselines3" in kinds and hasattr(target, "policy_kwargs")
+
+
+def _observations(env_id: str, arguments: Mapping[str, Any]) -> NDArray[Any]:
+    """Observations of the environment under random actions, the same every time."""
+    environments = make_training_environments(env_id, arguments, LANES)
+    environments.action_space.seed(0)
+    observation, _ = environments.reset(seed=list(range(LANES)))  # type: ignore[arg-type]
+    seen = [observation.copy()]
+    for _ in range(STEPS):
+        seen.append(environments.step(environments.action_space.sample())[0].copy())
+    environments.close()
+    return np.concatenate(seen)
+
+
+def policy_of(record: EvidenceRecord, store: EvidenceStore, own_code: bool = False) -> Policy:
+    """What acted in a record: a policy with its hash, from its run's ``policies`` or made again.
+
+    Raises:
+        PolicyFileError: for a policy that cannot be read.
+        ValueError: if there is no policy of that hash, with the remedy.
+    """
+    name, wanted = record["policy_id"], record["policy_hash"]
+    if not wanted:
+        raise InputError(
+            "a record of training is of a policy that has changed since, so it is not played "
+            "again; give one that has a trace, without --on, or a record of an evaluation"
+        )
+    policies = store.directory.parent / "policies"
+    for path, obs_stats in _files(policies, name):
+        if _told_hash(path) in (wanted, None):
+            found: Any = read_existing(path, record["env_id"], {}, obs_stats, own_code).policy
+            if found.content_hash == wanted:
+                named: Policy = replace(found, policy_id=name)
+                return named
+    if name in BASELINES:
+        baseline = _baseline(name, record, store)
+        if baseline.content_hash == wanted:
+            return baseline
+    raise InputError(
+        f"the policy {name} of this record is not in {policies} and cannot be made again; restore "
+        "its folder, or leave --on out for what has a trace"
+    )
+
+
+def acting_in(store: EvidenceStore, own_code: bool = False) -> Callable[[EvidenceRecord], Acting]:
+    """What acted in the records of a run, each policy found once; see :func:`policy_of`."""
+    found: dict[tuple[str, str], Acting] = {}
+
+    def policy(record: EvidenceRecord) -> Acting:
+        key = (record["policy_id"], record["policy_hash"])
+        if key not in found:
+            found[key] = policy_of(record, store, own_code).act
+        return found[key]
+
+    return policy
+
+
+def _files(policies: Path, name: str) -> Iterator[tuple[Path, Path | None]]:
+    """File and observation statistics of every policy of a run, that of a name first."""
+    for folder in sorted(policies.glob("*/"), key=lambda own: (own.name != name, own.name)):
+        kept = kept_policy(folder)
+        if kept is not None:
+            yield kept
+
+
+def _told_hash(path: Path) -> str | None:
+    """The hash that a side-car tells; None where it must be computed."""
+    if any(path.parent.glob("obs_stats.*")):
+        return None
+    with suppress(ValueError):
+        told = read_object(path.with_suffix(".json"), {"content_hash": str}, "")
+        return str(told["content_hash"])
+    return None
+
+
+def _baseline(name: str, record: EvidenceRecord, store: EvidenceStore) -> Policy:
+    """A baseline for the undisturbed task, as its run made it."""
+    found = store.query(
+        "SELECT arguments FROM records WHERE phase = 'evaluation' AND perturbation IS NULL "
+        "ORDER BY integrator <> 'reference' LIMIT 1"
+    ).column("arguments")
+    text = found[0].as_py() if len(found) else record["arguments"]
+    setup = environment_setup(record["env_id"], argument_values(text))
+    return make_baseline(name, setup, controller=find_testbed(record["env_id"], {}).controller)
