@@ -64,6 +64,15 @@ def hashed(card: Mapping[str, Any]) -> dict[str, Any]:
     return {**card, HASH_KEY: card_hash(card)}
 
 
+def card_bytes(card: Mapping[str, Any]) -> bytes:
+    """The content of a side-car's file.
+
+    Raises:
+        ValueError: for what is no JSON.
+    """
+    return (json.dumps(card, indent=2, allow_nan=False, ensure_ascii=False) + "\n").encode()
+
+
 def check_own_hash(card: Mapping[str, Any], file: Path, remedy: str) -> None:
     """Refuse a card that was edited after it was written.
 
@@ -136,7 +145,11 @@ def make_card(
         "discretization": None if mixed else _discretization(setup),
         "mixture": members if mixed else None,
         "mixture_drawn": _DRAWN[trainer] if mixed else None,
-        "env_arguments": _json_values(_common(setup) if mixed else setup.arguments()),
+        "env_arguments": {
+            name: value.tolist() if isinstance(value, np.ndarray) else value
+            for name, value in setup.arguments().items()
+            if not (mixed and name in ("engine", "integrator", "dt"))
+        },
         "units": setup.units(),
         "seed": config.seed,
         "config": asdict(config),
@@ -147,12 +160,6 @@ def make_card(
         "versions": installed_versions((*_PACKAGES, *_OF_TRAINER[trainer])),
         "platform": host(),
     }
-
-
-def _common(setup: Setup) -> dict[str, Any]:
-    """Constructor arguments that the members of a mixture have in common."""
-    own = ("engine", "integrator", "dt")
-    return {name: value for name, value in setup.arguments().items() if name not in own}
 
 
 def episode_summary(returns: Sequence[float], successes: Sequence[float]) -> dict[str, Any]:
@@ -182,8 +189,3 @@ def _discretization(setup: Setup) -> dict[str, Any]:
         "dt": setup.timing.dt,
         "control_period": setup.timing.control_period,
     }
-
-
-def _json_values(arguments: Mapping[str, Any]) -> dict[str, Any]:
-    """Arrays as lists."""
-    return {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in arguments.items()}
