@@ -413,7 +413,8 @@ class EpisodeLog:
         """Summarise what is pending and drop the traces that are not wanted."""
         if not self._pending:
             return
-        rows = _beside([rows for rows, *_ in self._pending])
+        parts = [rows for rows, *_ in self._pending]
+        rows = parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
         counts = np.concatenate([counts for _, counts, _ in self._pending])
         heads = EpisodeHeads.joined([heads for *_, heads in self._pending])
         owned = zip(heads.context, heads.index, strict=True)
@@ -432,10 +433,6 @@ def _joined(parts: list[Episodes]) -> Episodes:
         tuple(chain.from_iterable(part.rows for part in parts)),
         np.concatenate([part.counts for part in parts]),
     )
-
-
-def _beside(rows: list[Array]) -> Array:
-    return rows[0] if len(rows) == 1 else np.concatenate(rows, axis=1)
 
 
 def _nothing(layout: Layout) -> Episodes:
