@@ -242,7 +242,7 @@ _LEDGER_TOLERANCE = {64: 1e-9, 32: 1e-3}
 _RESTORE = "restore the file from a copy"
 
 UNFIT = (ArithmeticError, AttributeError, LookupError, TypeError, ValueError)
-"""What values of a stranger's end in, where others were expected."""
+"""What values of another type end in."""
 
 _ALIKE = ("control_error", "planning_error")
 """Labels that only a trace tells apart."""

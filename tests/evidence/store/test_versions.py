@@ -19,7 +19,6 @@ from integ_gym.evidence.exporting import TEXT_FORMATS, export
 from integ_gym.evidence.fields import LABELS, SCHEMA_VERSION, SUMMARY_FIELDS
 from integ_gym.evidence.hashing import with_hashes
 from integ_gym.evidence.labels import Replays, failure_sentence
-from integ_gym.evidence.printing import show
 from integ_gym.evidence.recomputing import course_of, failure_of
 from integ_gym.evidence.recorder import RecordEvidence
 from integ_gym.evidence.schema import VERSION_KEY, EvidenceError
@@ -157,14 +156,6 @@ def test_an_older_file_keeps_its_hashes_and_is_verified(old, table):
     assert all("was altered" in problem.message for problem in problems)
 
 
-def test_a_column_added_to_an_older_file_is_an_alteration(old, table):
-    file = old.files()[0]
-    kept = pq.read_table(file)
-    given = kept.append_column(table.schema.field("cell_status"), table.column("cell_status"))
-    pq.write_table(given.replace_schema_metadata(kept.schema.metadata), file)
-    assert ["was altered" in problem.message for problem in old.verify()] == [True] * 3
-
-
 def test_an_older_file_is_queried_with_null_for_what_it_lacks(old):
     names = ", ".join(LATER)
     rows = old.query(f"SELECT schema_version, {names} FROM records").to_pylist()
@@ -199,30 +190,6 @@ def test_an_older_file_is_exported(old, form):
         nothing = None
     assert [int(row["schema_version"]) for row in rows] == [1] * 3
     assert {row[name] for row in rows for name in LATER} == {nothing}
-
-
-def test_an_older_file_is_shown(old):
-    record = next(old.records())
-    lines = {line.split()[0]: line.split()[1:] for line in show(record).splitlines() if line}
-    assert lines["schema_version"] == ["1"]
-    for name in LATER:
-        assert lines[name] == ["-"], name
-    assert lines["energy_start"][-1] == "J"
-    assert lines["theta"][-1] == "rad"
-
-
-def test_the_commands_take_an_older_file(old, tmp_path, capsys):
-    directory, output = str(old.directory.parent), tmp_path / "records.csv"
-    record_id = next(old.records())["record_id"]
-    for argv in (
-        ["verify", directory],
-        ["show", directory, record_id],
-        ["query", directory, "SELECT record_id, cell_status FROM records"],
-        ["export", directory, "--out", str(output)],
-    ):
-        assert run(["evidence", *argv]) == 0, argv
-    assert "records: 3, files: 1" in capsys.readouterr().out
-    assert output.read_text(encoding="utf-8").count("\n") == 4
 
 
 def test_both_versions_in_one_store(both):
@@ -291,16 +258,3 @@ def test_a_file_that_lacks_a_column_of_its_version_is_refused(store, table, name
         store.query("SELECT 1")
     (problem,) = store.verify()
     assert f"lacks the columns {name};" in problem.message
-
-
-def test_all_that_a_file_lacks_is_named(store, table):
-    pq.write_table(table.drop_columns(LATER), store.files()[0])
-    with pytest.raises(EvidenceError, match=f"lacks the columns {', '.join(LATER)};"):
-        list(store.records())
-
-
-def test_an_older_file_that_lacks_a_column_of_its_version_is_refused(old):
-    file = old.files()[0]
-    pq.write_table(pq.read_table(file).drop_columns(["success", "return"]), file)
-    with pytest.raises(EvidenceError, match="lacks the columns return, success;"):
-        list(old.records())
