@@ -268,9 +268,7 @@ STRANGE = {
 
 
 @pytest.mark.parametrize(("actions", "taken"), STRANGE.values(), ids=STRANGE)
-def test_minari_gets_another_environment_s_actions_as_they_were(
-    actions, taken, tmp_path, monkeypatch
-):
+def test_minari_gets_foreign_actions_as_they_were(actions, taken, tmp_path, monkeypatch):
     run = _counted(actions, taken, tmp_path / "run")
     export(run, "minari", tmp_path / "out")
     (path,) = (tmp_path / "out").glob("*/*/data")
