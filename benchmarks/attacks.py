@@ -11,7 +11,6 @@ accepted are wrong results that `integ-gym report` or `panel` took.
 
 from __future__ import annotations
 
-import argparse
 import sys
 import tempfile
 import time
@@ -83,11 +82,10 @@ def _rows(found: list[dict[str, Any]]) -> Iterator[list[str]]:
 
 def main() -> int:
     """Print the table; write JSON where asked."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = results.parser(__doc__, file=True)
     parser.add_argument("--tries", type=int, default=1000, help="in all, about")
     parser.add_argument("--seed", type=int, default=0, help="of the first try of each attack")
     parser.add_argument("--only", default="", metavar="WORD", help="attacks with this in the name")
-    parser.add_argument("--json", type=Path, help="also write the rows here")
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         victim = make_victim(Path(folder))

@@ -9,11 +9,11 @@ number of seeds, and the share of checks that end with a half-width above 0.2.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable, Iterator
 
 import numpy as np
 import numpy.typing as npt
+from measuring import results
 
 from integ_gym.eval.loss_check import (
     FIRST_SEEDS,
@@ -64,9 +64,7 @@ def checked(losses: Floats, draws: int = DRAWS) -> tuple[int, float, float]:
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = results.parser(__doc__)
     parser.add_argument("--repeats", type=int, default=1000)
     repeats = parser.parse_args().repeats
     print(f"{'losses of seeds':28} {'holds':>6} {'seeds':>6} {'too wide':>9}")

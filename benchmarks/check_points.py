@@ -12,13 +12,14 @@ which --table prints the table in docs/how-to/check.md. What is there is not run
 
 from __future__ import annotations
 
-import argparse
 import json
 import resource
 import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
+
+from measuring import results
 
 from integ_gym.eval.loss_check import check
 
@@ -86,14 +87,14 @@ def _processor_seconds() -> float:
     return sum(one.ru_utime + one.ru_stime for one in used)
 
 
-def table(results: list[dict[str, Any]]) -> Iterator[str]:
+def table(found: list[dict[str, Any]]) -> Iterator[str]:
     """Every setting beside what was found, as Markdown."""
     yield (
         "| setting | trained on | seeds | home | truth | lost (95 % interval) | found before | "
         "held | processor time |"
     )
     yield "|---" * 9 + "|"
-    for one in results:
+    for one in found:
         loss = f"{one['loss']:z.2f} ({one['low']:z.2f} to {one['high']:z.2f})".replace("-", "−")
         yield (
             f"| {one['setting']} | {one['integrator']}, {one['dt']:g} s | {one['seeds']} | "
@@ -109,9 +110,7 @@ def held(one: dict[str, Any]) -> bool:
 
 def main() -> None:
     """Run what is missing, and print the table."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = results.parser(__doc__)
     parser.add_argument("--out", type=Path, metavar="DIR")
     parser.add_argument("--only", type=int, nargs="+", metavar="N", help="settings, from 1 on")
     parser.add_argument("--workers", type=int, metavar="N")
@@ -124,16 +123,16 @@ def main() -> None:
     if given.out is None:
         parser.error("give --out DIR")
     given.out.mkdir(parents=True, exist_ok=True)
-    results = []
+    found = []
     for number in given.only or range(1, len(POINTS) + 1):
         file = given.out / f"{number}.json"
         if not file.exists():
             result = measured(POINTS[number - 1], given.out / str(number), given.workers)
             file.write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
-        results.append(json.loads(file.read_text(encoding="utf-8")))
-    print("\n".join(table(results)))
+        found.append(json.loads(file.read_text(encoding="utf-8")))
+    print("\n".join(table(found)))
     if given.save:
-        given.save.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+        given.save.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

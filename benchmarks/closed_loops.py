@@ -15,7 +15,6 @@ says nothing about the policy.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -184,11 +183,8 @@ def loops(panel: Panel, directory: Path, cells: list[Cell]) -> Iterator[dict[str
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = results.parser(__doc__, file=True)
     parser.add_argument("run", type=Path, help="directory of a finished pendulum panel")
-    parser.add_argument("--json", type=Path)
     given = parser.parse_args()
     panel = read_panel(given.run / FILE_NAME)
     cells = [cell for cell in panel.columns if cell.achievability == "achievable"]

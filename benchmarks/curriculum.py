@@ -31,7 +31,7 @@ from measuring.results import p_value
 from measuring.trained import Done, Experiment, Unit, by_fleet, command, gained
 
 from integ_gym.envs.settings import Discretization
-from integ_gym.eval.atlas.limits import critical_limit
+from integ_gym.eval.atlas.specification import critical_limit
 from integ_gym.eval.statistics import Difference, holm, unpaired_difference
 from integ_gym.train.ppo import PPOConfig
 

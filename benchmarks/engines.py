@@ -13,20 +13,17 @@ The ratio that is wanted is that of `gym.make(...).unwrapped`: what Gymnasium's 
 
 from __future__ import annotations
 
-import argparse
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
 from itertools import product
-from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
+from bounds import print_judged
 from measuring import results
-from measuring.bare import LOOPS, Bare
-from measuring.bounds import print_judged
+from measuring.bare import LOOPS
 from measuring.rates import Advance, turns
 
 import integ_gym  # noqa: F401
@@ -89,40 +86,13 @@ PACKAGES = (
 )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Row:
-    """One engine under one integrator.
-
-    Attributes:
-        engine: its name.
-        integrator: as the engine calls it.
-        environment: id.
-        variant: one of `VARIANTS`.
-        count: engine steps per control.
-        seconds: median time of a control period, by contender.
-        ratios: of `env.step` to another contender: quartiles, the median in the middle.
-        made_ratio: of `gym.make` to `bare`.
-    """
-
-    engine: str
-    integrator: str
-    environment: str
-    variant: str
-    count: int
-    seconds: dict[str, float]
-    ratios: dict[str, tuple[float, ...]]
-    made_ratio: tuple[float, ...]
-
-
 def measured(
-    engine: str,
-    integrator: str,
-    environment: str,
-    variant: str,
-    count: int,
-    seconds: float,
-) -> Row:
-    """Measure one row.
+    engine: str, integrator: str, environment: str, variant: str, count: int, seconds: float
+) -> dict[str, Any]:
+    """Measure one row: times of a control period, and ratios with their quartiles.
+
+    ``seconds`` are median times by contender; ``ratios`` those of `env.step` to another, the median
+    in the middle; ``made_ratio`` is that of `gym.make` to the bare loop.
 
     Raises:
         RuntimeError: if the bare loop does not go where the environment goes.
@@ -145,7 +115,13 @@ def measured(
     begin()
     controls = [ours.step(action)[4]["control"] for action in actions]
     begin()
-    _check(ours, bare, actions[:COMPARED], controls[:COMPARED])
+    _stepped(ours, actions[:COMPARED])()
+    got = np.array(bare.drive(controls[:COMPARED])).T.ravel()
+    if not np.allclose(got, ours.state, rtol=0.0, atol=TOLERANCE[ours.setup.engine.width]):
+        raise RuntimeError(
+            f"the bare loop of {engine} {integrator} is at {got.tolist()} where the environment is "
+            f"at {ours.state}"
+        )
     contenders: dict[str, Advance] = {
         BARE: lambda: (bare.drive(controls), TURN)[1],
         OURS: _stepped(ours, actions),
@@ -154,16 +130,16 @@ def measured(
     }
     found = turns(contenders, seconds, begin, time.process_time)
     times = {name: 1.0 / np.array(rates) for name, rates in found.items()}
-    return Row(
-        engine,
-        integrator,
-        environment,
-        variant,
-        count,
-        {name: float(np.median(values)) for name, values in times.items()},
-        {name: _quartiles(times[OURS] / times[name]) for name in (BARE, ONLY)},
-        _quartiles(times[MADE] / times[BARE]),
-    )
+    return {
+        "engine": engine,
+        "integrator": integrator,
+        "environment": environment,
+        "variant": variant,
+        "count": count,
+        "seconds": {name: float(np.median(values)) for name, values in times.items()},
+        "ratios": {name: _quartiles(times[OURS] / times[name]) for name in (BARE, ONLY)},
+        "made_ratio": _quartiles(times[MADE] / times[BARE]),
+    }
 
 
 def _stepped(environment: Any, actions: Sequence[Any]) -> Advance:
@@ -175,23 +151,11 @@ def _stepped(environment: Any, actions: Sequence[Any]) -> Advance:
     return advance
 
 
-def _check(environment: Any, bare: Bare, actions: Sequence[Any], controls: Sequence[float]) -> None:
-    _stepped(environment, actions)()
-    q, v = bare.drive(controls)
-    expected, engine = environment.state, environment.setup.engine
-    got = np.array([x for pair in zip(q, v, strict=True) for x in pair])
-    if not np.allclose(got, expected, rtol=0.0, atol=TOLERANCE[engine.width]):
-        raise RuntimeError(
-            f"the bare loop of {engine.name} {engine.integrator} is at {got.tolist()} where the "
-            f"environment is at {expected.tolist()}"
-        )
-
-
 def _quartiles(values: Any) -> tuple[float, ...]:
     return tuple(np.quantile(values, (0.25, 0.5, 0.75)).tolist())
 
 
-def rows(engines: Sequence[str], seconds: float) -> Iterator[Row]:
+def rows(engines: Sequence[str], seconds: float) -> Iterator[dict[str, Any]]:
     """All rows of some engines."""
     for engine in engines:
         for integrator in LOOPED.get(engine, ENGINES.load(engine).maps):
@@ -201,14 +165,14 @@ def rows(engines: Sequence[str], seconds: float) -> Iterator[Row]:
                 yield measured(engine, integrator, *case, seconds)
 
 
-def cells(row: Row) -> list[str]:
+def cells(row: dict[str, Any]) -> list[str]:
     """A row of the printed table."""
-    low, middle, high = row.ratios[BARE]
+    low, middle, high = row["ratios"][BARE]
     return [
-        row.engine, row.integrator, row.environment, row.variant, str(row.count),
-        *(f"{1e6 * row.seconds[name]:.2f}" for name in (ONLY, BARE, OURS, MADE)),
-        f"{middle:.2f}", f"{low:.2f}-{high:.2f}", f"{row.made_ratio[1]:.2f}",
-        f"{row.ratios[ONLY][1]:.2f}",
+        row["engine"], row["integrator"], row["environment"], row["variant"], str(row["count"]),
+        *(f"{1e6 * row['seconds'][name]:.2f}" for name in (ONLY, BARE, OURS, MADE)),
+        f"{middle:.2f}", f"{low:.2f}-{high:.2f}", f"{row['made_ratio'][1]:.2f}",
+        f"{row['ratios'][ONLY][1]:.2f}",
     ]  # fmt: skip
 
 
@@ -221,21 +185,16 @@ HEADER = (
 
 def main() -> None:
     """Print the table; write JSON where asked."""
-    parser = argparse.ArgumentParser(
-        description=__doc__,
-        epilog=EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = results.parser(__doc__, EXAMPLES, file=True)
     parser.add_argument("--only", nargs="+", choices=LOOPS, default=list(LOOPS), metavar="ENGINE")
     parser.add_argument("--seconds", type=float, default=0.3, help="time per contender, s")
-    parser.add_argument("--json", type=Path, help="also write the rows here")
     arguments = parser.parse_args()
     lacking = {name: modules for name in arguments.only if (modules := missing_modules(name))}
     for name, modules in lacking.items():
         print(f"{name} left out: {missing(', '.join(modules), name)}")
     found = list(rows([name for name in arguments.only if name not in lacking], arguments.seconds))
     results.print_table(HEADER, map(cells, found))
-    content = {"rows": [asdict(row) for row in found]}
+    content = {"rows": found}
     print_judged("engines", content)
     results.write(arguments.json, content, PACKAGES)
 

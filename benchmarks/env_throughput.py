@@ -12,15 +12,13 @@ EnvPool's, which also runs with one thread; a second table has what is wanted of
 
 from __future__ import annotations
 
-import argparse
 import tempfile
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
-from pathlib import Path
 
 import gymnasium as gym
+from bounds import print_judged
 from measuring import results
-from measuring.bounds import print_judged
 from measuring.rates import envpool, rates, single, vector
 
 import integ_gym  # noqa: F401
@@ -171,10 +169,9 @@ def cells(row: Row) -> list[str]:
 
 def main() -> None:
     """Print the table; write JSON where asked."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = results.parser(__doc__, file=True)
     parser.add_argument("--only", nargs="+", choices=KINDS, default=list(KINDS), metavar="KIND")
     parser.add_argument("--seconds", type=float, default=2.0, help="time per row, s")
-    parser.add_argument("--json", type=Path, help="also write the rows here")
     arguments = parser.parse_args()
     rows = compared(list(measure(arguments.only, arguments.seconds)))
     header = (

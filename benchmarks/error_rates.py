@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -137,9 +136,7 @@ def simulate(given: argparse.Namespace) -> Iterator[dict[str, object]]:
 
 def main() -> None:
     """Simulate and print."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = results.parser(__doc__, file=True)
     parser.add_argument("--seeds", type=int, nargs="+", default=[10, 20, 48, 64])
     parser.add_argument("--family", type=int, default=4, help="declared transfers")
     parser.add_argument("--starts", type=int, default=20, help="of every seed")
@@ -149,7 +146,6 @@ def main() -> None:
     )
     parser.add_argument("--wrong", action="store_true", help="only wrong verdicts")
     parser.add_argument("--seed", type=int, default=0, help="of the simulation")
-    parser.add_argument("--json", type=Path)
     given = parser.parse_args()
     found = list(simulate(given))
     titles = {True: "wrong verdicts at the margins", False: "right verdicts"}

@@ -14,7 +14,7 @@ ids.
 
 from __future__ import annotations
 
-import argparse
+import hashlib
 import multiprocessing
 import subprocess
 import sys
@@ -22,8 +22,8 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import asdict, dataclass
 from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -31,14 +31,18 @@ import gymnasium as gym
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
+import pyarrow.feather
+import pyarrow.parquet
+from bounds import print_judged
 from measuring import results
-from measuring.bounds import print_judged
-from measuring.commit_parts import commit_parts
 from measuring.rates import TURN, single, vector
 
 import integ_gym  # noqa: F401
+from integ_gym.evidence.hashing import content_hashes
 from integ_gym.evidence.labels import EpisodeContext
+from integ_gym.evidence.parquet_file import write
 from integ_gym.evidence.recorder import RecordEvidence
+from integ_gym.evidence.schema import is_trace
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.evidence.vector_recorder import RecordVectorEvidence
 from integ_gym.support.processes import peak_memory
@@ -49,8 +53,8 @@ SUMMARIES_ONLY = 1_000_000_000
 EPISODES_PER_BATCH = 256
 """Episodes of the pendulum that are written at once, at least; of the cart-pole it is more."""
 
-FEWEST = 3
-"""Batches."""
+FEWEST, FEWEST_PARTS = 3, 5
+"""Batches, and turns of the parts of a commit."""
 
 ROWS_PER_FILE = 50_000
 BASE_RECORDS = 4096
@@ -67,41 +71,14 @@ QUERIES = {
         "WHERE NOT success GROUP BY failure_label ORDER BY n DESC"
     ),
     "worst residuals": (
-        "SELECT record_id, failure_numbers FROM records "
+        "SELECT record_id, failure_reason FROM records "
         "ORDER BY abs(energy_residual_total) DESC LIMIT 10"
     ),
 }
 
 
-@dataclass
-class Cost:
-    """What the evidence of one environment costs.
-
-    Attributes:
-        environment: its id.
-        lanes: environments advanced together; 1: a single environment.
-        trace: whether episodes have a trace.
-        steps_per_second: without evidence.
-        recording: rate while recording, as a share of that.
-        in_all: rate with the writing, as a share of that.
-        records_per_second: written.
-        bytes_per_record: on disk.
-        bytes_per_step: on disk.
-    """
-
-    environment: str
-    lanes: int
-    trace: bool
-    steps_per_second: float
-    recording: float
-    in_all: float
-    records_per_second: float
-    bytes_per_record: float
-    bytes_per_step: float
-
-
-def recording_cost(environment: str, lanes: int, trace: bool, seconds: float) -> Cost:
-    """Measure one environment."""
+def recording_cost(environment: str, lanes: int, trace: bool, seconds: float) -> dict[str, Any]:
+    """Steps per second of one environment without evidence, shares of that with it, and sizes."""
     clocks: dict[str, list[float]] = {"plain": [], "recorded": [], "written": []}
     turns = max(1, EPISODES_PER_BATCH // lanes)
     with tempfile.TemporaryDirectory() as directory:
@@ -111,29 +88,25 @@ def recording_cost(environment: str, lanes: int, trace: bool, seconds: float) ->
         end = time.perf_counter() + seconds
         while len(clocks["plain"]) < FEWEST or time.perf_counter() < end:
             name = f"batch-{len(clocks['plain'])}"
-            plain_s, recorded_s = 0.0, 0.0
-            for _ in range(turns):
-                plain_s += _seconds(plain)
-                recorded_s += _seconds(recorded)
-            clocks["plain"].append(plain_s)
-            clocks["recorded"].append(recorded_s)
+            both = [(_seconds(plain), _seconds(recorded)) for _ in range(turns)]
+            for one, times in zip(("plain", "recorded"), zip(*both, strict=True), strict=True):
+                clocks[one].append(sum(times))
             clocks["written"].append(_seconds(partial(recorder.commit, name)))
         store = EvidenceStore(directory)
         size = sum(file.stat().st_size for file in store.files())
         lengths = [record["length"] for record in store.records(trace=False)]
     plain_s, recorded_s, written_s = (float(np.median(clocks[name])) for name in clocks)
-    steps = turns * TURN * lanes
-    return Cost(
-        environment=environment,
-        lanes=lanes,
-        trace=trace,
-        steps_per_second=steps / plain_s,
-        recording=plain_s / recorded_s,
-        in_all=plain_s / (recorded_s + written_s),
-        records_per_second=len(lengths) / len(clocks["plain"]) / written_s,
-        bytes_per_record=size / len(lengths),
-        bytes_per_step=size / sum(lengths),
-    )
+    return {
+        "environment": environment,
+        "lanes": lanes,
+        "trace": trace,
+        "steps_per_second": turns * TURN * lanes / plain_s,
+        "recording": plain_s / recorded_s,
+        "in_all": plain_s / (recorded_s + written_s),
+        "records_per_second": len(lengths) / len(clocks["plain"]) / written_s,
+        "bytes_per_record": size / len(lengths),
+        "bytes_per_step": size / sum(lengths),
+    }
 
 
 def _contenders(
@@ -220,81 +193,109 @@ def _seconds(function: Callable[[], Any]) -> float:
     return time.perf_counter() - start
 
 
-def main() -> None:
-    """Print the tables; write JSON where asked."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seconds", type=float, default=4.0, help="time per recorded row, s")
-    parser.add_argument("--episodes", type=int, default=1_000_000, help="to be queried")
-    kinds = ("recording", "parts", "store")
-    parser.add_argument("--only", nargs="+", choices=kinds, default=kinds, help="some of these")
-    parser.add_argument("--json", type=Path, help="also write the rows here")
-    arguments = parser.parse_args()
-    content: dict[str, Any] = {}
-    if "recording" in arguments.only:
-        content["recording"] = _recording(arguments.seconds)
-    if "parts" in arguments.only:
-        content["parts"] = _parts(arguments.seconds)
-    if "store" in arguments.only:
-        with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
-            content |= pool.submit(store_cost, arguments.episodes).result()
-        _print_store(content)
-    print_judged("evidence_cost", content)
-    results.write(arguments.json, content, PACKAGES)
+def commit_parts(seconds: float) -> dict[str, Any]:
+    """Median times of the parts of committing a batch of traced episodes, which take turns.
 
-
-def _recording(seconds: float) -> list[dict[str, Any]]:
-    """Print what recording costs; its rows."""
-    costs = [
-        recording_cost(environment, lanes, trace, seconds)
-        for environment in ENVIRONMENTS
-        for lanes in LANES
-        for trace in (True, False)
-    ]
-    header = (
-        "environment", "lanes", "traces", "steps/s", "recording", "in all", "records/s",
-        "bytes/record", "bytes/step",
-    )  # fmt: skip
-    results.print_table(header, map(_cells, costs))
-    return [asdict(cost) for cost in costs]
-
-
-def _parts(seconds: float) -> dict[str, Any]:
-    """Print what a commit is made of; what was found."""
+    Beside them is what files take at least: of each part it is said whether a commit does it.
+    """
     environment, lanes = ENVIRONMENTS[0], LANES[-1]
     with tempfile.TemporaryDirectory() as directory:
-        contenders = _contenders(environment, lanes, True, directory)
-        found = commit_parts(*contenders, Path(directory), seconds)
-    print(
-        f"\n{found['episodes']} episodes of {environment}, played together; "
-        f"{found['trace_bytes'] / 2**20:.0f} MiB of traces"
-    )
-    rows = (
-        (name, f"{1e3 * part['seconds']:.1f}", "yes" if part["serves"] else "")
-        for name, part in found["parts"].items()
-    )
-    results.print_table(("work, in one thread", "ms", "part of a commit"), rows)
-    return {"environment": environment, "lanes": lanes, **found}
+        plain, recorded, recorder = _contenders(environment, lanes, True, directory)
+        recorded()
+        table, file = recorder.take(), Path(directory) / "written"
+        names = [name for name in table.column_names if is_trace(name)]
+        numbers = [name for name in names if table[name].null_count < table.num_rows]
+        traces = table.select(numbers)
+        content = bytes(traces.nbytes)
+        parts: dict[str, tuple[Callable[[], Any], bool]] = {
+            "episodes played without evidence": (plain, False),
+            "the same recorded, gathered and summarised": (recorded, True),
+            "made records, with content hashes": (recorder.take, True),
+            "content hashes alone": (lambda: content_hashes(table), False),
+            "Parquet file, as stored": (lambda: write([table], file), True),
+            "traces as SHA-256": (lambda: hashlib.sha256(content).digest(), False),
+            "traces as Parquet, neither encoded nor compressed": (
+                lambda: pyarrow.parquet.write_table(
+                    traces, file, compression="none", use_dictionary=False, write_statistics=False
+                ),
+                False,
+            ),
+            "traces as Arrow's own file, not compressed": (
+                lambda: pyarrow.feather.write_feather(traces, file, compression="uncompressed"),
+                False,
+            ),
+            "traces as bytes": (lambda: file.write_bytes(content), False),
+        }
+        found: dict[str, list[float]] = {name: [] for name in parts}
+        end = time.perf_counter() + seconds
+        while len(found["traces as bytes"]) < FEWEST_PARTS or time.perf_counter() < end:
+            for name, (work, _) in parts.items():
+                found[name].append(_seconds(work))
+    medians = {name: float(np.median(times)) for name, times in found.items()}
+    return {
+        "environment": environment,
+        "lanes": lanes,
+        "episodes": table.num_rows,
+        "trace_bytes": traces.nbytes,
+        "parts": {n: {"seconds": medians[n], "serves": serves} for n, (_, serves) in parts.items()},
+    }
 
 
-def _print_store(found: dict[str, Any]) -> None:
-    print(
-        f"\n{found['episodes']:,} episodes, {found['bytes_per_summary']:.0f} bytes each, "
-        f"{found['written_per_second']:,.0f} written a second; most memory "
-        f"{found['most_memory'] / 2**20:.0f} MiB"
-    )
-    rows = (
-        (q["query"], f"{1e3 * q['seconds']:.0f}", f"{1e3 * q['command_seconds']:.0f}")
-        for q in found["queries"]
-    )
-    results.print_table(("query", "store, ms", "command, ms"), rows)
+def main() -> None:
+    """Print the tables; write JSON where asked."""
+    kinds = ("recording", "parts", "store")
+    parser = results.parser(__doc__, file=True)
+    parser.add_argument("--seconds", type=float, default=4.0, help="time per recorded row, s")
+    parser.add_argument("--episodes", type=int, default=1_000_000, help="to be queried")
+    parser.add_argument("--only", nargs="+", choices=kinds, default=kinds, help="some of these")
+    given = parser.parse_args()
+    content: dict[str, Any] = {}
+    if "recording" in given.only:
+        content["recording"] = [
+            recording_cost(environment, lanes, trace, given.seconds)
+            for environment, lanes, trace in product(ENVIRONMENTS, LANES, (True, False))
+        ]
+        results.print_table(RECORDING, map(_cells, content["recording"]))
+    if "parts" in given.only:
+        content["parts"] = found = commit_parts(given.seconds)
+        print(
+            f"\n{found['episodes']} episodes of {found['environment']}, played together; "
+            f"{found['trace_bytes'] / 2**20:.0f} MiB of traces"
+        )
+        rows = (
+            (name, f"{1e3 * part['seconds']:.1f}", "yes" if part["serves"] else "")
+            for name, part in found["parts"].items()
+        )
+        results.print_table(("work, in one thread", "ms", "part of a commit"), rows)
+    if "store" in given.only:
+        with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
+            content |= pool.submit(store_cost, given.episodes).result()
+        print(
+            f"\n{content['episodes']:,} episodes, {content['bytes_per_summary']:.0f} bytes each, "
+            f"{content['written_per_second']:,.0f} written a second; most memory "
+            f"{content['most_memory'] / 2**20:.0f} MiB"
+        )
+        rows = (
+            (q["query"], f"{1e3 * q['seconds']:.0f}", f"{1e3 * q['command_seconds']:.0f}")
+            for q in content["queries"]
+        )
+        results.print_table(("query", "store, ms", "command, ms"), rows)
+    print_judged("evidence_cost", content)
+    results.write(given.json, content, PACKAGES)
 
 
-def _cells(cost: Cost) -> list[str]:
+RECORDING = (
+    "environment", "lanes", "traces", "steps/s", "recording", "in all", "records/s",
+    "bytes/record", "bytes/step",
+)  # fmt: skip
+
+
+def _cells(cost: dict[str, Any]) -> list[str]:
     return [
-        cost.environment, str(cost.lanes), "all" if cost.trace else "none",
-        f"{cost.steps_per_second:,.0f}", f"{cost.recording:.2f}", f"{cost.in_all:.2f}",
-        f"{cost.records_per_second:,.0f}", f"{cost.bytes_per_record:,.0f}",
-        f"{cost.bytes_per_step:.1f}",
+        cost["environment"], str(cost["lanes"]), "all" if cost["trace"] else "none",
+        f"{cost['steps_per_second']:,.0f}", f"{cost['recording']:.2f}", f"{cost['in_all']:.2f}",
+        f"{cost['records_per_second']:,.0f}", f"{cost['bytes_per_record']:,.0f}",
+        f"{cost['bytes_per_step']:.1f}",
     ]  # fmt: skip
 
 

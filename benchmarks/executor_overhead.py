@@ -63,17 +63,14 @@ def compute(seconds: float) -> float:
 def here(run: str, unit: str, seconds: float) -> float:
     """A unit of a local pool, which writes where its result belongs."""
     rate = compute(seconds)
-    write_once(Path(run) / "evidence" / f"{unit}.parquet", _result)
+    file = Path(run) / "evidence" / f"{unit}.parquet"
+    write_once(file, lambda path: path.write_bytes(bytes(RESULT)))
     return rate
 
 
 def elsewhere(run: str, unit: str, seconds: float) -> tuple[float, bytes]:
     """A unit of another executor, which returns what it writes."""
     return compute(seconds), bytes(RESULT)
-
-
-def _result(path: Path) -> None:
-    path.write_bytes(bytes(RESULT))
 
 
 def nothing(number: int) -> None:
@@ -125,15 +122,12 @@ def measured(executor: str, given: argparse.Namespace) -> dict[str, float]:
 
 def main() -> None:
     """Print the table; write JSON where asked."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = results.parser(__doc__, EXAMPLES, file=True)
     add = parser.add_argument
     add("--only", nargs="+", default=list(EXECUTORS), metavar="EXECUTOR")
     add("--seconds", type=float, default=60.0, metavar="S", help="of each unit (default: 60)")
     add("--units", type=int, default=4, metavar="N", help="(default: 4)")
     add("--workers", type=int, default=2, metavar="N", help="(default: 2)")
-    add("--json", type=Path, metavar="FILE", help="also write the numbers here")
     given = parser.parse_args()
     found = {}
     for executor in tqdm(given.only, unit="engine"):

@@ -12,11 +12,9 @@ one in Jacobi's elliptic functions.
 
 from __future__ import annotations
 
-import argparse
 import math
 import time
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -152,9 +150,7 @@ def subjects(only: list[str] | None) -> Iterator[str]:
 
 def main() -> None:
     """Measure, print a table, and write JSON where asked."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = results.parser(__doc__, file=True)
     parser.add_argument("--only", nargs="+", help="integrators and engines; default: all")
     parser.add_argument(
         "--seconds",
@@ -162,7 +158,6 @@ def main() -> None:
         default=60.0,
         help="of processor time, for each integrator, compilation included",
     )
-    parser.add_argument("--json", type=Path, help="write what was found")
     given = parser.parse_args()
     truth, rows, found = exact(), [], {}
     for name in tqdm(list(subjects(given.only)), unit="integrator"):

@@ -92,11 +92,11 @@ def skrl() -> None:
 
     env = wrap_env(gym.make_vec(PENDULUM, num_envs=4))
 
+    spaces = {"observation_space": env.observation_space, "action_space": env.action_space}
+
     class Actor(GaussianMixin, Model):
         def __init__(self) -> None:
-            Model.__init__(
-                self, observation_space=env.observation_space, action_space=env.action_space
-            )
+            Model.__init__(self, **spaces)
             GaussianMixin.__init__(self)
             self.net = torch.nn.Linear(env.observation_space.shape[0], 1)
             self.log_std = torch.nn.Parameter(torch.zeros(1))
@@ -106,9 +106,7 @@ def skrl() -> None:
 
     class Critic(DeterministicMixin, Model):
         def __init__(self) -> None:
-            Model.__init__(
-                self, observation_space=env.observation_space, action_space=env.action_space
-            )
+            Model.__init__(self, **spaces)
             DeterministicMixin.__init__(self)
             self.net = torch.nn.Linear(env.observation_space.shape[0], 1)
 
@@ -120,9 +118,8 @@ def skrl() -> None:
     agent = PPO(
         models={"policy": Actor(), "value": Critic()},
         memory=RandomMemory(memory_size=32, num_envs=4),
-        observation_space=env.observation_space,
-        action_space=env.action_space,
         cfg=settings,
+        **spaces,
     )
     SequentialTrainer(env=env, agents=agent, cfg={"timesteps": 64, "headless": True}).train()
 

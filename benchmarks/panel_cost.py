@@ -19,21 +19,20 @@ time.
 
 from __future__ import annotations
 
-import argparse
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
+from itertools import product
 from pathlib import Path
 from typing import Any
 
+from bounds import print_judged
 from measuring import results, training_cost
-from measuring.bounds import print_judged
 from tqdm import tqdm
 
 from integ_gym.support.processes import cores
-from integ_gym.train.fleet.planning import kind_of
-from integ_gym.train.fleet.worker import GIB_PER_WORKER
+from integ_gym.train.fleet.planning import GIB_PER_WORKER, kind_of
 from integ_gym.train.ppo import PPOConfig
 
 EXAMPLES = """\
@@ -70,14 +69,13 @@ class Costs:
         policies: of the panel.
         steps: decisions of each.
         runs: of stable-baselines3 in each process.
-        on_measured: called after every measurement.
     """
 
-    def __init__(
-        self, policies: int, steps: int, runs: int, on_measured: Callable[[], Any]
-    ) -> None:
-        self._on_measured = on_measured
+    def __init__(self, policies: int, steps: int, runs: int) -> None:
+        self.bar = tqdm(unit=" measurements")
         self.config = PPOConfig.of("IntegPendulum-v0", total_steps=steps, **SETTINGS)
+        self.period = self.config.env_arguments["control_period"]
+        self.rollouts = self.config.rounded_steps // self.config.rollout
         self.policies = policies
         self.runs = runs
 
@@ -89,17 +87,12 @@ class Costs:
     def measured(self, measure: Callable[..., Any], *arguments: Any) -> Any:
         """What ``measure`` gives."""
         found = measure(*arguments)
-        self._on_measured()
+        self.bar.update()
         return found
 
     def alone(self, measure: Callable[..., Any], *arguments: Any) -> Any:
         """What ``measure`` gives in a process of its own."""
         return self.measured(training_cost.in_one_process, measure, *arguments)
-
-    @cached_property
-    def rollouts(self) -> int:
-        """Of one policy."""
-        return self.config.rounded_steps // self.config.rollout
 
     @cached_property
     def sb3(self) -> float:
@@ -148,26 +141,24 @@ class Costs:
 
     def growth(self) -> tuple[list[dict[str, float]], Rows]:
         """Cost over the number of policies."""
-        measured = []
+        found = []
         for count in GROWTH:
-            found = self.alone(training_cost.relative_cost, self.seeds(count), self.seeds(1))
-            measured.append({"policies": count, **found})
-        rows = [self._row(f"{r['policies']} policies", r, r["policies"]) for r in measured]
-        return measured, rows
+            cost = self.alone(training_cost.relative_cost, self.seeds(count), self.seeds(1))
+            found.append({"policies": count, **cost})
+        return found, [self._row(f"{r['policies']} policies", r, r["policies"]) for r in found]
 
     def steps(self) -> tuple[list[dict[str, Any]], Rows]:
         """Cost over the integration step."""
-        measured: list[dict[str, Any]] = []
-        period = self.config.env_arguments["control_period"]
-        for integrator in INTEGRATORS:
-            coarse = self.seeds(TOGETHER, integrator=integrator, dt=period)
-            for division in DIVISIONS:
-                dt = period / division
-                runs = self.seeds(TOGETHER, integrator=integrator, dt=dt)
-                found = self.alone(training_cost.relative_cost, runs, coarse)
-                measured.append({"integrator": integrator, "dt": dt, **found})
-        rows = [self._row(f"{r['integrator']} dt={r['dt']:g}", r, TOGETHER) for r in measured]
-        return measured, rows
+        found: list[dict[str, Any]] = []
+        for integrator, division in product(INTEGRATORS, DIVISIONS):
+            coarse, runs = (
+                self.seeds(TOGETHER, integrator=integrator, dt=self.period / parts)
+                for parts in (1, division)
+            )
+            cost = self.alone(training_cost.relative_cost, runs, coarse)
+            found.append({"integrator": integrator, "dt": self.period / division, **cost})
+        rows = [self._row(f"{r['integrator']} dt={r['dt']:g}", r, TOGETHER) for r in found]
+        return found, rows
 
     def _row(self, name: str, found: Mapping[str, Any], policies: float) -> list[str]:
         """One line of a table; ``policies`` were trained together."""
@@ -176,31 +167,18 @@ class Costs:
 
     def acting(self) -> tuple[list[dict[str, Any]], Rows]:
         """Cost of the environments alone over the integration step."""
-        measured: list[dict[str, Any]] = []
-        period = self.config.env_arguments["control_period"]
-        for integrator in INTEGRATORS:
-            for division in FINE_DIVISIONS:
-                dt = period / division
-                runs = self.seeds(TOGETHER, integrator=integrator, dt=dt)
-                seconds = self.alone(training_cost.acting_seconds, runs)
-                measured.append({"integrator": integrator, "dt": dt, "seconds": seconds})
-        decisions = TOGETHER * self.config.rollout
-        rows = []
-        for last, row in zip([measured[0], *measured], measured, strict=False):
-            steps = round(period / row["dt"]) - round(period / last["dt"])
-            more = (
-                1e6 * (row["seconds"] - last["seconds"]) / (decisions * steps)
-                if steps > 0
-                else None
-            )
-            rows.append(
-                [
-                    f"{row['integrator']} dt={row['dt']:g}",
-                    f"{1e6 * row['seconds'] / decisions:.3f}",
-                    "" if more is None else f"{more:.3f}",
-                ]
-            )
-        return measured, rows
+        found: list[dict[str, Any]] = []
+        rows, decisions = [], TOGETHER * self.config.rollout
+        for integrator, division in product(INTEGRATORS, FINE_DIVISIONS):
+            dt, more = self.period / division, ""
+            runs = self.seeds(TOGETHER, integrator=integrator, dt=dt)
+            seconds = self.alone(training_cost.acting_seconds, runs)
+            if division > 1:
+                steps = decisions * (division - round(self.period / found[-1]["dt"]))
+                more = f"{1e6 * (seconds - found[-1]['seconds']) / steps:.3f}"
+            found.append({"integrator": integrator, "dt": dt, "seconds": seconds})
+            rows.append([f"{integrator} dt={dt:g}", f"{1e6 * seconds / decisions:.3f}", more])
+        return found, rows
 
     def share(self) -> tuple[dict[str, Any], Rows]:
         """Share of the peak, and what takes the rest."""
@@ -241,34 +219,23 @@ def _rate(name: str, seconds: float, *ratios: float) -> list[str]:
     return [name, f"{seconds:.2f}", f"{60.0 / seconds:.1f}", told]
 
 
-def count(parts: Sequence[str]) -> int:
-    """Measurements of some parts; stable-baselines3's one process is measured once."""
-    each = {"panel": 3, "single": 1, "policies": len(GROWTH), "share": 3}
-    each["steps"] = len(INTEGRATORS) * len(DIVISIONS)
-    each["acting"] = len(INTEGRATORS) * len(FINE_DIVISIONS)
-    return sum(each[name] for name in parts) + bool({"panel", "single"} & set(parts))
-
-
 def main() -> None:
     """Print the tables; write JSON where asked."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = results.parser(__doc__, EXAMPLES, file=True)
     add = parser.add_argument
     add("--only", nargs="+", choices=list(PARTS), default=list(PARTS), metavar="PART")
     add("--policies", type=int, default=40, metavar="N", help="of the panel (default: 40)")
     add("--steps", type=int, default=100_000, metavar="N", help="of each policy (default: 100000)")
     add("--runs", type=int, default=2, metavar="N", help="of sb3 per process (default: 2)")
-    add("--json", type=Path, metavar="FILE", help="also write the numbers here")
     given = parser.parse_args()
     found, tables = {}, []
-    with tqdm(total=count(given.only), unit="measurement") as bar:
-        costs = Costs(given.policies, given.steps, given.runs, bar.update)
-        for name in given.only:
-            measure, header = PARTS[name]
-            found[name], rows = measure(costs)
-            tables.append((header, rows))
-            results.write(given.json, {"settings": SETTINGS, "parts": found}, PACKAGES)
+    costs = Costs(given.policies, given.steps, given.runs)
+    for name in given.only:
+        measure, header = PARTS[name]
+        found[name], rows = measure(costs)
+        tables.append((header, rows))
+        results.write(given.json, {"settings": SETTINGS, "parts": found}, PACKAGES)
+    costs.bar.close()
     for header, rows in tables:
         print()
         results.print_table(header, rows)

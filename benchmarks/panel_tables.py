@@ -10,12 +10,12 @@ versions, instruction sets and one hash of all weights.
 
 from __future__ import annotations
 
-import argparse
 import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from measuring import results
 from measuring.results import interval, p_value
 
 from integ_gym.eval.panel.result import FILE_NAME, Estimate, Panel, read_panel
@@ -115,9 +115,7 @@ def _named(name: str) -> str:
 
 def main() -> None:
     """Print the tables."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = results.parser(__doc__)
     parser.add_argument("run", type=Path, help="directory of a finished quick panel, or a summary")
     parser.add_argument("--save", type=Path, metavar="FILE")
     given = parser.parse_args()

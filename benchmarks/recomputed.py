@@ -291,8 +291,6 @@ def looks_told(repeats: int) -> None:
 GRAVITY, INERTIA, PERIOD, GOAL = 15.0, 1.0 / 3.0, 0.05, 0.2
 """3 g / (2 l), s^-2, and m l^2 / 3, kg m^2, of the rod; s; rad."""
 
-Map = Callable[[Array, Array], Array]
-
 
 def slope(state: Array, torque: Array) -> Array:
     return np.stack([state[..., 1], GRAVITY * np.sin(state[..., 0]) + torque / INERTIA], axis=-1)

@@ -8,14 +8,12 @@ of the reference suffices it costs what its 12 stages and its error estimate cos
 
 from __future__ import annotations
 
-import argparse
 import time
 from collections.abc import Callable, Iterator
-from pathlib import Path
 from typing import Any
 
+from bounds import print_judged
 from measuring import results
-from measuring.bounds import print_judged
 
 from integ_gym.envs.engines.native import NativeEngine
 from integ_gym.envs.mechanics import PlantSystem
@@ -84,8 +82,7 @@ def rows() -> Iterator[dict[str, Any]]:
 
 def main() -> None:
     """Print the table; write JSON where asked."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--json", type=Path, help="also write the rows here")
+    parser = results.parser(__doc__, file=True)
     arguments = parser.parse_args()
     found = list(rows())
     cells = (

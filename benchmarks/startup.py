@@ -13,7 +13,6 @@ otherwise.
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import subprocess
@@ -23,8 +22,8 @@ import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from bounds import print_judged
 from measuring import results
-from measuring.bounds import print_judged
 
 GYMNASIUM = "import gymnasium"
 PARTS = ("help", "import", "policy")
@@ -86,14 +85,11 @@ def measure(parts: Sequence[str], turns: int, steps: int) -> dict[str, dict[str,
 
 def main() -> None:
     """Print the tables; write JSON where asked."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = results.parser(__doc__, file=True)
     add = parser.add_argument
     add("--only", nargs="+", choices=PARTS, default=list(PARTS), metavar="PART")
     add("--turns", type=int, default=7, metavar="N", help="of each process (default: 7)")
     add("--steps", type=int, default=STEPS, metavar="N", help=f"decisions (default: {STEPS})")
-    add("--json", type=Path, metavar="FILE", help="also write the numbers here")
     given = parser.parse_args()
     found = measure(given.only, given.turns, given.steps)
     results.print_table(

@@ -19,7 +19,6 @@ swing-up      the quick panel's training on `rk4`: 300 000 decisions, minibatche
 
 from __future__ import annotations
 
-import argparse
 import tempfile
 import time
 from dataclasses import dataclass
@@ -40,7 +39,8 @@ from integ_gym.evidence.store import EvidenceStore
 from integ_gym.train.config import TrainingEvidence
 from integ_gym.train.fleet.training import train_fleet
 from integ_gym.train.policy_files.sidecar import read_trained
-from integ_gym.train.ppo import PPOConfig, train_ppo
+from integ_gym.train.ppo import PPOConfig
+from integ_gym.train.runs import train_ppo
 
 _QUICK = built_in_spec("quick")
 CASES: dict[str, tuple[str, dict[str, Any]]] = {
@@ -218,15 +218,12 @@ def equivalence(sb3: np.ndarray, fleet: np.ndarray, trim: float) -> float:
 
 def main() -> None:
     """Train, compare, print; write JSON where asked."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = results.parser(__doc__, file=True)
     add = parser.add_argument
     add("--only", nargs="+", choices=list(CASES), default=list(CASES), metavar="CASE")
     add("--seeds", type=int, default=20, metavar="N", help="per trainer and case (default: 20)")
     add("--first-seed", type=int, default=0, metavar="N", help="the others follow (default: 0)")
     add("--steps", type=int, metavar="N", help="decisions of each (default: the case's)")
-    add("--json", type=Path, metavar="FILE", help="also write the numbers here")
     given = parser.parse_args()
     found = []
     for case in given.only:

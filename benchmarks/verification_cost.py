@@ -9,12 +9,11 @@ of the processor, which other work on the machine does not change.
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import io
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +25,7 @@ from integ_gym.evidence.labels import EpisodeContext
 from integ_gym.evidence.sealing import seal
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.evidence.vector_recorder import RecordVectorEvidence
-from integ_gym.train.baselines.making import make_baseline
+from integ_gym.train.baselines import make_baseline
 
 ENVIRONMENT = "IntegPendulum-v0"
 SETTINGS = {"dt": 0.05, "control_period": 0.05, "duration": 12.0}
@@ -79,31 +78,24 @@ def _tables(cells: range, settings: dict[str, Any], policy: Any) -> Iterator[Any
 def verification_times(run: Path, count: int) -> Iterator[dict[str, Any]]:
     """Seconds of each depth for `PER` records, on the clock and of the processor."""
     for depth, options in DEPTHS.items():
-        verify = ["evidence", "verify", str(run), "--no-progress", *options]
-        wall, processor = _seconds(lambda verify=verify: _run(verify))
-        scale = PER / count
-        yield {"depth": depth, "wall_s": scale * wall, "processor_s": scale * processor}
-
-
-def _run(command: list[str]) -> None:
-    with contextlib.redirect_stdout(io.StringIO()) as printed:
-        code = run_command(command)
-    if code:
-        raise SystemExit(f"{' '.join(command)} found problems:\n{printed.getvalue()}")
-
-
-def _seconds(function: Callable[[], Any]) -> tuple[float, float]:
-    wall, processor = time.perf_counter(), time.process_time()
-    function()
-    return time.perf_counter() - wall, time.process_time() - processor
+        command = ["evidence", "verify", str(run), "--no-progress", *options]
+        wall, processor = time.perf_counter(), time.process_time()
+        with contextlib.redirect_stdout(io.StringIO()) as printed:
+            code = run_command(command)
+        if code:
+            raise SystemExit(f"{' '.join(command)} found problems:\n{printed.getvalue()}")
+        yield {
+            "depth": depth,
+            "wall_s": PER / count * (time.perf_counter() - wall),
+            "processor_s": PER / count * (time.process_time() - processor),
+        }
 
 
 def main() -> None:
     """Print the table; write JSON where asked."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = results.parser(__doc__, file=True)
     parser.add_argument("--records", type=int, default=PER, help="to be verified")
     parser.add_argument("--integrator", default="symplectic_euler", help="of the episodes")
-    parser.add_argument("--json", type=Path, help="also write the rows here")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as directory:
         count = fill_run(Path(directory), arguments.records, arguments.integrator)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import math
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final, Literal
@@ -227,37 +227,9 @@ def check(
         ModuleNotFoundError: if an extra is missing, with the command that installs it.
     """
     require("report", "evidence")
-    home = _home(env_id, integrator, dt, control_period, engine, environment or {})
-    spec = _specified(env_id, home, environment or {}, training or {}, trainer)
-    if seeds is not None:
-        spec = grown(spec, seeds)
-    place = Path(out) if out is not None else _folder(spec)
-    if seeds is None:
-        spec = grown(spec, _seeds_in(place))
-    while True:
-        panel = run_panel(
-            spec, place, workers=workers, progress=progress, command=command, staged=False
-        )
-        found = _measured(panel, place, home)
-        wanted = wanted_seeds(found.seeds, found.half_width)
-        if seeds is not None or wanted == found.seeds:
-            return found
-        spec = grown(spec, wanted)
-
-
-def _home(
-    env_id: str,
-    integrator: str,
-    dt: float,
-    control_period: float | None,
-    engine: str | None,
-    environment: Mapping[str, Any],
-) -> Discretization:
-    """What the policies learn in."""
-    for name in DISCRETIZATION:
-        if name in environment:
-            raise InputError(f"`environment` gives `{name}`; give it as an argument of its own")
-    testbed = find_testbed(env_id, environment)
+    if given := [name for name in DISCRETIZATION if name in (environment or {})]:
+        raise InputError(f"`environment` gives `{given[0]}`; give it as an argument of its own")
+    testbed = find_testbed(env_id, environment or {})
     period = testbed.control_period if control_period is None else control_period
     home = Discretization(
         integrator,
@@ -270,10 +242,29 @@ def _home(
             "`reference` is the truth itself, so that nothing can be lost on it; check another "
             "integrator"
         )
-    return home
+    spec = specify(env_id, home, environment or {}, training or {}, trainer)
+    if out is None:  # named after all that the run depends on but the number of seeds
+        plain = {name: value for name, value in spec.to_json().items() if name != "seeds"}
+        digest = hashlib.sha256(msgspec.json.encode(plain, order="sorted")).hexdigest()[:8]
+        out = Path("runs") / "check" / f"{file_name(f'{spec.env_id}-{home.name}')}-{digest}"
+    place = Path(out)
+    first = FIRST_SEEDS if seeds is None else seeds
+    if seeds is None and (place / MANIFEST).exists():
+        asked = read_manifest(place / MANIFEST)["specification"].get("seeds", ())
+        first = max(first, len(asked))  # that a run there was last asked for
+    spec = grown(spec, first)
+    while True:
+        panel = run_panel(
+            spec, place, workers=workers, progress=progress, command=command, staged=False
+        )
+        found = check_of(panel, place, home)
+        wanted = wanted_seeds(found.seeds, found.half_width)
+        if seeds is not None or wanted == found.seeds:
+            return found
+        spec = grown(spec, wanted)
 
 
-def _specified(
+def specify(
     env_id: str,
     home: Discretization,
     environment: Mapping[str, Any],
@@ -281,6 +272,7 @@ def _specified(
     trainer: str | None,
 ) -> PanelSpec:
     """The panel with its first seeds, checked; trained by the fleet where that can."""
+    own = "fleet" if is_integ_environment(env_id) else "sb3"
     spec = PanelSpec(
         name=f"check {home.name}",
         question=f"What does a policy that learns on {home.name} lose on the truth?",
@@ -288,9 +280,7 @@ def _specified(
         control_period=home.control_period,
         environment=dict(environment),
         training={**TRAINING.get(env_id, {}), **training},
-        trainer=("fleet" if is_integ_environment(env_id) else "sb3")
-        if trainer is None
-        else trainer,
+        trainer=own if trainer is None else trainer,
         train=(home,),
         grid=tuple(replace(home, dt=home.dt / parts) for parts in (1, 2, 4)),
         seeds=tuple(range(FIRST_SEEDS)),
@@ -309,49 +299,21 @@ def _specified(
     return spec
 
 
-def _folder(spec: PanelSpec) -> Path:
-    """A run's directory, named after all that it depends on but the number of seeds."""
-    told = {name: value for name, value in spec.to_json().items() if name != "seeds"}
-    plain = msgspec.json.encode(told, order="sorted")
-    name = file_name(f"{spec.env_id}-{spec.train[0].name}")
-    return Path("runs") / "check" / f"{name}-{hashlib.sha256(plain).hexdigest()[:8]}"
-
-
-def _seeds_in(place: Path) -> int:
-    """Seeds that a run there was last asked for; the first ones where there is none."""
-    file = place / MANIFEST
-    if not file.exists():
-        return FIRST_SEEDS
-    return max(FIRST_SEEDS, len(read_manifest(file)["specification"].get("seeds", ())))
-
-
-def _measured(panel: Panel, place: Path, home: Discretization) -> Check:
-    """What a panel of one row tells, all of it from ``panel.json``."""
+def check_of(panel: Panel, place: Path, home: Discretization) -> Check:
+    """What a panel of one row tells: home first, the truth last."""
     row = panel.rows[0]
-    cells = tuple(_cells(panel, row.name, home.name))
-    exact = panel.truth is not None
-    starts = panel.spec["episodes"]
-    return Check(panel, place, row.seeds, starts, cells[0], cells[-1], exact, cells)
-
-
-def _cells(panel: Panel, row: str, home: str) -> Iterator[CheckedCell]:
-    """Home first, the truth last."""
-    at_home = panel.entry(row, home)
+    at_home = panel.entry(row.name, home.name)
     assert at_home is not None
-    finer = sorted((c for c in panel.cells if not c.reference), key=lambda cell: -cell.dt)
-    for cell in (*finer, *(c for c in panel.cells if c.reference)):
-        entry = panel.entry(row, cell.name)
+    cells = []
+    for cell in sorted(panel.cells, key=lambda cell: (cell.reference, -cell.dt)):
+        entry = panel.entry(row.name, cell.name)
         assert entry is not None
-        lost = None
-        if cell.name != home:
+        success, recovered, lost = entry.success.estimate, entry.recovered.estimate, None
+        if cell.name != home.name:
             lost = loss_interval(at_home.success_by_seed, entry.success_by_seed)
-        yield CheckedCell(
-            cell.name,
-            entry.success.estimate,
-            entry.recovered.estimate,
-            lost,
-            cell.achievability,
-        )
+        cells.append(CheckedCell(cell.name, success, recovered, lost, cell.achievability))
+    exact, starts = panel.truth is not None, panel.spec["episodes"]
+    return Check(panel, place, row.seeds, starts, cells[0], cells[-1], exact, tuple(cells))
 
 
 def loss_interval(home: RatesLike, away: RatesLike, *, draws: int = DRAWS) -> Interval:

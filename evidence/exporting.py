@@ -17,8 +17,7 @@ from integ_gym.support.files import (
     read_object,
     write_json,
 )
-from integ_gym.support.optional import load
-from integ_gym.support.processes import work_bar
+from integ_gym.support.terminal import WorkBar
 
 from .mcap_files import write_mcap
 from .minari_dataset import write_minari
@@ -155,8 +154,7 @@ def export(
         with _new(out) as part, part.open("w", encoding="utf-8", newline="") as file:
             return Exported(_TEXTS[form](episodes, file), chosen.left_out)
     assert isinstance(out, Path)
-    load("tqdm", "exchange")
-    with _new(out) as folder, work_bar(f"export {form}", len(chosen.ids), progress) as bar:
+    with _new(out) as folder, WorkBar(f"export {form}", len(chosen.ids), progress) as bar:
         folder.mkdir()
         chosen.report = bar.update
         written = _FOLDERS[form](chosen, folder)

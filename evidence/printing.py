@@ -12,10 +12,10 @@ import numpy as np
 import numpy.typing as npt
 
 from integ_gym.support.terminal import (
-    beside,
-    print_aligned,
-    say,
-    stands_in_columns,
+    hanging_indent,
+    has_room,
+    print_columns,
+    print_wrapped,
     visible,
     width_of,
 )
@@ -46,11 +46,13 @@ def show(record: EvidenceRecord, bars: str = BARS, width: int | None = None) -> 
     fields = record.fields
     outcome = "succeeds" if fields["success"] else f"fails, {fields['failure_label']}"
     title = f"{fields['env_id']}, {fields['cell']}, episode {fields['episode_index']}: {outcome}"
-    lines = [beside("", title, width), beside("", record.reason, width)]
+    lines = [hanging_indent("", title, width), hanging_indent("", record.reason, width)]
 
     def add(name: str, value: Any, unit: str) -> None:
         shown = "" if value is None or unit == "1" else unit
-        lines.append(beside(f"  {name:<{_NAME - 2}}", f"{number(value)} {shown}".rstrip(), width))
+        lines.append(
+            hanging_indent(f"  {name:<{_NAME - 2}}", f"{number(value)} {shown}".rstrip(), width)
+        )
 
     group = ""
     for field in sorted(SUMMARY_FIELDS, key=lambda field: field.group not in _LEADING):
@@ -153,12 +155,12 @@ def _print_readable(schema: Any, rows: list[list[Any]], file: TextIO) -> None:
     ]
     width = width_of(file)
     listed = width is not None or len(rows) <= _FEW
-    if listed and not stands_in_columns(names, cells, width or _UNREAD):
+    if listed and not has_room(names, cells, width or _UNREAD):
         fields = {(field.name, arrow_type(field.kind)): field.unit for field in SUMMARY_FIELDS}
         units = [fields.get((column.name, column.type), "") for column in schema]
         _print_lists(names, units, cells, file, width or _UNREAD)
     else:
-        print_aligned(names, cells, file, numeric)
+        print_columns(names, cells, file, numeric)
     print(f"({len(rows)} row{'' if len(rows) == 1 else 's'})", file=file)
 
 
@@ -174,10 +176,12 @@ def _print_lists(
     for row in rows:
         for name, unit, cell in zip(names, units, row, strict=True):
             text = cell if cell == NOTHING or unit in _VAGUE else f"{cell} {unit}"
-            whole = beside(f"{name:<{before}}", text, width)
-            shown = beside(f"{name:<{before}}", text, width, _LINES)
+            whole = hanging_indent(f"{name:<{before}}", text, width)
+            shown = hanging_indent(f"{name:<{before}}", text, width, _LINES)
             cut = cut or shown != whole
             print(shown, file=file)
         print(file=file)
     if cut:
-        say("Cells that end with ... are cut; --format json gives every value in full.", file)
+        print_wrapped(
+            "Cells that end with ... are cut; --format json gives every value in full.", file
+        )

@@ -54,8 +54,8 @@ _MODULES = {
     "Task": "integ_gym.envs.tasks.interface",
     "Testbed": "integ_gym.envs.testbeds.interface",
     "train_fleet": "integ_gym.train.fleet.training",
-    "train_ppo": "integ_gym.train.ppo",
-    "train_sac": "integ_gym.train.sac",
+    "train_ppo": "integ_gym.train.runs",
+    "train_sac": "integ_gym.train.runs",
     "TrainingEvidence": "integ_gym.train.config",
     "write_sidecar": "integ_gym.train.policy_files.writing",
 }

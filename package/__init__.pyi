@@ -37,7 +37,7 @@ from integ_gym.train.policy import Policy as Policy
 from integ_gym.train.policy_files.writing import save_policy as save_policy
 from integ_gym.train.policy_files.writing import write_sidecar as write_sidecar
 from integ_gym.train.ppo import PPOConfig as PPOConfig
-from integ_gym.train.ppo import train_ppo as train_ppo
+from integ_gym.train.runs import train_ppo as train_ppo
+from integ_gym.train.runs import train_sac as train_sac
 from integ_gym.train.sac import SACConfig as SACConfig
-from integ_gym.train.sac import train_sac as train_sac
 from integ_gym.train.sb3_callback import DiscretizationCallback as DiscretizationCallback

@@ -19,8 +19,8 @@ from .errors import InputError, MissingPackageError
 from .isolated import APART
 
 EXTRAS = {
-    "evidence": ("pyarrow", "duckdb", "portalocker"),
-    "fleet": ("jax", "pyarrow", "safetensors", "threadpoolctl", "tqdm"),
+    "evidence": ("pyarrow", "duckdb", "portalocker", "rich"),
+    "fleet": ("jax", "pyarrow", "safetensors", "threadpoolctl", "rich"),
     "render": ("pygame", "PIL", "imageio_ffmpeg"),
     "report": (
         "jinja2",
@@ -29,14 +29,14 @@ EXTRAS = {
         "safetensors",
         "scipy",
         "threadpoolctl",
-        "tqdm",
+        "rich",
     ),
     "storage": ("obstore", "fsspec"),
     "train": (
         "stable_baselines3",
         "torch",
         "tensorboard",
-        "tqdm",
+        "rich",
         "scipy",
         "threadpoolctl",
         "safetensors",

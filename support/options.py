@@ -19,7 +19,7 @@ from .errors import InputError
 from .files import told_path
 from .parameters import suggestion
 from .storage import named_place
-from .terminal import NARROWEST, fitted
+from .terminal import NARROWEST, wrap
 
 
 def path_here(word: str) -> Path:
@@ -76,7 +76,7 @@ class CommandParser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Exit with code 2 and one sentence on standard error."""
-        said = fitted(f"{self.prog}: error: {message}; see {self.prog} --help", sys.stderr)
+        said = wrap(f"{self.prog}: error: {message}; see {self.prog} --help", sys.stderr)
         self.exit(2, f"{said}\n")
 
 

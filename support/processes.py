@@ -175,7 +175,7 @@ class Progress:
     Workers call :func:`report_work`.
 
     Args:
-        bar: see :func:`work_bar`; None for a pool alone.
+        bar: a `WorkBar`; None for a pool alone.
         starting: what the bar says until some work is done.
     """
 
@@ -183,7 +183,7 @@ class Progress:
         self._bar = bar
         self._starting = starting
         if starting:
-            bar.set_postfix_str(starting)
+            bar.describe(starting)
         self._context = multiprocessing.get_context("spawn")
         self._done = self._context.Value("d", 0.0)
         self._stopped = self._context.Event()
@@ -191,7 +191,7 @@ class Progress:
     def begin_at(self, amount: float) -> None:
         """Begin with work that was done before, which says nothing of how long the rest takes."""
         _add(self._done, amount)
-        self._bar.initial = self._bar.n = self._bar.last_print_n = amount
+        self._bar.begin_at(amount)
 
     def add(self, amount: float, show: bool = True) -> None:
         """Count work that was done elsewhere.
@@ -215,7 +215,7 @@ class Progress:
     def _show(self) -> None:
         if self._starting and self._done.value:
             self._starting = ""
-            self._bar.set_postfix_str("", refresh=False)
+            self._bar.describe("")
         self._bar.update(self._done.value - self._bar.n)
 
     def pool(
@@ -282,77 +282,6 @@ class _AtOnce(Executor):
             except Exception as error:
                 future.set_exception(error)
         return future
-
-
-LEFT = ", about {remaining} left"
-ESTIMATE_LOOK = "{l_bar}{bar}| elapsed {elapsed}" + LEFT + "{postfix}"
-"""How a bar looks whose total is an estimate in seconds."""
-
-COUNT_LOOK = "{l_bar}{bar}| {n_fmt}/{total_fmt}{unit}, elapsed {elapsed}" + LEFT + "{postfix}"
-"""How a bar looks that counts."""
-
-MOST_BEFORE_END = 0.99
-"""Share of a bar that is full while work goes on, however far the estimate was off."""
-
-
-@cache
-def _bar_class() -> Any:
-    """The class of bars, which needs tqdm."""
-    from tqdm import tqdm
-
-    class WorkBar(tqdm):  # type: ignore[misc]
-        filled = False
-        monitor_interval = 0  # no thread for each bar, which `miniters=0` has no use for
-
-        def fill(self) -> None:
-            """Show that the work is done."""
-            self.filled = True
-            if not self.disable:
-                self.update(self.total - self.n)
-                self.refresh()
-
-        def __exit__(self, kind: Any, error: Any, trace: Any) -> None:
-            if kind is None:
-                self.fill()
-            super().__exit__(kind, error, trace)
-
-        @property
-        def format_dict(self) -> dict[str, Any]:
-            shown = dict(super().format_dict)
-            total = shown["total"] or 0.0
-            most = MOST_BEFORE_END * total
-            if isinstance(total, int):
-                most = int(most)
-            if self.filled:
-                shown["bar_format"] = self.bar_format.replace(LEFT, "")
-            elif most and shown["n"] > most:
-                shown |= {"n": most, "bar_format": self.bar_format.replace(LEFT, ", nearly done")}
-            return shown
-
-    return WorkBar
-
-
-def work_bar(label: str, total: float, shown: bool, **look: Any) -> Any:
-    """A bar on standard error for work that takes long.
-
-    It is full once its ``with`` block ends without an error, or `fill` is called, and says "nearly
-    done" when the work takes longer than expected.
-
-    Args:
-        label: of the bar.
-        total: expected work.
-        shown: whether it is.
-        look: further arguments of `tqdm`.
-    """
-    return _bar_class()(
-        total=total,
-        desc=label,
-        disable=not shown,
-        mininterval=0.5 if sys.stderr.isatty() else 15.0,
-        miniters=0,  # the clock moves also while no work is reported
-        smoothing=0.05,
-        **{"bar_format": COUNT_LOOK, **look},
-    )
 
 
 def report_work(amount: float) -> None:

@@ -1,4 +1,4 @@
-"""What a terminal shows: numbers, tables, colours, and how a command ends."""
+"""What a terminal shows: numbers, sentences, tables, bars, and how a command ends."""
 
 from __future__ import annotations
 
@@ -10,34 +10,17 @@ import select
 import shutil
 import signal
 import sys
+import textwrap
 import threading
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
-from typing import Final, TextIO
+from typing import Any, Final, Self, TextIO
 
 from .errors import IntegGymError
-
-RED: Final = "31"
-GREEN: Final = "32"
-YELLOW: Final = "33"
-DIM: Final = "2"
-
-
-def shows_colours(file: TextIO) -> bool:
-    """Whether a stream is a terminal with colours, and nobody has asked for none.
-
-    ``NO_COLOR`` asks for none, whatever its value, see https://no-color.org.
-    """
-    return file.isatty() and not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
-
-
-def painted(text: str, colour: str) -> str:
-    """A text in a colour; spaces around it stay as they are."""
-    inner = text.strip()
-    return text.replace(inner, f"\x1b[{colour}m{inner}\x1b[0m", 1) if inner else text
-
+from .optional import load
 
 NONE: Final = "–"
 """Shown where the panel has no value."""
@@ -129,13 +112,8 @@ Rows = Sequence[Sequence[str]]
 _GAP = 2
 _CUT = " ..."
 _NO_BREAK = "\N{NO-BREAK SPACE}"
-_BREAKS = " ,_"
-"""Characters after which a line may end, the best first."""
-
 _CONTROLS = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069]")
 """What a terminal acts on, but for line breaks and tabs."""
-
-_UNBROKEN = re.compile(f"[^{_BREAKS}]*[,_]?")
 
 
 def width_of(file: TextIO) -> int | None:
@@ -155,16 +133,19 @@ def visible(text: str) -> str:
 
 
 def unbroken(text: str) -> str:
-    """Text that :func:`say` keeps on one line, such as a command to copy."""
+    """Text that :func:`print_wrapped` keeps on one line, such as a command to copy."""
     return text.replace(" ", _NO_BREAK)
 
 
-def say(text: str, file: TextIO, indent: str = "", hanging: str = "  ") -> None:
-    """Print a sentence; see :func:`fitted`."""
-    print(fitted(text, file, indent, hanging), file=file)
+def print_wrapped(
+    text: str, file: TextIO | None = None, indent: str = "", hanging: str = "  "
+) -> None:
+    """Print a sentence, by default on standard output; see :func:`wrap`."""
+    file = file or sys.stdout
+    print(wrap(text, file, indent, hanging), file=file)
 
 
-def fitted(text: str, file: TextIO, indent: str = "", hanging: str = "  ") -> str:
+def wrap(text: str, file: TextIO, indent: str = "", hanging: str = "  ") -> str:
     """A sentence in lines that fit.
 
     Args:
@@ -173,206 +154,21 @@ def fitted(text: str, file: TextIO, indent: str = "", hanging: str = "  ") -> st
         indent: before its first line.
         hanging: before the others, beside ``indent``.
     """
-    width = width_of(file)
-    room = None if width is None else width - len(indent) - len(hanging)
-    first, *rest = wrapped(text, room)
-    lines = indent + first, *(indent + hanging + line for line in rest)
-    return "\n".join(lines).replace(_NO_BREAK, " ")
-
-
-def wrapped(text: str, width: int | None) -> list[str]:
-    """Lines of a text, broken at spaces; longer words after a comma, ``_``, or anywhere.
-
-    >>> wrapped("symplectic_euler, 0.05 s", 12)
-    ['symplectic_', 'euler, 0.05', 's']
-    """
-    text = " ".join(text.splitlines())
-    if width is None:
-        return [text]
-    lines = [""]
-    for piece in _pieces(text, width, _BREAKS):
-        if lines[-1] and len(lines[-1]) + len(piece.rstrip(" ")) > width:
-            lines.append("")
-        lines[-1] += piece
-    return [line.rstrip(" ") for line in lines]
-
-
-def _pieces(text: str, width: int, breaks: str) -> Iterator[str]:
-    """What of a text stays together in a line, each with the break that it ends with."""
-    if len(text.rstrip(" ")) <= width:
-        yield text
-    elif breaks:
-        for part in re.findall(f"[^{breaks[0]}]*{breaks[0]}|[^{breaks[0]}]+", text):
-            yield from _pieces(part, width, breaks[1:])
+    width, text = width_of(file), " ".join(text.splitlines())
+    if width is not None:
+        text = textwrap.fill(
+            text,
+            width,
+            initial_indent=indent,
+            subsequent_indent=indent + hanging,
+            break_on_hyphens=False,
+        )
     else:
-        yield from (text[k : k + width] for k in range(0, len(text), width))
+        text = indent + text
+    return text.replace(_NO_BREAK, " ")
 
 
-def print_aligned(
-    names: Sequence[str],
-    rows: Rows,
-    file: TextIO,
-    right: Sequence[bool] | None = None,
-    keys: int = 0,
-    colours: Mapping[str, str] | None = None,
-) -> None:
-    """Print cells in columns under their names.
-
-    Where a line is too short for that, cells are broken; where that does not suffice, columns are
-    printed in several tables, or if there are no keys each row as a list of names and cells.
-
-    Args:
-        names: of the columns.
-        rows: the cells.
-        file: where to.
-        right: which columns are flush right; None: none.
-        keys: how many columns at the left tell which row it is: each of several tables has them.
-        colours: text of a whole cell to its colour, where the terminal has colours.
-    """
-    for place, columns in enumerate(_parts(names, rows, width_of(file), keys)):
-        if place:
-            print(file=file)
-        print_groups(
-            [names[i] for i in columns],
-            [("", [[row[i] for i in columns] for row in rows])],
-            file,
-            None if right is None else [right[i] for i in columns],
-            colours,
-        )
-
-
-def print_groups(
-    names: Sequence[str],
-    groups: Sequence[tuple[str, Rows]],
-    file: TextIO,
-    right: Sequence[bool] | None = None,
-    colours: Mapping[str, str] | None = None,
-) -> None:
-    """Print groups of rows, each below its title, in columns under one line of names.
-
-    Args:
-        names: of the columns.
-        groups: each a title, "" for none, and rows of cells.
-        file: where to.
-        right: which columns are flush right; None: none.
-        colours: text of a whole cell to its colour, where the terminal has colours.
-    """
-    shown = colours if colours and shows_colours(file) else {}
-    rows = [row for _, own in groups for row in own]
-    widths = _fitted(names, rows, width_of(file))
-    flush = right or [False] * len(names)
-    if widths is not None:
-        _print_row(names, widths, flush, file)
-        _print_row(["-" * width for width in widths], widths, flush, file)
-    for place, (title, own) in enumerate(groups):
-        if title:
-            print(end="\n" if place else "", file=file)
-            say(title, file)
-        if widths is None:
-            _print_lists(names, own, file)
-            continue
-        for row in own:
-            _print_row(row, widths, flush, file, shown)
-
-
-def fits(names: Sequence[str], rows: Rows, file: TextIO) -> bool:
-    """Whether columns fit a line with no cell broken."""
-    width = width_of(file)
-    return width is None or _total(_natural([names, *rows])) <= width
-
-
-def stands_in_columns(names: Sequence[str], rows: Rows, width: int) -> bool:
-    """Whether lines of a width have room for columns, with cells broken where need be."""
-    return _fitted(names, rows, width) is not None
-
-
-def _parts(names: Sequence[str], rows: Rows, width: int | None, keys: int) -> list[list[int]]:
-    """Columns of each of the tables that a table is divided into."""
-    every = list(range(len(names)))
-    if not keys or _fitted(names, rows, width) is not None:
-        return [every]
-    needed = _unbroken_cells(names, rows)
-    parts: list[list[int]] = []
-    for i in every[keys:]:
-        if not parts or _total([needed[j] for j in (*parts[-1], i)]) > (width or 0):
-            parts.append(every[:keys])
-        parts[-1].append(i)
-    return parts
-
-
-def _fitted(names: Sequence[str], rows: Rows, width: int | None) -> list[int] | None:
-    """Widths of columns: of names and then of cells as little broken as need be; None: too many."""
-    natural = _natural([names, *rows])
-    if width is None or _total(natural) <= width:
-        return natural
-    widths = _unbroken_cells(names, rows)
-    least = [
-        max(_longest_word(names[i]), *(_least(row[i]) for row in rows), 0)
-        for i in range(len(names))
-    ]
-    if _total(least) > width:
-        return None
-    while _total(widths) > width:
-        widest = max(range(len(widths)), key=lambda i: (widths[i] > least[i], widths[i], i))
-        widths[widest] -= 1
-    for i, wanted in enumerate(natural):
-        widths[i] += min(wanted - widths[i], width - _total(widths))
-    return widths
-
-
-def _natural(rows: Rows) -> list[int]:
-    return [max(map(len, column)) for column in zip(*rows, strict=True)]
-
-
-def _unbroken_cells(names: Sequence[str], rows: Rows) -> list[int]:
-    """Widths of columns whose names alone are broken."""
-    return _natural([[" " * _longest_word(name) for name in names], *rows])
-
-
-def _total(widths: Sequence[int]) -> int:
-    return sum(widths) + _GAP * (len(widths) - 1)
-
-
-def _longest_word(text: str) -> int:
-    return max(map(len, text.split(" ")))
-
-
-def _least(cell: str) -> int:
-    """The width below which a cell would be hard to read."""
-    return max(min(len(cell), READABLE), *map(len, _UNBROKEN.findall(cell)))
-
-
-def _print_row(
-    cells: Sequence[str],
-    widths: Sequence[int],
-    flush: Sequence[bool],
-    file: TextIO,
-    colours: Mapping[str, str] | None = None,
-) -> None:
-    broken = [wrapped(cell, width) for cell, width in zip(cells, widths, strict=True)]
-    for k in range(max(map(len, broken))):
-        line = [lines[k] if k < len(lines) else "" for lines in broken]
-        padded = (
-            text.rjust(width) if right else text.ljust(width)
-            for text, width, right in zip(line, widths, flush, strict=True)
-        )
-        shown = [
-            painted(text, colours[cell]) if colours and cell in colours else text
-            for text, cell in zip(padded, cells, strict=True)
-        ]
-        print((" " * _GAP).join(shown).rstrip(), file=file)
-
-
-def _print_lists(names: Sequence[str], rows: Rows, file: TextIO) -> None:
-    """Each row as lines of a name and a cell."""
-    before, width = max(map(len, names)) + _GAP, width_of(file)
-    for place, row in enumerate(rows):
-        print(end="\n" if place else "", file=file)
-        for name, cell in zip(names, row, strict=True):
-            print(beside(f"{name:<{before}}", cell, width), file=file)
-
-
-def beside(name: str, text: str, width: int | None, most: int | None = None) -> str:
+def hanging_indent(name: str, text: str, width: int | None, most: int | None = None) -> str:
     """A text to the right of its name, each of its lines below the first.
 
     Args:
@@ -381,11 +177,203 @@ def beside(name: str, text: str, width: int | None, most: int | None = None) -> 
         width: characters in a line; None: as many as it takes.
         most: lines; where there are more, the last of these ends with three dots.
     """
-    room = None if width is None else max(NARROWEST // 2, width - len(name))
-    lines = wrapped(text, room)
-    if room is not None and most is not None and len(lines) > most:
-        lines = [*lines[: most - 1], lines[most - 1][: room - len(_CUT)].rstrip() + _CUT]
-    return (name + f"\n{' ' * len(name)}".join(lines)).rstrip()
+    text = " ".join(text.splitlines())
+    if width is not None:
+        room = max(NARROWEST // 2, width - len(name))
+        lines = textwrap.wrap(text, room, break_on_hyphens=False, max_lines=most, placeholder=_CUT)
+        text = f"\n{' ' * len(name)}".join(lines)
+    return (name + text).rstrip()
+
+
+def has_room(names: Sequence[str], rows: Rows, width: int) -> bool:
+    """Whether lines of a width have room for columns, with cells broken where need be."""
+    columns = zip(names, *rows, strict=True)
+    least = [max(map(_least_width, column)) for column in columns]
+    return sum(least) + _GAP * (len(least) - 1) <= width
+
+
+def _least_width(cell: str) -> int:
+    """Characters below which a cell would be hard to read."""
+    longest = max(map(len, cell.split()), default=0)
+    return max(longest, min(len(cell), READABLE)) if longest <= READABLE else longest
+
+
+def print_columns(
+    names: Sequence[str],
+    rows: Rows,
+    file: TextIO | None = None,
+    right: Sequence[bool] | None = None,
+    colours: Mapping[str, str] | None = None,
+) -> None:
+    """Print cells in columns under their names.
+
+    Where a line is too short for that, cells are broken; where that does not suffice, each row is
+    printed as a list of names and cells.
+
+    Args:
+        names: of the columns.
+        rows: the cells.
+        file: where to; by default standard output.
+        right: which columns are flush right; None: none.
+        colours: text of a whole cell to its style of rich, where the terminal has colours.
+    """
+    file = file or sys.stdout
+    width = width_of(file)
+    if width is not None and not has_room(names, rows, width):
+        _print_lists(names, rows, file, width)
+        return
+    console_of, table_of, text_of = (
+        getattr(load(f"rich.{module}", "evidence"), name)
+        for module, name in (("console", "Console"), ("table", "Table"), ("text", "Text"))
+    )
+    box = load("rich.box", "evidence").Box("    \n    \n -  \n    \n    \n    \n    \n    \n")
+    table = table_of(
+        box=box, show_edge=False, pad_edge=False, padding=(0, 1, 0, 0), header_style=""
+    )
+    for place, name in enumerate(names):
+        cells = [row[place] for row in rows]
+        table.add_column(
+            text_of(name),
+            justify="right" if right and right[place] else "left",
+            overflow="fold",
+            no_wrap=all(" " not in cell for cell in cells) and " " not in name,
+        )
+    for row in rows:
+        table.add_row(*(text_of(cell, style=(colours or {}).get(cell, "")) for cell in row))
+    plain = {"color_system": None} if os.environ.get("NO_COLOR") else {}
+    console = console_of(file=file, width=width or 1 << 20, **plain)
+    with console.capture() as captured:
+        console.print(table)
+    print("\n".join(line.rstrip() for line in captured.get().splitlines()), file=file)
+
+
+def _print_lists(names: Sequence[str], rows: Rows, file: TextIO, width: int) -> None:
+    """Each row as lines of a name and a cell."""
+    before = max(map(len, names)) + _GAP
+    for place, row in enumerate(rows):
+        print(end="\n" if place else "", file=file)
+        for name, cell in zip(names, row, strict=True):
+            print(hanging_indent(f"{name:<{before}}", cell, width), file=file)
+
+
+MOST_BEFORE_END: Final = 0.99
+"""Share of a bar that is full while work goes on, however far the estimate was off."""
+
+_DRAW_SECONDS, _LOG_SECONDS = 0.5, 15.0
+"""Least time between two pictures of a bar on a terminal, and in a file, s."""
+
+
+class WorkBar:
+    """A bar on standard error for work that takes long; it starts no thread.
+
+    It is full once its ``with`` block ends without an error, or `fill` is called, and says "nearly
+    done" when the work takes longer than expected.
+
+    Args:
+        label: of the bar.
+        total: expected work.
+        shown: whether it is.
+        unit: of what is counted; empty where ``total`` is an estimate in seconds.
+
+    Attributes:
+        n: work that was done.
+    """
+
+    def __init__(self, label: str, total: float, shown: bool, unit: str = "") -> None:
+        self.label, self.total, self.unit = label, total, unit
+        self.n = 0.0
+        self._filled, self._phase, self._drawn = False, "", -math.inf
+        self._progress: Any = None
+        if shown:
+            rich = load("rich.progress", "evidence")
+            console = load("rich.console", "evidence").Console(file=sys.stderr)
+            self._terminal = console.is_terminal and not console.is_dumb_terminal
+            columns = ("{task.description}", rich.BarColumn(24), "{task.fields[words]}")
+            self._progress = rich.Progress(
+                *columns, console=console, auto_refresh=False, disable=not self._terminal
+            )
+            self._task = self._progress.add_task(label, total=total or 1.0, words="")
+            self._progress.start()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        if kind is None:
+            self.fill()
+        self.close()
+
+    def update(self, amount: float = 1.0) -> None:
+        """Count work that was done; the clock moves also without any."""
+        self.n += amount
+        if self._progress is not None:
+            self._progress.update(self._task, completed=self._shown)
+            self._draw()
+
+    def describe(self, phase: str, draw: bool = True) -> None:
+        """Say what is done now, or how it goes.
+
+        Args:
+            phase: in words.
+            draw: at once, if it has changed; else when the bar moves next.
+        """
+        changed, self._phase = phase != self._phase, phase
+        if self._progress is not None and changed and draw:
+            self._draw(at_once=True)
+
+    def begin_at(self, amount: float) -> None:
+        """Begin with work that was done before, which says nothing of how long the rest takes."""
+        self.n = amount
+        if self._progress is not None:
+            self._progress.reset(self._task, completed=self._shown)
+
+    def fill(self) -> None:
+        """Show that the work is done."""
+        self._filled, self._phase = True, ""
+        self.update(self.total - self.n)
+        if self._progress is not None:
+            self._draw(at_once=True)
+
+    def close(self) -> None:
+        """Leave the bar as it is."""
+        if self._progress is not None:
+            self._draw(at_once=not self._filled)
+            self._progress.stop()
+            self._progress = None
+
+    @property
+    def _shown(self) -> float:
+        return self.n if self._filled else min(self.n, MOST_BEFORE_END * self.total)
+
+    def _words(self) -> str:
+        """Share or count, time, what is left of it, and the phase."""
+        task = self._progress.tasks[0]
+        parts = [f"{self._shown / (self.total or 1.0):.0%}"]
+        if self.unit:
+            parts.append(f"{self._shown:,.0f} of {self.total:,.0f}{self.unit}")
+        parts.append(f"{_clock(task.elapsed or 0.0)} so far")
+        if not self._filled and self.n > MOST_BEFORE_END * self.total:
+            parts.append("nearly done")
+        elif not self._filled and task.time_remaining is not None:
+            parts.append(f"about {_clock(task.time_remaining)} left")
+        return ", ".join([*parts, self._phase] if self._phase else parts)
+
+    def _draw(self, at_once: bool = False) -> None:
+        now = time.monotonic()
+        if not at_once and now - self._drawn < (_DRAW_SECONDS if self._terminal else _LOG_SECONDS):
+            return
+        self._drawn = now
+        if self._terminal:
+            self._progress.update(self._task, words=self._words())
+            self._progress.refresh()
+        else:
+            print(f"{self.label}: {self._words()}", file=sys.stderr, flush=True)
+
+
+def _clock(duration: float) -> str:
+    minutes, rest = divmod(int(duration), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02}:{rest:02}" if hours else f"{minutes}:{rest:02}"
 
 
 INTERRUPTED = 130
@@ -460,19 +448,19 @@ def report_errors(
                 raise KeyboardInterrupt
             return code
     except KeyboardInterrupt:
-        say(f"{program}: interrupted; {interrupted}", sys.stderr)
+        print_wrapped(f"{program}: interrupted; {interrupted}", sys.stderr)
         return INTERRUPTED
     except BrokenPipeError:
         raise
     except Exception as error:
         if is_short_of_memory(error):
             told = sentence(error) or type(error).__name__
-            say(f"{program}: {mark}{SHORT_OF_MEMORY} ({told}); {_FREE}", sys.stderr)
+            print_wrapped(f"{program}: {mark}{SHORT_OF_MEMORY} ({told}); {_FREE}", sys.stderr)
             return 2
         if not isinstance(error, (IntegGymError, OSError)):
             error.add_note(DEFECT)
             raise
-        say(f"{program}: {mark}{sentence(error)}", sys.stderr)
+        print_wrapped(f"{program}: {mark}{sentence(error)}", sys.stderr)
         return 2
 
 

@@ -17,10 +17,10 @@ from integ_gym.support.errors import InputError
 from integ_gym.support.options import CommandParser, add_named_values, by_name, whole_number
 from integ_gym.support.terminal import report_errors
 
-from .algorithms import ALGORITHMS
 from .config import TrainingConfig
-from .policy_files.card import told
+from .policy_files.card import format_episode_stats
 from .ppo import PPOConfig, make_training_envs
+from .runs import ALGORITHMS
 
 _EXAMPLES = """\
 examples:
@@ -84,7 +84,7 @@ def _train(given: dict[str, Any]) -> int:
     print(f"policy: {trained.policy} ({card['steps']} steps in {card['wall_seconds']:.0f} s)")
     print(
         f"last {card['last_episodes']['episodes']} training episodes, exploration included: "
-        f"{told(card['last_episodes'])}"
+        f"{format_episode_stats(card['last_episodes'])}"
     )
     return 0
 

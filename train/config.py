@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import gymnasium as gym
 import numpy as np
@@ -22,14 +22,8 @@ from integ_gym.support.errors import InputError, InputTypeError, IntegGymError, 
 from integ_gym.support.parameters import (
     check_values,
     nonnegative,
-    parameter,
-    positive,
-    text,
     unknown_name,
 )
-
-if TYPE_CHECKING:
-    from .ppo import PPOConfig
 
 
 class TrainingError(IntegGymError, RuntimeError):
@@ -37,7 +31,7 @@ class TrainingError(IntegGymError, RuntimeError):
 
 
 @contextmanager
-def explained(config: TrainingConfig, mixture: Mixture) -> Iterator[None]:
+def translate_training_errors(config: TrainingConfig, mixture: Mixture) -> Iterator[None]:
     """Learning on a mixture, of which integrators of the user's own may fail.
 
     Raises:
@@ -114,34 +108,23 @@ ENV_ARGUMENTS = {
 """Of the hyperparameter that holds what the environment is made with."""
 
 
-def check_names(owner: type[Any], names: Iterable[str]) -> None:
-    """Check that all names are hyperparameters.
-
-    Raises:
-        TypeError: for another, with the nearest.
-    """
-    known = [f.name for f in fields(owner)]
-    for name in names:
-        if name not in known:
-            raise InputTypeError(unknown_name("hyperparameter", name, known))
-
-
-def check_rollout(config: PPOConfig) -> None:
+def check_rollout(n_envs: int, n_steps: int, batch_size: int) -> None:
     """Check that rollouts can be kept, and split into batches.
 
     Raises:
         ValueError: for an impossible value, in one sentence.
     """
-    if config.rollout > LARGEST_ROLLOUT:
+    rollout = n_envs * n_steps
+    if rollout > LARGEST_ROLLOUT:
         raise InputError(
-            f"a rollout of `n_envs` × `n_steps` = {config.n_envs} × {config.n_steps} decisions is "
-            f"kept in memory, and at most {LARGEST_ROLLOUT} are; give fewer"
+            f"a rollout of `n_envs` × `n_steps` = {n_envs} × {n_steps} decisions is kept in "
+            f"memory, and at most {LARGEST_ROLLOUT} are; give fewer"
         )
-    if config.rollout % config.batch_size:
+    if rollout % batch_size:
         raise InputError(
-            f"`batch_size`={config.batch_size} does not divide a rollout of `n_envs` × `n_steps` "
-            f"= {config.rollout} decisions; give a divisor, such as "
-            f"{_nearest_divisor(config.rollout, config.batch_size)}"
+            f"`batch_size`={batch_size} does not divide a rollout of `n_envs` × `n_steps` "
+            f"= {rollout} decisions; give a divisor, such as "
+            f"{_nearest_divisor(rollout, batch_size)}"
         )
 
 
@@ -156,7 +139,7 @@ _GIVEN_BY_THE_TRAINER = ("num_envs", "vectorization_mode", "autoreset_mode", "re
 
 @dataclass(frozen=True)
 class TrainingConfig:
-    """Hyperparameters of every algorithm; each adds its own.
+    """Hyperparameters that every algorithm has; each gives them defaults and adds its own.
 
     Raises:
         ValueError: for an impossible value, in one sentence.
@@ -169,24 +152,16 @@ class TrainingConfig:
     continuous_actions: ClassVar[bool] = False
     """Whether it needs a `Box` of actions."""
 
-    env_id: str = parameter("IntegPendulum-v0", "", "environment", text)
-    env_arguments: dict[str, Any] = field(default_factory=dict, metadata=ENV_ARGUMENTS)
-    seed: int = parameter(0, "", "of starts, noise, weights and exploration", whole(0, 2**32 - 1))
-    total_steps: int = parameter(
-        300_000, "", "decisions of all environments together, rounded up", whole(1, LONGEST)
-    )
-    n_envs: int = parameter(16, "", "environments that advance together", whole(1, MOST_LANES))
-    learning_rate: float = parameter(1e-3, "", "Adam's, at the start", positive)
-    discount_time: float = parameter(
-        1.0, "s", "τ of the discount per decision, γ = exp(-control_period / τ)", positive
-    )
-    reward_scale: float = parameter(
-        0.1, "", "factor on rewards for the learner; all that is reported is unscaled", positive
-    )
-    net_arch: tuple[int, ...] = parameter(
-        (64, 64), "", "sizes of hidden layers, of actor and critic each", layer_sizes
-    )
-    trace_every: int = parameter(50, "", "every N-th training episode has a trace", whole(1))
+    env_id: str
+    env_arguments: dict[str, Any]
+    seed: int
+    total_steps: int
+    n_envs: int
+    learning_rate: float
+    discount_time: float
+    reward_scale: float
+    net_arch: tuple[int, ...]
+    trace_every: int
 
     def __post_init__(self) -> None:
         if isinstance(self.net_arch, list):
@@ -207,7 +182,10 @@ class TrainingConfig:
         Raises:
             TypeError, ValueError: for unknown or impossible values.
         """
-        check_names(cls, overrides)
+        known = [f.name for f in fields(cls)]
+        for name in overrides:
+            if name not in known:
+                raise InputTypeError(unknown_name("hyperparameter", name, known))
         return cls(**{"env_id": env_id, **cls.environment_defaults.get(env_id, {}), **overrides})
 
     @classmethod

@@ -1,10 +1,11 @@
-"""Proximal policy optimization (PPO) with stable-baselines3 (SB3), from top to bottom.
+"""Proximal policy optimization (PPO) with stable-baselines3 (SB3), as one script.
 
     python train/ppo.py --integrator rk4 --dt 0.05
 
-Hyperparameters (beside `TrainingConfig`, which every algorithm has), environments, model, learning,
-files: what decides a result, from top to bottom. The same configuration gives the same weights bit
-by bit on one machine: one thread, fixed seeds, no GPU. `integ_gym.train.fleet.training` trains many
+Hyperparameters, environments, model, learning, files: all that decides a result, from top to
+bottom. Of integ-gym it imports how hyperparameters are declared, how environments are made, how a
+policy is written and how evidence is recorded. The same configuration gives the same weights bit by
+bit on one machine: one thread, fixed seeds, no GPU. `integ_gym.train.fleet.training` trains many
 policies at once from the same `PPOConfig`.
 
 Source: Schulman et al. (2017), *Proximal policy optimization algorithms*, arXiv:1707.06347.
@@ -12,19 +13,20 @@ Source: Schulman et al. (2017), *Proximal policy optimization algorithms*, arXiv
 
 from __future__ import annotations
 
+import io
+import random
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from functools import partial
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar
 
+import numpy as np
 from gymnasium.vector import VectorEnv
 
 from integ_gym.envs.testbeds.making import make_training_environments
-from integ_gym.support.executors import Cluster
-from integ_gym.support.optional import require
 from integ_gym.support.parameters import (
     boolean,
     finite_number,
@@ -33,21 +35,28 @@ from integ_gym.support.parameters import (
     optional,
     parameter,
     positive,
+    text,
 )
 from integ_gym.train.config import (
+    ENV_ARGUMENTS,
+    LONGEST,
+    MOST_LANES,
     TrainingConfig,
     TrainingEvidence,
     check_rollout,
-    explained,
     fraction,
+    layer_sizes,
+    translate_training_errors,
     whole,
 )
 from integ_gym.train.policy import ACTIVATIONS
+from integ_gym.train.policy_files.card import (
+    episode_summary,
+    format_episode_stats,
+    make_card,
+    mixture_of,
+)
 from integ_gym.train.policy_files.sidecar import TrainedPolicy, write_policy
-from integ_gym.train.sb3_model import Tell, last_episodes, logger, reproducible, saved, telling
-from integ_gym.train.side_by_side import OnTrained, checked_runs, train_each, unheard
-
-from .policy_files.card import make_card, mixture_of
 
 # ---------------------------------------------------------------------------------- hyperparameters
 
@@ -67,6 +76,24 @@ class PPOConfig(TrainingConfig):
     """Balancing learns from short rollouts, because episodes end early at first: 5 of 5 seeds hold
     every start for 10 s after 33 000 decisions, and after 50 000 to 98 000 with rollouts of 256."""
 
+    env_id: str = parameter("IntegPendulum-v0", "", "environment", text)
+    env_arguments: dict[str, Any] = field(default_factory=dict, metadata=ENV_ARGUMENTS)
+    seed: int = parameter(0, "", "of starts, noise, weights and exploration", whole(0, 2**32 - 1))
+    total_steps: int = parameter(
+        300_000, "", "decisions of all environments together, rounded up", whole(1, LONGEST)
+    )
+    n_envs: int = parameter(16, "", "environments that advance together", whole(1, MOST_LANES))
+    learning_rate: float = parameter(1e-3, "", "Adam's, at the start", positive)
+    discount_time: float = parameter(
+        1.0, "s", "τ of the discount per decision, γ = exp(-control_period / τ)", positive
+    )
+    reward_scale: float = parameter(
+        0.1, "", "factor on rewards for the learner; all that is reported is unscaled", positive
+    )
+    net_arch: tuple[int, ...] = parameter(
+        (64, 64), "", "sizes of hidden layers, of actor and critic each", layer_sizes
+    )
+    trace_every: int = parameter(50, "", "every N-th training episode has a trace", whole(1))
     n_steps: int = parameter(256, "", "decisions per environment in a rollout", whole(1))
     batch_size: int = parameter(256, "", "decisions per gradient step", whole(2))
     n_epochs: int = parameter(10, "", "passes over each rollout", whole(1))
@@ -89,7 +116,7 @@ class PPOConfig(TrainingConfig):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_rollout(self)
+        check_rollout(self.n_envs, self.n_steps, self.batch_size)
 
     @property
     def rollout(self) -> int:
@@ -146,6 +173,23 @@ def make_model(config: PPOConfig, environments: Any, control_period: float) -> A
     return PPO("MlpPolicy", environments, **model_arguments(config, control_period))
 
 
+@contextmanager
+def reproducible() -> Iterator[None]:
+    """One torch thread; afterwards the thread count and all global random states are put back."""
+    import torch
+
+    threads, states = torch.get_num_threads(), torch.get_rng_state()
+    python, legacy = random.getstate(), np.random.get_state()  # noqa: NPY002  (SB3 seeds it)
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
+        torch.set_rng_state(states)
+        random.setstate(python)
+        np.random.set_state(legacy)  # noqa: NPY002
+
+
 # ------------------------------------------------------------------------------- learning and files
 
 
@@ -155,13 +199,22 @@ def train_run(
     evidence: TrainingEvidence | None = None,
     *,
     make_model: Callable[[Any, Any, float], Any] = make_model,
-    tell: Tell = lambda steps, words: None,
+    report: Callable[[int, str], object] = lambda steps, words: None,
     tensorboard: bool = False,
 ) -> TrainedPolicy:
     """Train one policy in this process.
 
     Nothing outside the run changes: torch's thread count and the global random states are put back.
+
+    Args:
+        config: the run.
+        folder: for the policy.
+        evidence: where the training episodes are recorded; None: nowhere.
+        make_model: what learns; `train/sac.py` gives its own.
+        report: called with the decisions since the last call, and how the last episodes went.
+        tensorboard: write logs beside the policy.
     """
+    from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
     from stable_baselines3.common.vec_env import VecMonitor
 
     from integ_gym.train.vec_env import Sb3VecEnv, ScaledRewards
@@ -178,61 +231,53 @@ def train_run(
             scaled = ScaledRewards(episodes, config.reward_scale)  # for the learner alone
             model = make_model(config, scaled, mixture.setups[0].timing.control_period)
             episodes.seed(config.first_lane_seed)
-            model.set_logger(logger(folder / "tensorboard" if tensorboard else None))
+            logs = folder / "tensorboard"
+            outputs = [TensorBoardOutputFormat(str(logs))] if tensorboard else []
+            model.set_logger(Logger(str(logs) if tensorboard else None, outputs))
             start = time.perf_counter()
-            with explained(config, mixture):
-                model.learn(config.total_steps, callback=telling(tell))
+            with translate_training_errors(config, mixture):
+                model.learn(config.total_steps, callback=progress_callback(report))
             seconds = time.perf_counter() - start
             model.logger.close()
-            zip_bytes = saved(model)
+            zip_bytes = model_to_bytes(model)
     finally:
         vector_env.close()
-    card = make_card(config, mixture, "sb3", seconds, last_episodes(model))
+    card = make_card(config, mixture, "sb3", seconds, recent_episode_stats(model))
     trained = write_policy(folder, zip_bytes, card, vector_env.single_action_space)
     if evidence is not None:
         vector_env.commit(evidence.batch)
     return trained
 
 
-def train_ppo(
-    configs: Sequence[PPOConfig],
-    out_dirs: Sequence[str | Path],
-    *,
-    evidence: Sequence[TrainingEvidence] | None = None,
-    progress: bool = True,
-    workers: int | None = None,
-    force: bool = False,
-    on_trained: OnTrained = unheard,
-    tensorboard: bool = True,
-    executor: str | Cluster = "local",
-    address: str | None = None,
-) -> list[TrainedPolicy]:
-    """Train policies and write each: `policy.zip`, `policy.safetensors` and `policy.json`.
+def progress_callback(
+    report: Callable[[int, str], object],
+) -> Callable[[dict[str, Any], dict[str, Any]], bool]:
+    """A callback for SB3, which calls it after every step of the environments."""
+    done, words, ended = 0, "", False
 
-    Args:
-        configs: the runs; they may differ in everything.
-        out_dirs: a folder for each policy.
-        evidence: where the training episodes of each are recorded; None: nowhere.
-        progress: show a bar on stderr.
-        workers: processes; by default one per core. A single run, or the runs of a single worker
-            one after another, are trained in this process.
-        force: replace policies that are already there.
-        on_trained: told the place of every policy in `configs` once it and its evidence are
-            written.
-        tensorboard: write logs beside each policy.
-        executor: what runs the processes: see :func:`integ_gym.support.executors.open_cluster`.
-        address: of a running cluster.
+    def callback(variables: dict[str, Any], _: dict[str, Any]) -> bool:
+        nonlocal done, words, ended
+        model = variables["self"]
+        if ended:  # SB3 counts the episodes of a step after this call
+            words = format_episode_stats(recent_episode_stats(model))
+        report(model.num_timesteps - done, words)
+        done, ended = model.num_timesteps, variables["dones"].any()
+        return True
 
-    Raises:
-        OSError: if a folder cannot be used, or holds a policy and `force` is not given.
-        TypeError, ValueError: for arguments that are not possible.
-        ModuleNotFoundError: if the extra is missing, with the command that installs it.
-        TrainingError: if a run fails or a worker is killed; finished policies stay.
-    """
-    require("train")
-    runs = checked_runs(configs, out_dirs, evidence, force)
-    run = partial(train_run, tensorboard=tensorboard)
-    return train_each(run, runs, progress, workers, on_trained, executor, address)
+    return callback
+
+
+def recent_episode_stats(model: Any) -> dict[str, Any]:
+    """The last (up to 100) episodes of training."""
+    returns = [float(episode["r"]) for episode in model.ep_info_buffer]
+    return episode_summary(returns, [float(success) for success in model.ep_success_buffer])
+
+
+def model_to_bytes(model: Any) -> bytes:
+    """The bytes of a model's zip."""
+    buffer = io.BytesIO()
+    model.save(buffer, exclude=["tensorboard_log"])
+    return buffer.getvalue()
 
 
 if __name__ == "__main__":

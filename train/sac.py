@@ -12,27 +12,20 @@ learning with a stochastic actor*, arXiv:1801.01290; entropy coefficient: arXiv:
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import partial
-from pathlib import Path
+from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
-from integ_gym.support.executors import Cluster
-from integ_gym.support.optional import require
-from integ_gym.support.parameters import one_of, parameter, positive
+from integ_gym.support.parameters import one_of, parameter, positive, text
 from integ_gym.train.config import (
+    ENV_ARGUMENTS,
     LONGEST,
     MOST_LANES,
     TrainingConfig,
-    TrainingEvidence,
     fraction,
+    layer_sizes,
     whole,
 )
 from integ_gym.train.policy import ACTIVATIONS
-from integ_gym.train.policy_files.sidecar import TrainedPolicy
-from integ_gym.train.ppo import train_run
-from integ_gym.train.side_by_side import OnTrained, checked_runs, train_each, unheard
 
 
 @dataclass(frozen=True)
@@ -46,13 +39,24 @@ class SACConfig(TrainingConfig):
     algorithm: ClassVar[str] = "SAC"
     continuous_actions: ClassVar[bool] = True
 
+    env_id: str = parameter("IntegPendulum-v0", "", "environment", text)
+    env_arguments: dict[str, Any] = field(default_factory=dict, metadata=ENV_ARGUMENTS)
+    seed: int = parameter(0, "", "of starts, noise, weights and exploration", whole(0, 2**32 - 1))
     total_steps: int = parameter(
         20_000, "", "decisions of all environments together, rounded up", whole(1, LONGEST)
     )
     n_envs: int = parameter(4, "", "environments that advance together", whole(1, MOST_LANES))
+    learning_rate: float = parameter(1e-3, "", "Adam's, at the start", positive)
+    discount_time: float = parameter(
+        1.0, "s", "τ of the discount per decision, γ = exp(-control_period / τ)", positive
+    )
     reward_scale: float = parameter(
         1.0, "", "factor on rewards for the learner; all that is reported is unscaled", positive
     )
+    net_arch: tuple[int, ...] = parameter(
+        (64, 64), "", "sizes of hidden layers, of actor and critic each", layer_sizes
+    )
+    trace_every: int = parameter(50, "", "every N-th training episode has a trace", whole(1))
     batch_size: int = parameter(256, "", "decisions per gradient step", whole(2))
     buffer_size: int = parameter(
         1_000_000, "", "latest decisions that are learned from", whole(1, 1 << 24)
@@ -101,34 +105,6 @@ def make_model(config: SACConfig, environments: Any, control_period: float) -> A
     from stable_baselines3 import SAC
 
     return SAC("MlpPolicy", environments, **model_arguments(config, control_period))
-
-
-def train_sac(
-    configs: Sequence[SACConfig],
-    out_dirs: Sequence[str | Path],
-    *,
-    evidence: Sequence[TrainingEvidence] | None = None,
-    progress: bool = True,
-    workers: int | None = None,
-    force: bool = False,
-    on_trained: OnTrained = unheard,
-    tensorboard: bool = True,
-    executor: str | Cluster = "local",
-    address: str | None = None,
-) -> list[TrainedPolicy]:
-    """Train policies and write each, as :func:`integ_gym.train.ppo.train_ppo` does.
-
-    Raises:
-        OSError: if a folder cannot be used, or holds a policy and `force` is not given.
-        TypeError, ValueError: for arguments that are not possible, such as an environment whose
-            actions are discrete.
-        ModuleNotFoundError: if the extra is missing, with the command that installs it.
-        TrainingError: if a run fails or a worker is killed; finished policies stay.
-    """
-    require("train")
-    runs = checked_runs(configs, out_dirs, evidence, force)
-    run = partial(train_run, make_model=make_model, tensorboard=tensorboard)
-    return train_each(run, runs, progress, workers, on_trained, executor, address)
 
 
 if __name__ == "__main__":

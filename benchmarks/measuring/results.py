@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 import platform
@@ -12,7 +13,7 @@ from typing import Any
 
 from integ_gym.support.optional import package_version
 from integ_gym.support.processes import cores
-from integ_gym.support.terminal import print_aligned
+from integ_gym.support.terminal import print_columns
 
 
 def machine() -> dict[str, Any]:
@@ -29,10 +30,26 @@ def machine() -> dict[str, Any]:
     }
 
 
+def parser(what: str | None, examples: str = "", file: bool = False) -> argparse.ArgumentParser:
+    """A benchmark's arguments, by its docstring.
+
+    Args:
+        what: the docstring.
+        examples: lines for the end of the help.
+        file: whether what was measured may be written to a file, ``--json``.
+    """
+    made = argparse.ArgumentParser(
+        description=what, epilog=examples, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    if file:
+        made.add_argument("--json", type=Path, metavar="FILE", help="also write the numbers here")
+    return made
+
+
 def print_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
     """Columns under their names, the first flush left."""
     right = [False, *(True for _ in header[1:])]
-    print_aligned(header, [list(row) for row in rows], sys.stdout, right)
+    print_columns(header, [list(row) for row in rows], sys.stdout, right)
 
 
 def interval(numbers: Sequence[float | None] | None) -> str:

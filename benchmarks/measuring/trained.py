@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -249,9 +248,7 @@ def command(
         tables: of what was found, as Markdown.
         what: the script's docstring.
     """
-    parser = argparse.ArgumentParser(
-        description=what, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = results.parser(what)
     parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="JSON of successes")
     parser.add_argument("--table", action="store_true", help="run nothing: print the tables")
     parser.add_argument("--workers", type=int, default=cores(), metavar="N", help="processes")

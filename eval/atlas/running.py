@@ -46,7 +46,7 @@ def finished(atlas: Atlas, folder: Path) -> list[tuple[Block, Summary]]:
         if not path.exists():
             continue
         summary = read_summary(path)
-        if not is_of(summary, block):
+        if summary.origin.specification != msgspec.to_builtins(block.panel.to_json()):
             raise InputError(
                 f"{path} is of another specification than block {block.name}; give another folder "
                 "with --summaries, or remove it to run the block again"
@@ -59,12 +59,6 @@ def missing(atlas: Atlas, folder: Path) -> list[Block]:
     """Blocks that have no summary; see :func:`finished`."""
     there = {block.name for block, _ in finished(atlas, folder)}
     return [block for block in atlas.blocks() if block.name not in there]
-
-
-def is_of(summary: Summary, block: Block) -> bool:
-    """Whether a summary is one of a block."""
-    told = msgspec.json.decode(msgspec.json.encode(block.panel.to_json()))
-    return bool(summary.origin.specification == told)
 
 
 def run_blocks(
@@ -121,14 +115,11 @@ def again(
         raise InputError(f"block {block.name} has no summary in {folder}; run it first")
     before, run = read_summary(path), out / f"{block.name}-again"
     one = replace(block, panel=replace(block.panel, seeds=block.panel.seeds[:1]))
-    made = _made(atlas, one, run, workers)
-    if first_difference(before, made) and not same_processor(before, made):
-        made = _made(atlas, block, run, workers)
+    for part in (one, block):
+        run_panel(part.panel, run, workers=workers, command="integ-gym atlas --again")
+        made = summarize(run, atlas.name, part)
+        if not first_difference(before, made) or same_processor(before, made):
+            break
     found = compare(block.name, before, made)
     note(found, folder)
     return found
-
-
-def _made(atlas: Atlas, block: Block, run: Path, workers: int | None) -> Summary:
-    run_panel(block.panel, run, workers=workers, command="integ-gym atlas --again")
-    return summarize(run, atlas.name, block)

@@ -1,16 +1,99 @@
-"""An atlas's specification: one panel at several limits of the control."""
+"""An atlas's specification: one panel at several limits of the control, over the least it takes."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from functools import cached_property
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from functools import cached_property, lru_cache
 from pathlib import Path
+from typing import Any
 
 import msgspec
+import numpy as np
+import numpy.typing as npt
+
+from integ_gym.envs import numerics
+from integ_gym.envs.catalogue.lookup import environment_setup
+from integ_gym.envs.settings import Discretization
 
 from ..panel.cells import SpecError
 from ..panel.spec import PanelSpec, parse_spec, read_toml
-from .limits import control_argument, critical_limit
+
+WIDEST = 1e4
+"""Largest limit of the control that is tried, as a multiple of the smallest."""
+
+
+def setup_of(env_id: str, environment: Mapping[str, Any], at: Discretization) -> Any:
+    """The setup of an environment in a discretization."""
+    return environment_setup(env_id, {**environment, **at.arguments()})
+
+
+def control_argument(setup: Any) -> tuple[str, float]:
+    """Name and value of the constructor argument that limits the control.
+
+    Raises:
+        SpecError: where no single one does.
+    """
+    task: Any = setup.task
+    limit = float(task.control_limit)
+    for one in fields(task):
+        value = getattr(task, one.name)
+        if isinstance(value, float) and value == limit:
+            doubled = replace(task, **{one.name: 2.0 * value})
+            if float(doubled.control_limit) == 2.0 * limit:
+                return one.name, value
+    raise SpecError(f"no argument of {type(task).__name__} alone limits the control")
+
+
+def middle_start(setup: Any) -> npt.NDArray[np.float64]:
+    """The middle of a task's starts, in state order, shape (n,)."""
+    return np.array(setup.task.draw_start(_Middle(), setup.settings.start, {}), dtype=np.float64)
+
+
+def critical_limit(
+    env_id: str, environment: Mapping[str, Any], argument: str, at: Discretization
+) -> float:
+    """Smallest limit of the control with which a search reaches the goal's energy in time.
+
+    Args:
+        env_id: one of integ-gym's environments.
+        environment: constructor arguments without the discretization.
+        argument: the one that limits the control; what it is set to does not matter.
+        at: discretization.
+
+    Raises:
+        SpecError: if the goal's energy is not reached, or the task names no goal at rest.
+    """
+    rest = {name: value for name, value in environment.items() if name != argument}
+    return _critical_limit(env_id, tuple(sorted(rest.items())), at)
+
+
+@lru_cache(maxsize=256)
+def _critical_limit(env_id: str, given: tuple[tuple[str, Any], ...], at: Discretization) -> float:
+    setup = setup_of(env_id, dict(given), at)
+    required = numerics.goal_energy(setup)
+    if required is None:
+        raise SpecError(f"{env_id} names no goal at rest; state `critical` under [atlas]")
+    if required == 0.0:
+        raise SpecError(
+            f"{env_id}: the goal takes no energy there, so that no control is the least"
+        )
+    high, start = abs(required), middle_start(setup)
+    try:
+        return numerics.critical_limit(
+            setup, start, setup.settings.duration, high / WIDEST, high, tolerance=high * 1e-5
+        )
+    except ValueError as error:
+        raise SpecError(f"{env_id} on {at.name}: {error}") from None
+
+
+class _Middle:
+    """Draws the middle of every range."""
+
+    def uniform(self, low: Any = 0.0, high: Any = 1.0, size: Any = None) -> Any:
+        """(low + high) / 2, shape of ``size`` or of the ends."""
+        middle = 0.5 * (np.asarray(low) + np.asarray(high))
+        return middle if size is None else np.broadcast_to(middle, size)
 
 
 class _Axis(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
@@ -83,17 +166,19 @@ class Atlas:
         """All blocks: every ratio with the first seeds, then with the next."""
         seeds, size = self.panel.seeds, self.seeds_per_block
         return tuple(
-            self._block(ratio, seeds[first : first + size])
+            Block(
+                ratio,
+                limit := round(ratio * self.critical, 4),
+                replace(
+                    self.panel,
+                    name=f"{self.name} at {ratio:g}",
+                    environment={**self.panel.environment, self.argument: limit},
+                    seeds=seeds[first : first + size],
+                ),
+            )
             for first in range(0, len(seeds), size)
             for ratio in self.ratios
         )
-
-    def _block(self, ratio: float, seeds: tuple[int, ...]) -> Block:
-        limit = round(ratio * self.critical, 4)
-        environment = {**self.panel.environment, self.argument: limit}
-        name = f"{self.name} at {ratio:g}"
-        panel = replace(self.panel, name=name, environment=environment, seeds=seeds)
-        return Block(ratio, limit, panel)
 
 
 def read_atlas(path: Path) -> Atlas:
@@ -104,23 +189,18 @@ def read_atlas(path: Path) -> Atlas:
     """
     data = dict(read_toml(path))
     try:
-        axis = _axis(data.pop("atlas", None))
+        axis = _read_axis(data.pop("atlas", None))
     except (msgspec.ValidationError, SpecError) as error:
         raise SpecError(f"{path}: {error}; docs/reference/atlas.md has the format") from None
     panel = parse_spec(data, str(path))
     name, _ = control_argument(panel.nominal)
     if axis.argument != name:
         raise SpecError(f"{path}: `{axis.argument}` does not limit the control; `{name}` does")
-    return Atlas(
-        panel=panel,
-        argument=axis.argument,
-        ratios=tuple(axis.ratios),
-        seeds_per_block=axis.seeds_per_block,
-        stated=axis.critical,
-    )
+    ratios = tuple(axis.ratios)
+    return Atlas(panel, axis.argument, ratios, axis.seeds_per_block, axis.critical)
 
 
-def _axis(table: object) -> _Axis:
+def _read_axis(table: object) -> _Axis:
     if table is None:
         raise SpecError("it has no table [atlas]")
     axis = msgspec.convert(table, _Axis)

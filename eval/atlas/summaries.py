@@ -5,11 +5,10 @@ from __future__ import annotations
 import ast
 import hashlib
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from importlib import resources
-from importlib.resources.abc import Traversable
+from importlib import import_module
 from pathlib import Path
 from statistics import fmean
 from typing import Any
@@ -26,7 +25,7 @@ from integ_gym.support.optional import package_version
 
 from ..panel.cells import Home
 from ..panel.result import FILE_NAME, read_panel
-from ..statistics import Interval, mean_interval
+from ..statistics import mean_interval
 from ..verdict import LEARNED
 from .specification import Atlas, Block
 
@@ -42,43 +41,32 @@ def code_version() -> str:
     """SHA-256 over the code that decides results, 16 hexadecimal digits; docstrings left out."""
     digest = hashlib.sha256()
     for room in ROOMS:
-        for name, source in sorted(_sources(resources.files(f"integ_gym.{room}"), room)):
+        folder = Path(import_module(f"integ_gym.{room}").__path__[0])
+        files = {path.relative_to(folder): path for path in folder.rglob("*.py")}
+        sources = {f"{room}/{name.as_posix()}": path for name, path in files.items()
+                   if not set(name.parent.parts) & set(LEFT_OUT)}  # fmt: skip
+        for name, path in sorted(sources.items()):
             digest.update(name.encode())
-            digest.update(_bare(source).encode())
+            digest.update(_bare(path.read_text(encoding="utf-8")).encode())
     return digest.hexdigest()[:16]
-
-
-def _sources(folder: Traversable, name: str) -> list[tuple[str, str]]:
-    found = []
-    for entry in folder.iterdir():
-        own = f"{name}/{entry.name}"
-        if entry.is_dir() and entry.name not in LEFT_OUT:
-            found += _sources(entry, own)
-        elif entry.name.endswith(".py"):
-            found.append((own, entry.read_text(encoding="utf-8")))
-    return found
 
 
 def _bare(source: str) -> str:
     """A module's syntax tree without its docstrings and other idle texts."""
     tree = ast.parse(source)
     for node in ast.walk(tree):
-        for body in _bodies(node):
+        body = getattr(node, "body", None)
+        if isinstance(body, list):
             body[:] = [one for one in body if not _is_text(one)] or [ast.Pass()]
     return ast.dump(tree)
 
 
-def _bodies(node: ast.AST) -> list[list[Any]]:
-    return [node.body] if isinstance(getattr(node, "body", None), list) else []  # type: ignore[attr-defined]
-
-
 def _is_text(node: ast.AST) -> bool:
-    return (
-        isinstance(node, ast.Expr)
-        and isinstance(node.value, ast.Constant)
-        and isinstance(node.value.value, str)
-    )
+    constant = isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
+    return constant and isinstance(node.value.value, str)  # type: ignore[attr-defined]
 
+
+Rates = npt.NDArray[np.float64]
 
 KEY = b"integ-gym atlas"
 """Of the description in the file's metadata."""
@@ -261,8 +249,7 @@ def compare(name: str, first: Summary, again: Summary) -> Agreement:
         whole = {_key(row) for row in before} == {_key(row) for row in after}
         if same_processor(first, again) or not whole:
             raise InputError(f"block {name}, {told} differ between code {' and '.join(codes)}")
-        found = _by_chance(name, _success(before), _success(after))
-        difference = (found.estimate, found.low, found.high)
+        difference = _difference_by_chance(name, _success(before), _success(after))
     policies = len({(row["home"], row["seed"]) for row in after})
     return Agreement(codes, name, policies, len(after), difference)
 
@@ -284,7 +271,7 @@ def first_difference(first: Summary, again: Summary) -> str | None:
     return None
 
 
-def _success(rows: Sequence[Mapping[str, Any]]) -> dict[str, npt.NDArray[np.float64]]:
+def _success(rows: Sequence[Mapping[str, Any]]) -> dict[str, Rates]:
     """Mean success over cells, by training ground, shape (seeds,)."""
     found: dict[str, dict[int, list[float]]] = defaultdict(lambda: defaultdict(list))
     for row in rows:
@@ -295,32 +282,27 @@ def _success(rows: Sequence[Mapping[str, Any]]) -> dict[str, npt.NDArray[np.floa
     }
 
 
-def _by_chance(
-    name: str,
-    before: Mapping[str, npt.NDArray[np.float64]],
-    after: Mapping[str, npt.NDArray[np.float64]],
-) -> Interval:
-    """Difference of mean success over all, with its interval over seeds.
+def _difference_by_chance(
+    name: str, before: Mapping[str, Rates], after: Mapping[str, Rates]
+) -> tuple[float, float, float]:
+    """Difference of mean success over all, with its 95 % interval over seeds.
 
     Raises:
         ValueError: where it, or that of one training ground, is more than chance.
     """
     changes = {home: after[home] - before[home] for home in before}
-    for home, values in changes.items():
-        found = _interval(values, 1.0 - 0.05 / len(changes))
+    level = 1.0 - 0.05 / len(changes)
+    intervals = {home: mean_interval(values, level) for home, values in changes.items()}
+    overall = mean_interval(np.mean(list(changes.values()), axis=0), 0.95)
+    for home, found in intervals.items():
+        if found is None or overall is None:
+            raise InputError("one seed tells nothing of what another processor changes")
         if found.low > 0.0 or found.high < 0.0:
             raise InputError(f"block {name}, success of {home} is another: by {found}")
-    overall = _interval(np.mean(list(changes.values()), axis=0), 0.95)
+    assert overall is not None
     if max(-overall.low, overall.high) > MARGIN:
         raise InputError(f"block {name}, success may be another: by {overall}")
-    return overall
-
-
-def _interval(values: npt.NDArray[np.float64], level: float) -> Interval:
-    found = mean_interval(values, level)
-    if found is None:
-        raise InputError("one seed tells nothing of what another processor changes")
-    return found
+    return overall.estimate, overall.low, overall.high
 
 
 def note(agreement: Agreement, folder: Path) -> None:
@@ -356,9 +338,6 @@ def check_agree(summaries: Sequence[Summary], agreements: Iterable[Agreement]) -
 
 def _key(row: dict[str, object]) -> tuple[object, ...]:
     return row["home"], row["seed"], row["cell"]
-
-
-Rates = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -401,46 +380,29 @@ def points(
         ValueError: if versions of the code were never held against each other.
     """
     check_agree([summary for _, summary in summaries], agreements)
-    by_ratio: dict[float, list[tuple[Block, Summary]]] = {}
-    for block, summary in summaries:
-        by_ratio.setdefault(block.ratio, []).append((block, summary))
-    return [one for ratio in sorted(by_ratio) for one in _points(atlas, by_ratio[ratio])]
-
-
-def _points(atlas: Atlas, blocks: Sequence[tuple[Block, Summary]]) -> Iterator[Point]:
-    """Those of one ratio."""
-    block = blocks[0][0]
     truth = atlas.panel.reference
     assert truth is not None
-    rows = [row for _, summary in blocks for row in summary.rows.to_pylist()]
-    outcomes = {(row["home"], row["seed"], row["cell"]): row for row in rows}
-    seeds = tuple(sorted({row["seed"] for row in rows}))
-    for home in block.panel.train:
-        of = {member.name: share for member, share in home.shares.items()}
-        yield Point(
-            block.ratio,
-            home,
-            seeds,
-            _rates(outcomes, home.name, seeds, of, "successes"),
-            _rates(outcomes, home.name, seeds, {truth.name: 1.0}, "successes"),
-            _rates(outcomes, home.name, seeds, {truth.name: 1.0}, "recovered"),
-        )
+    found = []
+    for ratio in sorted({block.ratio for block, _ in summaries}):
+        own = [(block, summary) for block, summary in summaries if block.ratio == ratio]
+        rows = {_key(row): row for _, summary in own for row in summary.rows.to_pylist()}
+        seeds = tuple(sorted({row["seed"] for row in rows.values()}))
+        exact = {truth.name: 1.0}
+        for home in own[0][0].panel.train:
+            shares = {member.name: share for member, share in home.shares.items()}
+            at_home, on_truth, recovered = (
+                _rates(rows, home.name, seeds, cells, count)
+                for cells, count in (
+                    (shares, "successes"), (exact, "successes"), (exact, "recovered"),
+                )
+            )  # fmt: skip
+            found.append(Point(ratio, home, seeds, at_home, on_truth, recovered))
+    return found
 
 
 def _rates(
-    outcomes: dict[tuple[str, int, str], Any],
-    home: str,
-    seeds: Sequence[int],
-    cells: dict[str, float],
-    count: str,
+    rows: Mapping[Any, Any], home: str, seeds: Sequence[int], cells: Mapping[str, float], count: str
 ) -> Rates:
     """Success rate by seed, over cells by their shares."""
-    return np.array(
-        [
-            sum(
-                share * outcomes[home, seed, cell][count] / outcomes[home, seed, cell]["episodes"]
-                for cell, share in cells.items()
-            )
-            for seed in seeds
-        ]
-    )
+    by_seed = [[(rows[home, seed, cell], x) for cell, x in cells.items()] for seed in seeds]
+    return np.array([sum(x * row[count] / row["episodes"] for row, x in own) for own in by_seed])

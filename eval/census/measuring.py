@@ -1,23 +1,38 @@
-"""What is measured of a published environment: its map, drift and limits."""
+"""What is measured of a pendulum or a cart-pole: its map, its drift and its limits."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass, field, fields, replace
+from datetime import UTC, datetime
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
 
 from integ_gym.envs import numerics
-from integ_gym.envs.engines.maps import map_names
+from integ_gym.envs.engines.interface import integrators_of, missing_modules
+from integ_gym.envs.engines.maps import map_names, one_step_map
 from integ_gym.envs.mechanics import PlantSystem
 from integ_gym.envs.ops.ops import SCALAR
 from integ_gym.envs.plants.interface import Plant, join_state
 from integ_gym.envs.registries import TRUTH
 from integ_gym.evidence.record import plain
+from integ_gym.support.errors import describe_exception
+from integ_gym.support.optional import install_command, installed_versions
 
-from .subjects import Sample, State, Statement, Subject, Transition
+from .subjects import (
+    COAST,
+    PUBLISHED,
+    Sample,
+    State,
+    Statement,
+    Subject,
+    Transition,
+    engine_subjects,
+    installed,
+)
 
 
 @dataclass(frozen=True)
@@ -51,8 +66,22 @@ def energy_drift(plant: Plant, states: Sequence[State], period: float) -> Drift:
         states: at instants ``period`` seconds apart.
         period: s.
     """
-    measured = _energies(plant, states)
-    exact = _energies(plant, _exact(plant, states, period))
+    system, exact_states = PlantSystem(plant), [states[0]] * len(states)
+    if any(getattr(plant, name) for name in numerics.damping_parameters(plant)):
+        for k in range(1, len(states)):
+            start = join_state(*exact_states[k - 1])
+            end = numerics.advance("reference", plant, start, period)
+            exact_states[k] = tuple(end[0::2]), tuple(end[1::2])
+
+    def energy(state: State) -> float:
+        try:
+            return float(system.energy(SCALAR, *state))
+        except (ArithmeticError, ValueError):  # of a component that is not finite
+            return math.nan
+
+    measured, exact = (
+        np.array([energy(state) for state in motion]) for motion in (states, exact_states)
+    )
     difference = np.abs(measured - exact) / exact[0]
     worst = float(difference.max()) if np.isfinite(difference).all() else math.inf
     return Drift(
@@ -63,29 +92,6 @@ def energy_drift(plant: Plant, states: Sequence[State], period: float) -> Drift:
         energies=tuple((measured / exact[0]).tolist()),
         exact_energies=tuple((exact / exact[0]).tolist()),
     )
-
-
-def _exact(plant: Plant, states: Sequence[State], period: float) -> Sequence[State]:
-    """The exact motion from the same start; without damping its energy is that of the start."""
-    if not any(getattr(plant, name) for name in numerics.damping_parameters(plant)):
-        return [states[0]] * len(states)
-    motion = [states[0]]
-    for _ in states[1:]:
-        end = numerics.advance("reference", plant, join_state(*motion[-1]), period)
-        motion.append((tuple(end[0::2]), tuple(end[1::2])))
-    return motion
-
-
-def _energies(plant: Plant, states: Sequence[State]) -> np.ndarray:
-    system = PlantSystem(plant)
-    return np.array([_energy(system, *state) for state in states], dtype=np.float64)
-
-
-def _energy(system: PlantSystem, q: tuple[float, ...], v: tuple[float, ...]) -> float:
-    try:
-        return float(system.energy(SCALAR, q, v))
-    except (ArithmeticError, ValueError):  # of a component that is not finite
-        return math.nan
 
 
 SUBSTEPS = (1, 2, 3, 4, 5, 8, 10, 20)
@@ -142,7 +148,11 @@ def identify(samples: Sequence[Sample], stated: Statement, width: int) -> Found:
     if found.identified:
         return found
     for count, length, names in _candidates(samples, stated):
-        if min(_screened(samples, name, count, length) for name in names) <= limit:
+        errors = (
+            max(numerics.largest_error(*both) for both in _few(samples, name, count, length))
+            for name in names
+        )
+        if min(errors) <= limit:
             other = _compared(samples, stated, count, length, limit)
             if other.identified:
                 return other
@@ -191,10 +201,22 @@ def _compared(
 
 def _fitted_period(samples: Sequence[Sample], name: str, count: int) -> float | None:
     """The length of a control period with which a map is nearest, s; None where it fails."""
-    period, before = _travelled_time(samples), math.inf
+
+    def residuals(period: float) -> np.ndarray:
+        few = _few(samples, name, count, period)
+        return np.concatenate([np.concatenate(got) - np.concatenate(end) for got, end in few])
+
+    pairs = [
+        (after - before, 0.5 * (slow + fast))
+        for sample in samples
+        for (q, v, _), (end_q, end_v) in sample.transitions
+        for before, after, slow, fast in zip(q, end_q, v, end_v, strict=True)
+    ]
+    moved, speed = np.array(pairs).T
+    # Displacement over mean velocity: the length of a control period to its second order.
+    period, before = abs(float(moved @ speed / (speed @ speed))), math.inf
     for _ in range(CORRECTIONS):
-        here = _residuals(samples, name, count, period)
-        ahead = _residuals(samples, name, count, period * (1.0 + 1e-6))
+        here, ahead = residuals(period), residuals(period * (1.0 + 1e-6))
         slopes = (ahead - here) / (period * 1e-6)
         if not (np.isfinite(slopes).all() and slopes.any()):
             return None
@@ -205,28 +227,6 @@ def _fitted_period(samples: Sequence[Sample], name: str, count: int) -> float | 
         if not 0.0 < period < math.inf:
             return None
     return period
-
-
-def _screened(samples: Sequence[Sample], name: str, count: int, period: float) -> float:
-    """Largest error of a map over a few control periods."""
-    return max(numerics.largest_error(*both) for both in _few(samples, name, count, period))
-
-
-def _travelled_time(samples: Sequence[Sample]) -> float:
-    """Displacement over mean velocity: the length of a control period to its second order, s."""
-    pairs = [
-        (after - before, 0.5 * (slow + fast))
-        for sample in samples
-        for (q, v, _), (end_q, end_v) in sample.transitions
-        for before, after, slow, fast in zip(q, end_q, v, end_v, strict=True)
-    ]
-    moved, speed = np.array(pairs).T
-    return abs(float(moved @ speed / (speed @ speed)))
-
-
-def _residuals(samples: Sequence[Sample], name: str, count: int, period: float) -> np.ndarray:
-    few = _few(samples, name, count, period)
-    return np.concatenate([np.concatenate(got) - np.concatenate(end) for got, end in few])
 
 
 def _few(
@@ -263,37 +263,32 @@ class SpeedLimit:
 def find_speed_limit(sample: Sample, found: Found) -> SpeedLimit:
     """Compare fast control periods with the map that was found at lower speeds."""
     fastest = max(abs(x) for (_, v, _), _ in sample.transitions for x in v)
-    cut = [one for one in sample.transitions if _is_cut(sample, found, one)]
+
+    def mapped(one: Transition, most: float | None = None) -> State:
+        case = one.case
+        return numerics.mapped(found.map, sample.plant, found.dt, found.substeps, case, most)
+
+    cut = [  # those that end slower than the map says
+        one
+        for one in sample.transitions
+        if any(
+            math.isfinite(x) and abs(x) - abs(got) > CUT * (1.0 + abs(x))
+            for x, got in zip(mapped(one)[1], one.end[1], strict=True)
+        )
+    ]
     if not cut:
         return SpeedLimit(fastest)
     speeds = [max(map(abs, one.end[1])) for one in cut]
     limit = max(speeds)
     if limit - min(speeds) > CUT * limit:
         return SpeedLimit(fastest, slowed=True)
-    by_cut, by_uncut = (_largest(sample, found, cut, most) for most in (limit, None))
+    by_cut, by_uncut = (
+        max(numerics.largest_error((one.end[0], ()), (mapped(one, most)[0], ())) for one in cut)
+        for most in (limit, None)
+    )
     if math.isclose(by_cut, by_uncut, abs_tol=CUT):
         return SpeedLimit(fastest, limit)
     return SpeedLimit(fastest, limit, "cut" if by_cut < by_uncut else "uncut")
-
-
-def _is_cut(sample: Sample, found: Found, one: Transition) -> bool:
-    """Whether it ends slower than the map says."""
-    _, v = numerics.mapped(found.map, sample.plant, found.dt, found.substeps, one.case)
-    return any(
-        math.isfinite(x) and abs(x) - abs(got) > CUT * (1.0 + abs(x))
-        for x, got in zip(v, one.end[1], strict=True)
-    )
-
-
-def _largest(
-    sample: Sample, found: Found, transitions: Sequence[Transition], limit: float | None
-) -> float:
-    """Largest error of the positions."""
-    errors = []
-    for case, (end_q, _) in transitions:
-        q, _ = numerics.mapped(found.map, sample.plant, found.dt, found.substeps, case, limit)
-        errors.append(numerics.largest_error((end_q, ()), (q, ())))
-    return max(errors)
 
 
 SAME_TIME = 1e-5
@@ -332,6 +327,11 @@ class Line:
         """As plain data; what is not finite is null."""
         subject, plant = self.subject, self.subject.plant
         names = ("source", "name", "version", "published")
+        drift = self.drift and asdict(self.drift)
+        if drift:  # with every so many of its energies, in the digits that a curve shows
+            every = max(1, math.ceil((len(drift["energies"]) - 1) / DRAWN))
+            for name in ("energies", "exact_energies"):
+                drift[name] = plain(drift[name][::every], 5)
         line: dict[str, Any] = {
             **{name: getattr(subject, name) for name in names},
             "plant": plant.name,
@@ -344,7 +344,7 @@ class Line:
             "stated": {**asdict(subject.stated), "dt": subject.stated.dt},
             "found": asdict(self.found),
             "speed_limit": self.speed_limit and asdict(self.speed_limit),
-            "drift": self.drift and _drift(self.drift),
+            "drift": drift,
             "differences": self.differences,
         }
         return {name: plain(value) for name, value in line.items()}
@@ -400,26 +400,95 @@ def _differences(line: Line) -> list[str]:
         said.append(
             f"said to take {stated.substeps} steps a control period, takes {found.substeps}"
         )
-    return [*said, *_limit_differences(line)]
-
-
-def _limit_differences(line: Line) -> list[str]:
-    limit, stated = line.speed_limit, line.subject.stated.max_speed
+    limit, most = line.speed_limit, stated.max_speed
     if limit is None:
-        return []
+        return said
     if limit.slowed:
-        return ["is slower than its map at high speeds"]
-    if stated is None and limit.limit is not None:
-        return [f"cuts speeds at {limit.limit:.4g} without saying so"]
-    if stated is not None and limit.limit is None and limit.fastest > stated:
-        return [f"said to cut speeds at {stated:g}, does not"]
-    if limit.moves_by == "uncut":
-        return ["moves by the velocity from before its speed limit"]
-    return []
+        said.append("is slower than its map at high speeds")
+    elif most is None and limit.limit is not None:
+        said.append(f"cuts speeds at {limit.limit:.4g} without saying so")
+    elif most is not None and limit.limit is None and limit.fastest > most:
+        said.append(f"said to cut speeds at {most:g}, does not")
+    elif limit.moves_by == "uncut":
+        said.append("moves by the velocity from before its speed limit")
+    return said
 
 
-def _drift(drift: Drift) -> dict[str, Any]:
-    """With every so many of its energies, in the digits that a curve shows."""
-    every = max(1, math.ceil((len(drift.energies) - 1) / DRAWN))
-    curves = {name: getattr(drift, name)[::every] for name in ("energies", "exact_energies")}
-    return {**asdict(drift), **plain(curves, 5)}
+SCHEMA_VERSION = 1
+PACKAGES = ("integ-gym", "numpy", "gymnasium", "jax", "mujoco", "mujoco-mjx", "warp-lang")
+"""Packages whose version is recorded beside those of the lines."""
+
+
+@dataclass
+class Census:
+    """What was found.
+
+    Attributes:
+        lines: one for each environment, and for each integrator of an engine and plant.
+        missing: source to the command that installs it.
+        failed: source to why it could not be looked at.
+    """
+
+    lines: list[Line] = field(default_factory=list)
+    missing: dict[str, str] = field(default_factory=dict)
+    failed: dict[str, str] = field(default_factory=dict)
+
+    def to_json(self, command: str) -> dict[str, Any]:
+        """Content of ``census.json``."""
+        return {
+            "schema_version": SCHEMA_VERSION,
+            "command": command,
+            "created": datetime.now(UTC).isoformat(timespec="seconds"),
+            "versions": installed_versions(PACKAGES),
+            "free_motion_seconds": COAST,
+            "maps": {name: _about(name) for name in (*map_names(), TRUTH)},
+            "lines": [line.to_json() for line in self.lines],
+            "missing": self.missing,
+            "failed": self.failed,
+        }
+
+
+def take_census(
+    libraries: Sequence[str], engines: Sequence[str], tell: Callable[[str], None]
+) -> Census:
+    """Look at everything of some libraries and engines that is installed.
+
+    What a library or engine raises is noted, and the others are looked at.
+
+    Args:
+        libraries: registered names, or ``"module:Class"`` of your own.
+        engines: registered names.
+        tell: called with a line before each source is looked at.
+
+    Raises:
+        ValueError: for an unknown name.
+    """
+    census = Census()
+    for name in libraries:
+        library = PUBLISHED.load(name)()
+        if not installed(name):
+            census.missing[library.title] = library.install
+        else:
+            tell(library.title)
+            _look(census, library.title, library.subjects)
+    for name in engines:
+        if missing_modules(name):
+            census.missing[name] = install_command(name)
+        else:
+            tell(name)
+            _look(census, name, partial(engine_subjects, name, integrators_of(name)))
+    return census
+
+
+def _about(name: str) -> str:
+    """The first sentence of a map's description."""
+    return " ".join(str(one_step_map(name).__doc__).split("\n\n")[0].split())
+
+
+def _look(census: Census, source: str, subjects: Callable[[], Iterator[Subject]]) -> None:
+    try:
+        for subject in subjects():
+            census.lines.append(measure(subject))
+            del subject  # before the next one is made
+    except Exception as error:  # whatever the code of others does
+        census.failed[source] = describe_exception(error)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from importlib.util import find_spec
 from itertools import product
@@ -178,17 +178,17 @@ class Observed:
             return None
         steps = subject.coasting_steps
         whole = [e.states for e in self.watch("zero") if len(e.states) > steps]
-        return min(whole, key=_from_the_side)[: steps + 1]
+
+        def from_the_side(states: list[State]) -> float:
+            q, v = states[0]
+            return float(abs(math.cos(q[-1])) + max(map(abs, v)))
+
+        return min(whole, key=from_the_side)[: steps + 1]
 
 
 def nearest_turn(angle: float, near: float) -> float:
     """The angle, known but for full turns, that is nearest to another, rad."""
     return near + math.remainder(angle - near, math.tau)
-
-
-def _from_the_side(states: list[State]) -> float:
-    q, v = states[0]
-    return float(abs(math.cos(q[-1])) + max(map(abs, v)))
 
 
 def _transitions(episodes: list[Episode]) -> list[Transition]:
@@ -225,7 +225,16 @@ class Settable:
     def samples(self, subject: Subject) -> list[Sample]:
         """From random states, half of them under random controls."""
         kinds = [(subject.plant, self.step), *([self.damped] if self.damped else [])]
-        return [_taken(plant, step, self._cases(subject, plant)) for plant, step in kinds]
+        scale = subject.max_control / self.spread
+        samples = []
+        for plant, step in kinds:
+            cases = [
+                _rounded((q, v, scale * control), subject.width)
+                for given in (False, True)
+                for q, v, control in numerics.cases_of(plant, given, SETTABLE_COUNT, self.spread)
+            ]
+            samples.append(_take(plant, step, cases))
+        return samples
 
     def driven(self, subject: Subject) -> Sample:
         """From fast states, under the largest control in the direction of motion."""
@@ -234,7 +243,7 @@ class Settable:
         for angle, speed, sign in product((0.5, 1.5, 2.5), FAST, (1.0, -1.0)):
             case = ((*still, sign * angle), (*still, sign * speed), sign * subject.max_control)
             cases.append(_rounded(case, subject.width))
-        return _taken(subject.plant, self.step, cases)
+        return _take(subject.plant, self.step, cases)
 
     def coast(self, subject: Subject) -> list[State] | None:
         """From 90° at rest."""
@@ -248,16 +257,8 @@ class Settable:
             states.append(state)
         return states
 
-    def _cases(self, subject: Subject, plant: Plant) -> list[numerics.Case]:
-        scale = subject.max_control / self.spread
-        return [
-            _rounded((q, v, scale * control), subject.width)
-            for controlled in (False, True)
-            for q, v, control in numerics.cases_of(plant, controlled, SETTABLE_COUNT, self.spread)
-        ]
 
-
-def _taken(plant: Plant, step: numerics.OneStep, cases: list[numerics.Case]) -> Sample:
+def _take(plant: Plant, step: numerics.OneStep, cases: Iterable[numerics.Case]) -> Sample:
     """The control periods that end in a finite state."""
     taken = (Transition(case, _end(step, case)) for case in cases)
     return Sample(plant, tuple(one for one in taken if np.isfinite(one.end).all()))
@@ -310,15 +311,15 @@ def engine_subjects(engine: str, integrators: tuple[str, ...]) -> Iterator[Subje
                     numerics.one_step(method, plant, dt),
                     damped=(damped, numerics.one_step(method, damped, dt)),
                 ),
-                **_told(method, integrator, plant, dt),
+                **_statement(method, integrator, plant, dt),
             )
 
 
-def _told(method: str, integrator: str, plant: Any, dt: float) -> dict[str, Any]:
+def _statement(method: str, integrator: str, plant: Any, dt: float) -> dict[str, Any]:
     """What an engine says of itself; it is let go."""
-    made = numerics.engine_of(method, PlantSystem(plant), dt)
-    stated = Statement(dt, map=getattr(made, "map", integrator), words=integrator)
-    return {"version": made.version, "stated": stated, "width": made.width}
+    engine = numerics.engine_of(method, PlantSystem(plant), dt)
+    stated = Statement(dt, map=getattr(engine, "map", integrator), words=integrator)
+    return {"version": engine.version, "stated": stated, "width": engine.width}
 
 
 _PUBLISHED = "integ_gym.eval.census.published"
@@ -327,13 +328,13 @@ PUBLISHED = Registry(
     "published library",
     "subjects",
     {
-        "dm_control": f"{_PUBLISHED}.dm_control:DmControl",
-        "envpool": f"{_PUBLISHED}.envpool:EnvPool",
-        "gymnasium": f"{_PUBLISHED}.gymnasium:Gymnasium",
-        "gymnasium_phys2d": f"{_PUBLISHED}.gymnasium_phys2d:GymnasiumPhys2d",
-        "gymnax": f"{_PUBLISHED}.gymnax:Gymnax",
-        "isaaclab": f"{_PUBLISHED}.isaaclab:Isaaclab",
-        "mujoco_playground": f"{_PUBLISHED}.mujoco_playground:MujocoPlayground",
+        "dm_control": f"{_PUBLISHED}:DmControl",
+        "envpool": f"{_PUBLISHED}:EnvPool",
+        "gymnasium": f"{_PUBLISHED}:Gymnasium",
+        "gymnasium_phys2d": f"{_PUBLISHED}:GymnasiumPhys2d",
+        "gymnax": f"{_PUBLISHED}:Gymnax",
+        "isaaclab": f"{_PUBLISHED}:Isaaclab",
+        "mujoco_playground": f"{_PUBLISHED}:MujocoPlayground",
     },
 )
 """Library to what its environments are read with."""

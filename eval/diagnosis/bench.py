@@ -11,7 +11,6 @@ from typing import Any, ClassVar
 
 import gymnasium as gym
 import numpy as np
-import numpy.typing as npt
 
 from integ_gym.envs import numerics
 from integ_gym.envs.engines.native import NativeEngine
@@ -29,7 +28,7 @@ from integ_gym.evidence.vector_recorder import RecordVectorEvidence
 from integ_gym.support.parameters import parameter, positive
 from integ_gym.train.policy import Policy
 
-from .subject import Subject
+from .subject import Array, Subject
 
 
 class CountingSystem(PlantSystem):
@@ -53,7 +52,7 @@ class CountingEngine(NativeEngine):
     batched: ClassVar[bool] = False
 
 
-def counted(env: IntegEnv) -> CountingSystem:
+def count_evaluations(env: IntegEnv) -> CountingSystem:
     """Put a counting engine into an environment; the motion stays the same bit by bit."""
     setup = env.setup
     stopped = setup.system.engine_stops is not None
@@ -61,9 +60,6 @@ def counted(env: IntegEnv) -> CountingSystem:
     engine = CountingEngine(system, setup.settings.integrator, setup.settings.dt)
     env.setup = replace(setup, engine=engine)
     return system
-
-
-Array = npt.NDArray[Any]
 
 
 SEED = 0
@@ -90,18 +86,15 @@ class Rollout:
 
     def so_far(self, name: str) -> Array:
         """What was booked under a name up to each instant, shape (instants, lanes)."""
-        sums: Array = np.cumsum(self.info[name], axis=0)
-        return sums
+        return np.cumsum(self.info[name], axis=0)
 
     def residual(self) -> Array:
         """Σ |energy residual| over the control periods, J, shape (lanes,); NaN where diverged."""
-        sums: Array = np.abs(self.info["energy_residual"]).sum(axis=0)
-        return sums
+        return np.asarray(np.abs(self.info["energy_residual"]).sum(axis=0))
 
     def diverged(self) -> Array:
         """Whether an episode ended before its time, shape (lanes,)."""
-        ended: Array = ~np.isfinite(self.info["energy"][-1])
-        return ended
+        return ~np.isfinite(self.info["energy"][-1])
 
 
 def follow(
@@ -221,7 +214,7 @@ class Bench:
         if len(starts) > 1:
             return self._lanes(cell, made(len(starts), **arguments), commands, starts)
         env = made.env_class(**arguments)
-        system = counted(env)
+        system = count_evaluations(env)
         rollout = self._recorded(RecordEvidence, made.__name__, cell, env, commands, starts[0])
         return replace(rollout, evaluations=system.evaluations)
 
@@ -265,8 +258,7 @@ class Bench:
                 Commands("constant", np.array([control])), np.asarray(state)[None],
                 control_period=period, duration=decisions * period, **subject.undamped,
             )  # fmt: skip
-            end: Array = rollout.state[-1, 0]
-            return end
+            return np.asarray(rollout.state[-1, 0])
 
         return advance
 

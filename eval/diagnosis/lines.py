@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -13,9 +13,8 @@ from integ_gym.envs import numerics
 from integ_gym.envs.registries import INTEGRATORS, TRUTH
 from integ_gym.support.terminal import compact
 
-from .bench import Array as Array
 from .bench import Bench, Commands, Rollout
-from .subject import Subject
+from .subject import Array, Subject
 
 
 @dataclass(frozen=True)
@@ -42,8 +41,8 @@ def near(
 ) -> Expectation:
     """Every number within a tolerance of one value, infinity included; NaN is not."""
     holds = all(x == wanted or abs(x - wanted) <= tolerance for x in measured)
-    off = "exactly" if tolerance == 0.0 or math.isinf(wanted) else f"±{said(tolerance, unit)}"
-    return Expectation(_because(said(wanted, unit), why), off, holds)
+    off = "exactly" if tolerance == 0.0 or math.isinf(wanted) else f"±{amount(tolerance, unit)}"
+    return Expectation(_with_reason(amount(wanted, unit), why), off, holds)
 
 
 def below(
@@ -51,13 +50,13 @@ def below(
 ) -> Expectation:
     """No number as large as a bound; NaN is."""
     holds = all(abs(x) < bound for x in measured)
-    return Expectation(_because("0", why), f"below {said(bound, unit)}", holds)
+    return Expectation(_with_reason("0", why), f"below {amount(bound, unit)}", holds)
 
 
 def above(bound: float, measured: Sequence[float], unit: str = "", why: str = "") -> Expectation:
     """Every number above a bound; what diverged, and so is NaN, is."""
     holds = not any(x <= bound for x in measured)
-    return Expectation(why, f"above {said(bound, unit)}", holds)
+    return Expectation(why, f"above {amount(bound, unit)}", holds)
 
 
 def undeclared(why: str = "not declared") -> Expectation:
@@ -65,7 +64,7 @@ def undeclared(why: str = "not declared") -> Expectation:
     return Expectation(why, NOTHING, None)
 
 
-def shown(value: float) -> str:
+def rounded_number(value: float) -> str:
     """A number with three significant digits, a whole one as it is; infinity and NaN in words."""
     if math.isnan(value):
         return "diverged"
@@ -75,18 +74,18 @@ def shown(value: float) -> str:
     return f"{value:z.0f}".replace("-", "−") if whole else compact(value, 3)
 
 
-def said(value: float, unit: str = "") -> str:
+def amount(value: float, unit: str = "") -> str:
     """A number that somebody chose, without trailing zeros, with its unit."""
     if not math.isfinite(value):
-        return shown(value)
-    mantissa, power, exponent = shown(value).partition("·")
+        return rounded_number(value)
+    mantissa, power, exponent = rounded_number(value).partition("·")
     if "." in mantissa:
         mantissa = mantissa.rstrip("0").rstrip(".")
     number = exponent if power and mantissa == "1" else mantissa + power + exponent
     return f"{number} {unit}".strip()
 
 
-def _because(expected: str, why: str) -> str:
+def _with_reason(expected: str, why: str) -> str:
     return f"{expected}: {why}" if why else expected
 
 
@@ -132,22 +131,20 @@ class Finding:
 
     def words(self) -> str:
         """The measurement as shown in a table."""
-        numbers = ", ".join(map(shown, self.measured))
+        numbers = ", ".join(map(rounded_number, self.measured))
         unit = f" {self.unit}" if self.unit and any(map(math.isfinite, self.measured)) else ""
-        return "; ".join(filter(None, (numbers + unit, self._order_words())))
+        order = ""
+        if self.order_steps and self.order is None:
+            order = "rounding"
+        elif self.order_steps:
+            order = f"order {self.order:.2f}" if math.isfinite(self.order) else "diverges"
+        return "; ".join(filter(None, (numbers + unit, order)))
 
     def row(self) -> dict[str, Any]:
         """The line as a table's row; ``shown`` says which numbers are not finite."""
         fields = asdict(self)
         expectation = fields.pop("expectation")
         return {**fields, **expectation, "holds": self.holds, "shown": self.words()}
-
-    def _order_words(self) -> str:
-        if not self.order_steps:
-            return ""
-        if self.order is None:
-            return "rounding"
-        return f"order {self.order:.2f}" if math.isfinite(self.order) else "diverges"
 
 
 ANY = "-"
@@ -159,44 +156,6 @@ TOLERANCE = 0.1
 
 EXACT = 1e-9
 """Errors of the exact motion are below this share of the scale."""
-
-
-def order_line(
-    diagnosis: Diagnosis,
-    integrator: str,
-    quantity: str,
-    errors: Mapping[float, float],
-    unit: str,
-    scale: float,
-    exact: str = "rounding",
-    rounding: float = numerics.ROUNDING,
-    **how: Any,
-) -> None:
-    """Add a line: errors at the subject's own steps, and the order over all steps.
-
-    Args:
-        diagnosis: gets the line.
-        integrator: a registered name or ``"module:Class"``.
-        quantity: what was measured, in words.
-        errors: by step in s; not finite where the motion diverged.
-        unit: SI unit of the errors.
-        scale: size of what is off, in the same unit: it says what rounding is.
-        exact: why the exact motion has no error.
-        rounding: share of the scale below which an error says nothing of the method.
-        how: `exactly` and `at_most` of :func:`order_expected`.
-    """
-    steps = tuple(sorted(errors, reverse=True))
-    own = tuple(step for step in steps if step in diagnosis.subject.steps) or steps
-    measured = tuple(errors[step] for step in own)
-    add = (integrator, quantity, measured, unit)
-    if integrator == TRUTH:
-        diagnosis.add(*add, below(EXACT * scale, measured, unit, exact), steps=own)
-        return
-    order = numerics.slope(steps, tuple(errors[step] for step in steps), rounding * scale)
-    expectation = order_expected(numerics.declared(integrator).order, order, **how)
-    if expectation.holds and not all(map(math.isfinite, measured)):
-        expectation = Expectation(expectation.expected, expectation.tolerance, False)
-    diagnosis.add(*add, expectation, steps=own, order=order, order_steps=steps)
 
 
 def order_expected(
@@ -230,96 +189,6 @@ def order_expected(
 SCIPY = 1e-11
 """Errors against SciPy's integral below this share of the energy are its own."""
 
-
-def ledger_line(
-    diagnosis: Diagnosis,
-    integrator: str,
-    rollouts: dict[float, Rollout],
-    name: str = "",
-    **how: Any,
-) -> None:
-    """The line on Σ |energy residual|: rounding for the exact motion, else falling at the order.
-
-    Args:
-        diagnosis: gets the line.
-        integrator: a registered name or ``"module:Class"``.
-        rollouts: by step in s; of several lanes the mean is taken.
-        name: of the motion, where the section has several.
-        how: as for :func:`integ_gym.eval.diagnosis.lines.order_line`.
-    """
-    errors = {dt: float(r.residual().mean()) for dt, r in rollouts.items()}
-    quantity = f"{name}, Σ |energy residual|" if name else "Σ |energy residual|"
-    order_line(diagnosis, integrator, quantity, errors, "J", _scale(rollouts), **how)
-
-
-def booked_line(
-    diagnosis: Diagnosis,
-    integrator: str,
-    rollouts: dict[float, Rollout],
-    quantity: str,
-    name: str,
-    truth: Array,
-) -> None:
-    """The line on what the ledger books so far against an independent integral.
-
-    Args:
-        diagnosis: gets the line.
-        integrator: a registered name or ``"module:Class"``.
-        rollouts: of one lane, by step in s.
-        quantity: what is booked, in words.
-        name: under which it is in ``info``.
-        truth: the integral up to each control instant, J, shape (instants,).
-    """
-    errors = {dt: float(np.abs(r.so_far(name)[:, 0] - truth).max()) for dt, r in rollouts.items()}
-    size = f"{np.abs(truth).max():.3g} J"
-    order_line(
-        diagnosis, integrator, f"{quantity}, largest error against SciPy's {size}", errors, "J",
-        _scale(rollouts), rounding=SCIPY,
-    )  # fmt: skip
-
-
-def _scale(rollouts: dict[float, Rollout]) -> float:
-    """Largest energy of the finest motion, J."""
-    return float(np.nanmax(rollouts[min(rollouts)].info["energy"]))
-
-
-def solver_line(
-    diagnosis: Diagnosis,
-    integrator: str,
-    rollouts: Sequence[Rollout],
-    quantity: str = "most solver iterations in a step",
-    steps: tuple[float, ...] = (),
-    stable: Sequence[bool] = (),
-) -> None:
-    """Add the most iterations of each rollout, and whether every step was solved.
-
-    Nothing is added for an integrator without a solver.
-
-    Args:
-        diagnosis: gets the line.
-        integrator: a registered name or ``"module:Class"``.
-        rollouts: the motions.
-        quantity: what was counted, in words.
-        steps: integration steps of the rollouts, s.
-        stable: which of them should be solved; empty: all.
-    """
-    owner = INTEGRATORS.load(integrator)
-    cap, tolerance = (getattr(owner, f"solver_{x}", None) for x in ("cap", "tolerance"))
-    if cap is None or tolerance is None:
-        return
-    most = [float(np.nanmax(r.info["solver_iterations"])) for r in rollouts]
-    worst = [float(np.nanmax(r.info["solver_residual"])) for r in rollouts]
-    asked = [x for x, y in zip(worst, stable or [True] * len(worst), strict=True) if y]
-    if not asked:
-        return
-    expectation = Expectation(
-        "solved" if len(asked) == len(worst) else "solved where it does not grow",
-        f"residual up to {said(tolerance)} in {cap} iterations",
-        all(x <= tolerance for x in asked),
-    )
-    diagnosis.add(integrator, quantity, most, "", expectation, steps=steps)
-
-
 NO_CONTROL = np.zeros(1)
 
 
@@ -335,7 +204,7 @@ class Diagnosis:
         leads: whether it also says what does not depend on the plant.
         findings: the lines so far.
         curves: what the figures draw, by name of the figure.
-        told: what each integrator is on this plant.
+        identities: what each integrator is on this plant.
     """
 
     section: str
@@ -345,7 +214,7 @@ class Diagnosis:
     leads: bool = True
     findings: list[Finding] = field(default_factory=list)
     curves: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
-    told: list[dict[str, Any]] = field(default_factory=list)
+    identities: list[dict[str, Any]] = field(default_factory=list)
 
     def steps(self, integrator: str) -> tuple[float, ...]:
         """Steps to take, coarse to fine, s: the exact motion is the same at every step."""
@@ -404,3 +273,122 @@ class Diagnosis:
     def draw(self, figure: str, **curve: Any) -> None:
         """Keep a curve for a figure."""
         self.curves.setdefault(figure, []).append({"plant": self.subject.name, **curve})
+
+    def add_order(
+        self,
+        integrator: str,
+        quantity: str,
+        errors: Mapping[float, float],
+        unit: str,
+        scale: float,
+        exact: str = "rounding",
+        rounding: float = numerics.ROUNDING,
+        **how: Any,
+    ) -> None:
+        """Add a line: errors at the subject's own steps, and the order over all steps.
+
+        Args:
+            integrator: a registered name or ``"module:Class"``.
+            quantity: what was measured, in words.
+            errors: by step in s; not finite where the motion diverged.
+            unit: SI unit of the errors.
+            scale: size of what is off, in the same unit: it says what rounding is.
+            exact: why the exact motion has no error.
+            rounding: share of the scale below which an error says nothing of the method.
+            how: `exactly` and `at_most` of :func:`order_expected`.
+        """
+        steps = tuple(sorted(errors, reverse=True))
+        own = tuple(step for step in steps if step in self.subject.steps) or steps
+        measured = tuple(errors[step] for step in own)
+        if integrator == TRUTH:
+            exactly = below(EXACT * scale, measured, unit, exact)
+            self.add(integrator, quantity, measured, unit, exactly, steps=own)
+            return
+        order = numerics.slope(steps, tuple(errors[step] for step in steps), rounding * scale)
+        expectation = order_expected(numerics.declared(integrator).order, order, **how)
+        if expectation.holds and not all(map(math.isfinite, measured)):
+            expectation = replace(expectation, holds=False)
+        self.add(
+            integrator, quantity, measured, unit, expectation,
+            steps=own, order=order, order_steps=steps,
+        )  # fmt: skip
+
+    def add_ledger(
+        self, integrator: str, rollouts: Mapping[float, Rollout], name: str = "", **how: Any
+    ) -> None:
+        """Add Σ |energy residual|: rounding for the exact motion, else falling at the order.
+
+        Args:
+            integrator: a registered name or ``"module:Class"``.
+            rollouts: by step in s; of several lanes the mean is taken.
+            name: of the motion, where the section has several.
+            how: as for :meth:`add_order`.
+        """
+        errors = {dt: float(r.residual().mean()) for dt, r in rollouts.items()}
+        quantity = f"{name}, Σ |energy residual|" if name else "Σ |energy residual|"
+        self.add_order(integrator, quantity, errors, "J", _largest_energy(rollouts), **how)
+
+    def add_booked(
+        self,
+        integrator: str,
+        rollouts: Mapping[float, Rollout],
+        quantity: str,
+        name: str,
+        truth: Array,
+    ) -> None:
+        """Add what the ledger books up to each instant against an independent integral.
+
+        Args:
+            integrator: a registered name or ``"module:Class"``.
+            rollouts: of one lane, by step in s.
+            quantity: what is booked, in words.
+            name: under which it is in ``info``.
+            truth: the integral up to each control instant, J, shape (instants,).
+        """
+        errors = {
+            dt: float(np.abs(r.so_far(name)[:, 0] - truth).max()) for dt, r in rollouts.items()
+        }
+        quantity = f"{quantity}, largest error against SciPy's {np.abs(truth).max():.3g} J"
+        scale = _largest_energy(rollouts)
+        self.add_order(integrator, quantity, errors, "J", scale, rounding=SCIPY)
+
+    def add_solver(
+        self,
+        integrator: str,
+        rollouts: Sequence[Rollout],
+        quantity: str = "most solver iterations in a step",
+        steps: tuple[float, ...] = (),
+        stable: Sequence[bool] = (),
+    ) -> None:
+        """Add the most iterations of each rollout, and whether every step was solved.
+
+        Nothing is added for an integrator without a solver.
+
+        Args:
+            integrator: a registered name or ``"module:Class"``.
+            rollouts: the motions.
+            quantity: what was counted, in words.
+            steps: integration steps of the rollouts, s.
+            stable: which of them should be solved; empty: all.
+        """
+        owner = INTEGRATORS.load(integrator)
+        cap, tolerance = (getattr(owner, f"solver_{x}", None) for x in ("cap", "tolerance"))
+        if cap is None or tolerance is None:
+            return
+        most, worst = (
+            [float(np.nanmax(r.info[f"solver_{name}"])) for r in rollouts]
+            for name in ("iterations", "residual")
+        )
+        asked = [x for x, y in zip(worst, stable or [True] * len(worst), strict=True) if y]
+        if asked:
+            expectation = Expectation(
+                "solved" if len(asked) == len(worst) else "solved where it does not grow",
+                f"residual up to {amount(tolerance)} in {cap} iterations",
+                all(x <= tolerance for x in asked),
+            )
+            self.add(integrator, quantity, most, "", expectation, steps=steps)
+
+
+def _largest_energy(rollouts: Mapping[float, Rollout]) -> float:
+    """Of the finest motion, J."""
+    return float(np.nanmax(rollouts[min(rollouts)].info["energy"]))

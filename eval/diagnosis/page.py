@@ -1,28 +1,33 @@
-"""What the sections of a diagnosis share: who is examined, and how lines and curves are kept."""
+"""A diagnosis as text and as a page: what everybody is, what does not hold, and every line."""
 
 from __future__ import annotations
 
 import base64
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from importlib import resources
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TextIO
 
 from integ_gym.support.files import replace_file
 from integ_gym.support.pages import page_environment, page_parts
-from integ_gym.support.terminal import plural
-
-from .bench import Array as Array
-from .lines import ANY, NOTHING, VERDICTS
-from .terminal import (
-    IDENTITY,
-    Line,
-    identity_cells,
-    topics,
+from integ_gym.support.terminal import (
+    hanging_indent,
+    plural,
+    print_columns,
+    print_wrapped,
+    width_of,
 )
 
+from .lines import ANY, NOTHING, VERDICTS
+
 DIAGNOSIS_PAGE: Final = "diagnose.html"
+
+IDENTITY: Final = (
+    "plant", "integrator", "order", "symplectic", "reversible", "oscillations stable up to"
+)  # fmt: skip
+"""Names of what is identity of an integrator on a plant."""
 
 _CAPTIONS: Final = {
     "energy": "Free motion: change of energy over time",
@@ -33,6 +38,107 @@ _CAPTIONS: Final = {
     "contact": "Impact: rebound, penetration and ledger by step and stiffness",
 }
 """Figure, as far as its name's first part says, to what it shows."""
+
+_NAME: Final = 17
+"""Characters of the longest name of a built-in integrator."""
+
+Line = Mapping[str, Any]
+"""A finding as ``diagnose.json`` has it."""
+
+
+def print_diagnosis(result: Mapping[str, Any], file: TextIO, *, every_line: bool = False) -> None:
+    """Print the content of ``diagnose.json``.
+
+    Args:
+        result: the content.
+        file: where to.
+        every_line: whether to print every line as well, and how many hold by section.
+    """
+    lines = result["findings"]
+    asked, failed = _judged(lines)
+    print("What they are", file=file)
+    print_columns(IDENTITY, [_identity_cells(identity) for identity in result["identities"]], file)
+    print(f"\n{len(asked) - len(failed)} of {len(asked)} expectations hold.", file=file)
+    if failed:
+        print_wrapped("These do not hold for an integrator at this step on this plant:", file)
+    for title, topic in _topics(failed):
+        print(file=file)
+        print_wrapped(title, file)
+        for wanted, own in _grouped(topic, _expectation):
+            print_wrapped(f"expected {wanted}", file, indent="  ")
+            for line in own:
+                name = f"    {line['integrator']:<{_NAME}} "
+                print(hanging_indent(name, line["shown"], width_of(file)), file=file)
+    if not every_line:
+        return
+    for title, topic in _topics(lines):
+        print(file=file)
+        print_wrapped(title, file)
+        rows = [
+            (line["integrator"], line["shown"], line["expected"], line["tolerance"],
+             VERDICTS[line["holds"]])
+            for line in topic
+        ]  # fmt: skip
+        print_columns(("integrator", "measured", "expected", "tolerance", "holds"), rows, file)
+    _print_counts(asked, file)
+
+
+def _judged(lines: Sequence[Line]) -> tuple[list[Line], list[Line]]:
+    """Lines that expect something, and those of them that do not hold."""
+    asked = [line for line in lines if line["holds"] is not None]
+    return asked, [line for line in asked if not line["holds"]]
+
+
+def _grouped(lines: Sequence[Line], key: Any) -> Iterable[tuple[Any, list[Line]]]:
+    """Lines of the same key together, in the order of the first of each."""
+    groups: dict[Any, list[Line]] = {}
+    for line in lines:
+        groups.setdefault(key(line), []).append(line)
+    return groups.items()
+
+
+def _topics(lines: Sequence[Line]) -> Iterable[tuple[str, list[Line]]]:
+    """Lines on one quantity together, with a title."""
+    for key, topic in _grouped(lines, lambda x: (x["plant"], x["section"], x["quantity"])):
+        plant, section, quantity = key
+        steps = max((line["steps"] for line in topic), key=len)
+        at = f" (dt {', '.join(f'{step:.4g}' for step in steps)} s)" if steps else ""
+        yield f"{plant}, {section}: {quantity}{at}", topic
+
+
+def _expectation(line: Line) -> str:
+    tolerance = f"; {line['tolerance']}" if line["tolerance"] != NOTHING else ""
+    return f"{line['expected']}{tolerance}"
+
+
+def _identity_cells(identity: Mapping[str, Any]) -> tuple[str, ...]:
+    """What an integrator is on a plant, in words."""
+    answers, order = {True: "yes", False: "no"}, identity["order"]
+    if not isinstance(order, str):
+        order = "diverges" if order is None else f"{order:.2f}"
+    return (
+        identity["plant"], identity["integrator"], order, answers[identity["symplectic"]],
+        answers[identity["reversible"]], identity["stable"],
+    )  # fmt: skip
+
+
+def _print_counts(asked: Sequence[Line], file: TextIO) -> None:
+    """Expectations that hold of those that there are, by plant and integrator and section."""
+
+    def count(section: str, owner: tuple[str, str] | None = None) -> str:
+        own = [x for x in asked if x["section"] == section and owner in (None, owner_of(x))]
+        return f"{sum(line['holds'] for line in own)}/{len(own)}" if own else ""
+
+    def owner_of(line: Line) -> tuple[str, str]:
+        return line["plant"], "" if line["integrator"] == ANY else line["integrator"]
+
+    sections = list(dict.fromkeys(line["section"] for line in asked))
+    plants = list(dict.fromkeys(line["plant"] for line in asked))
+    owners = sorted(dict.fromkeys(map(owner_of, asked)), key=lambda owner: plants.index(owner[0]))
+    print("\nExpectations that hold, of those there are", file=file)
+    rows = [(*owner, *(count(section, owner) for section in sections)) for owner in owners]
+    rows.append(("all", "", *map(count, sections)))
+    print_columns(("plant", "integrator", *sections), rows, file)
 
 
 def write_page(result: Mapping[str, Any], directory: Path) -> Path:
@@ -46,24 +152,24 @@ def write_page(result: Mapping[str, Any], directory: Path) -> Path:
         ModuleNotFoundError: if jinja2 is not installed, with the command that installs it.
     """
     lines = result["findings"]
-    asked = [line for line in lines if line["holds"] is not None]
-    failed = [line for line in asked if not line["holds"]]
+    asked, failed = _judged(lines)
+    counts = {noun: len(result[f"{noun}s"]) for noun in ("plant", "integrator")}
+    counted = {**counts, "expectation": len(asked), "recorded rollout": result["records"]}
+    tiles = [tuple(plural(count, noun).split(" ", 1)) for noun, count in counted.items()]
+    tiles.insert(3, (f"{len(failed):,}", "do not hold" if len(failed) != 1 else "does not hold"))
     text: str = _template().render(
         **page_parts(),
         result=result,
         answer=_answer(result, asked, failed),
-        tiles=[
-            _tile(len(result["plants"]), "plant"),
-            _tile(len(result["integrators"]), "integrator"),
-            _tile(len(asked), "expectation"),
-            (f"{len(failed):,}", "do not hold" if len(failed) != 1 else "does not hold"),
-            _tile(result["records"], "recorded rollout"),
-        ],
+        tiles=tiles,
         identity=IDENTITY,
-        identities=[identity_cells(told) for told in result["identities"]],
-        failed=list(topics(failed)),
+        identities=[_identity_cells(identity) for identity in result["identities"]],
+        failed=list(_topics(failed)),
         figures=_figures(directory / "figures"),
-        sections=_sections(lines),
+        sections=[
+            (*place, list(_topics(own)))
+            for place, own in _grouped(lines, lambda x: (x["plant"], x["section"]))
+        ],
         verdicts=VERDICTS,
         nothing=NOTHING,
         anybody=ANY,
@@ -78,25 +184,17 @@ def _template() -> Any:
     return page_environment().from_string(folder.joinpath("diagnose.html.j2").read_text("utf-8"))
 
 
-def _tile(count: int, noun: str) -> tuple[str, str]:
-    number, _, words = plural(count, noun).partition(" ")
-    return number, words
-
-
 def _answer(result: Mapping[str, Any], asked: Sequence[Line], failed: Sequence[Line]) -> str:
-    said = (
+    answer = (
         f"{len(asked) - len(failed)} of {plural(len(asked), 'expectation')} of "
         f"{plural(len(result['integrators']), 'integrator')} on "
         f"{plural(len(result['plants']), 'plant')} hold."
     )
     if not failed:
-        return said
-    counts: dict[str, int] = {}
-    for line in failed:
-        counts[line["integrator"]] = counts.get(line["integrator"], 0) + 1
-    worst = sorted(counts, key=lambda name: -counts[name])
-    told = ", ".join(f"{name} {counts[name]}" for name in worst)
-    return f"{said} What does not, by integrator: {told}."
+        return answer
+    counts = Counter(line["integrator"] for line in failed).most_common()
+    by_name = ", ".join(f"{name} {count}" for name, count in counts)
+    return f"{answer} What does not, by integrator: {by_name}."
 
 
 def _figures(folder: Path) -> list[tuple[str, str, str]]:
@@ -106,16 +204,6 @@ def _figures(folder: Path) -> list[tuple[str, str, str]]:
         for path in sorted(folder.glob(f"{name}*.png")):
             plant = path.stem.removeprefix(name).strip("_").replace("_", " ")
             content = base64.b64encode(path.read_bytes()).decode()
-            said = f"{caption}, {plant}" if plant else caption
-            found.append((path.stem, said, f"data:image/png;base64,{content}"))
+            title = f"{caption}, {plant}" if plant else caption
+            found.append((path.stem, title, f"data:image/png;base64,{content}"))
     return found
-
-
-def _sections(lines: Sequence[Line]) -> list[tuple[str, str, list[tuple[str, list[Line]]]]]:
-    """Plant, section and their quantities."""
-    places = dict.fromkeys((line["plant"], line["section"]) for line in lines)
-    return [(plant, section, list(topics(_of(lines, plant, section)))) for plant, section in places]
-
-
-def _of(lines: Sequence[Line], plant: str, section: str) -> list[Line]:
-    return [x for x in lines if (x["plant"], x["section"]) == (plant, section)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import as_completed
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,25 +15,19 @@ from integ_gym.evidence.record import plain
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.support.errors import InputError, IntegGymError, is_raised_under
 from integ_gym.support.files import cannot_write, make_folder, replace_file
-from integ_gym.support.processes import Progress, work_bar
+from integ_gym.support.processes import Progress
+from integ_gym.support.terminal import WorkBar
 
 from ..panel.run_directory import package_versions
 from .bench import Bench
+from .contact import diagnose_contact
+from .control import diagnose_actuation, diagnose_latency, diagnose_refinement
 from .figures import write_diagnosis_figures
+from .identity import diagnose_identity, diagnose_plant
 from .lines import Diagnosis
+from .oscillations import diagnose_free_motion, diagnose_stiffness
 from .page import write_page
-from .sections import (
-    actuation,
-    contact,
-    damping,
-    free_motion,
-    friction,
-    identity,
-    latency,
-    plant,
-    refinement,
-    stiffness,
-)
+from .resistances import diagnose_damping, diagnose_friction
 from .subject import Subject, check_integrator, subjects
 
 SCHEMA_VERSION = 1
@@ -42,16 +36,16 @@ SCHEMA_VERSION = 1
 RESULT = "diagnose.json"
 
 SECTIONS: dict[str, Callable[[Diagnosis], None]] = {
-    "plant": plant.diagnose_plant,
-    "integrator": identity.diagnose_identity,
-    "free motion": free_motion.diagnose_free_motion,
-    "stiffness": stiffness.diagnose_stiffness,
-    "damping": damping.diagnose_damping,
-    "friction": friction.diagnose_friction,
-    "contact": contact.diagnose_contact,
-    "actuation": actuation.diagnose_actuation,
-    "timestep refinement": refinement.diagnose_refinement,
-    "latency": latency.diagnose_latency,
+    "plant": diagnose_plant,
+    "integrator": diagnose_identity,
+    "free motion": diagnose_free_motion,
+    "stiffness": diagnose_stiffness,
+    "damping": diagnose_damping,
+    "friction": diagnose_friction,
+    "contact": diagnose_contact,
+    "actuation": diagnose_actuation,
+    "timestep refinement": diagnose_refinement,
+    "latency": diagnose_latency,
 }
 """Sections in the order in which they are shown."""
 
@@ -97,46 +91,38 @@ class DiagnosisError(IntegGymError, ValueError):
     """A plant or integrator that cannot be diagnosed, in one sentence."""
 
 
-@dataclass(frozen=True)
-class _Job:
-    """One section on one plant: what a worker does at a time."""
+Job = tuple[str, Subject, tuple[str, ...], Path, bool]
+"""What a worker does at a time: the arguments of :func:`examine`."""
 
-    section: str
-    subject: Subject
-    integrators: tuple[str, ...]
-    evidence: Path
-    leads: bool
 
-    def run(self) -> Diagnosis:
-        """Examine, and commit the evidence.
+def examine(
+    section: str, subject: Subject, integrators: tuple[str, ...], evidence: Path, leads: bool
+) -> Diagnosis:
+    """Run one section on one plant, and commit its evidence.
 
-        Raises:
-            DiagnosisError: naming the plant and the integrator that failed.
-        """
-        bench = Bench(EvidenceStore(self.evidence), run_id="diagnose")
-        diagnosis = Diagnosis(self.section, bench, self.subject, self.integrators, self.leads)
-        try:
-            SECTIONS[self.section](diagnosis)
-        except Exception as error:
-            raise DiagnosisError(self._failure(error)) from error
-        bench.commit(self.section.replace(" ", "_"))
-        return diagnosis
-
-    def _failure(self, error: Exception) -> str:
-        """A sentence on what failed, with whose step it was where one of them was at work."""
-        failed = (n for n in self.integrators if is_raised_under(INTEGRATORS.load(n), error))
-        names = tuple(failed) or self.integrators
-        what = " ".join(str(error).split())
-        own = any(":" in name for name in (self.subject.name, *names))
+    Raises:
+        DiagnosisError: naming the plant and the integrator that failed.
+    """
+    bench = Bench(EvidenceStore(evidence), run_id="diagnose")
+    diagnosis = Diagnosis(section, bench, subject, integrators, leads)
+    try:
+        SECTIONS[section](diagnosis)
+    except Exception as error:
+        # Whose step it was, where one of them was at work.
+        failed = [n for n in integrators if is_raised_under(INTEGRATORS.load(n), error)]
+        names = failed or integrators
+        own = any(":" in name for name in (subject.name, *names))
         remedy = (
             "docs/how-to/adding.md says what a plant and an integrator must be"
             if own
             else "this is a fault of integ-gym's: please report it with this line"
         )
-        return (
-            f"{self.section} of {self.subject.name} with {', '.join(names)} failed: "
-            f"{type(error).__name__}: {what}; {remedy}"
-        )
+        raise DiagnosisError(
+            f"{section} of {subject.name} with {', '.join(names)} failed: "
+            f"{type(error).__name__}: {' '.join(str(error).split())}; {remedy}"
+        ) from error
+    bench.commit(section.replace(" ", "_"))
+    return diagnosis
 
 
 def diagnose(
@@ -168,14 +154,17 @@ def diagnose(
     plants, names = request.chosen()
     unfinished = make_folder(directory) / "evidence.unfinished"
     shutil.rmtree(unfinished, ignore_errors=True)
-    jobs = [
-        _Job(section, subject, names, unfinished, subject is plants[0])
+    jobs: list[Job] = [
+        (section, subject, names, unfinished, subject is plants[0])
         for subject in plants
         for section in SECTIONS
     ]
-    with work_bar("diagnose", len(jobs), progress, unit=" sections") as bar:
+    with WorkBar("diagnose", len(jobs), progress, unit=" sections") as bar:
         try:
-            parts = _all(jobs, workers, bar.update)
+            found = {}
+            for place, part in _examine_all(jobs, workers):
+                found[place] = part
+                bar.update()
             for earlier in ("evidence", "figures"):
                 shutil.rmtree(directory / earlier, ignore_errors=True)
             unfinished.rename(directory / "evidence")
@@ -185,33 +174,29 @@ def diagnose(
             raise DiagnosisError(str(error)) from error
         finally:
             shutil.rmtree(unfinished, ignore_errors=True)
-        bar.set_postfix_str("writing figures and page")
-        result = _result(parts, plants, names, command)
-        result["records"] = EvidenceStore(directory / "evidence").count()
+        bar.describe("writing figures and page")
+        parts = [found[place] for place in range(len(jobs))]
+        records = EvidenceStore(directory / "evidence").count()
+        result = {**_result(parts, plants, names, command), "records": records}
         text = json.dumps(result, indent=1, allow_nan=False)
         replace_file(directory / RESULT, text.encode())
         write_diagnosis_figures(result, directory / "figures")
         write_page(result, directory)
-        bar.set_postfix_str("", refresh=False)
+        bar.describe("")
     return result
 
 
-def _all(jobs: list[_Job], workers: int, on_job: Callable[[], object]) -> list[Diagnosis]:
-    """Results in the order of the jobs."""
+def _examine_all(jobs: Sequence[Job], workers: int) -> Iterator[tuple[int, Diagnosis]]:
+    """Places of jobs, with their results, as they are done."""
     if min(workers, len(jobs)) < 2:
-        done = []
-        for job in jobs:
-            done.append(job.run())
-            on_job()
-        return done
+        for place, job in enumerate(jobs):
+            yield place, examine(*job)
+        return
     with Progress().pool(workers) as pool:
-        order = sorted(range(len(jobs)), key=lambda i: jobs[i].section not in _LONGEST)
-        running = {pool.submit(jobs[i].run): i for i in order}
-        found = {}
+        order = sorted(range(len(jobs)), key=lambda place: jobs[place][0] not in _LONGEST)
+        running = {pool.submit(examine, *jobs[place]): place for place in order}
         for future in as_completed(running):
-            found[running[future]] = future.result()
-            on_job()
-    return [found[i] for i in range(len(jobs))]
+            yield running[future], future.result()
 
 
 def _result(
@@ -238,7 +223,7 @@ def _result(
             for s in plants
         ],
         "integrators": names,
-        "identities": [told for part in parts for told in part.told],
+        "identities": [one for part in parts for one in part.identities],
         "findings": [finding.row() for part in parts for finding in part.findings],
         "curves": plain(curves, _DIGITS),
     }

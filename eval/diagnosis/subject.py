@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import numbers
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from typing import Any
 
@@ -15,12 +15,13 @@ from integ_gym.envs import numerics
 from integ_gym.envs.catalogue.lookup import environment_class, environment_setup
 from integ_gym.envs.integrators.interface import LinearTheory
 from integ_gym.envs.ops.array_ops import ARRAY
+from integ_gym.envs.ops.ops import Components
 from integ_gym.envs.plants.interface import Plant, join_state
 from integ_gym.envs.registries import ENVIRONMENTS, INTEGRATORS, PLANTS
 from integ_gym.envs.settings import whole_multiple
 from integ_gym.support.errors import InputError
 
-Array = npt.NDArray[np.float64]
+Array = npt.NDArray[Any]
 
 RELEASE = 0.5
 """Displacement from rest at the start of a free motion: rad, or m without any angle."""
@@ -143,12 +144,11 @@ def subjects(env_id: str | None, plant: str | None, steps: Sequence[float]) -> l
         raise InputError(f"--env {env_id} has its own plant; give --env or --plant, not both")
     if env_id is not None:
         return [_subject(environment_class(env_id).task_class().plant, (env_id,), steps)]
-    names = (plant,) if plant is not None else PLANTS.names()
-    return [_subject(name, _about(name), steps) for name in names]
-
-
-def _about(plant: str) -> tuple[str, ...]:
-    return tuple(i for i in ENVIRONMENTS if environment_class(i).task_class().plant == plant)
+    owners = {i: environment_class(i).task_class().plant for i in ENVIRONMENTS}
+    return [
+        _subject(name, tuple(i for i, owner in owners.items() if owner == name), steps)
+        for name in ((plant,) if plant is not None else PLANTS.names())
+    ]
 
 
 def _subject(name: str, environments: tuple[str, ...], steps: Sequence[float]) -> Subject:
@@ -231,9 +231,6 @@ def _usual_step(environments: tuple[str, ...], frequency: float) -> float:
     return max(m for m in (1.0, 2.0, 5.0) if m * power <= wanted * (1.0 + 1e-9)) * power
 
 
-_LANES = 2
-
-
 def theory_of(integrator: str) -> LinearTheory | None:
     """What an integrator's class itself declares; None where it says nothing.
 
@@ -257,17 +254,23 @@ def check_integrator(name: str, subject: Subject) -> None:
     Raises:
         ValueError: for an unknown integrator, and for one of the above.
     """
-    said = numerics.declared(name)
-    _require(name, "order", said.order, _whole, "a whole number above 0")
-    for attribute in ("symplectic", "reversible"):
-        _require(name, attribute, getattr(said, attribute), _boolean, "True or False")
-    owner = INTEGRATORS.load(name)
-    for attribute in ("solver_tolerance", "solver_cap"):
-        _require(name, attribute, getattr(owner, attribute, None), _positive, "a number above 0")
+    said, owner = numerics.declared(name), INTEGRATORS.load(name)
+    answers = {"symplectic": said.symplectic, "reversible": said.reversible}
+    amounts = {a: getattr(owner, a, None) for a in ("solver_tolerance", "solver_cap")}
+    for attribute, value, wanted, valid in (
+        ("order", said.order, "a whole number above 0", _is_number(said.order, numbers.Integral)),
+        *((a, x, "True or False", isinstance(x, (bool, np.bool_))) for a, x in answers.items()),
+        *((a, x, "a number above 0", _is_number(x, numbers.Real)) for a, x in amounts.items()),
+    ):
+        if value is not None and not valid:
+            raise InputError(
+                f"`{attribute}` of the integrator {name!r} must be {wanted}, got {value!r}; leave "
+                "it out where nothing is promised"
+            )
     dt = subject.steps[-1]
     try:
         numerics.advance(name, subject.plant, subject.start, dt)
-        numerics.advance_lanes(name, subject.plant, np.tile(subject.start, (_LANES, 1)), dt)
+        numerics.advance_lanes(name, subject.plant, np.tile(subject.start, (2, 1)), dt)
     except Exception as error:  # whatever a user's step does
         what = " ".join(str(error).split())
         raise InputError(
@@ -276,26 +279,9 @@ def check_integrator(name: str, subject: Subject) -> None:
         ) from error
 
 
-def _require(
-    name: str, attribute: str, value: Any, valid: Callable[[Any], bool], wanted: str
-) -> None:
-    if value is not None and not valid(value):
-        raise InputError(
-            f"`{attribute}` of the integrator {name!r} must be {wanted}, got {value!r}; leave it "
-            "out where nothing is promised"
-        )
-
-
-def _whole(value: Any) -> bool:
-    return isinstance(value, numbers.Integral) and not _boolean(value) and int(value) > 0
-
-
-def _positive(value: Any) -> bool:
-    return isinstance(value, numbers.Real) and not _boolean(value) and float(value) > 0.0
-
-
-def _boolean(value: Any) -> bool:
-    return isinstance(value, (bool, np.bool_))
+def _is_number(value: Any, kind: type[Any]) -> bool:
+    """Whether a value is a number of a kind above 0."""
+    return isinstance(value, kind) and not isinstance(value, (bool, np.bool_)) and value > 0
 
 
 _MOST_STEPS = 500
@@ -332,11 +318,15 @@ def rest_state(plant: Plant) -> Array:
     Journal on Numerical Analysis 35.
     """
     n = len(plant.coordinates)
+
+    def resting(points: Array) -> Array:
+        return accelerations(plant, tuple(points.T), (0.0,) * n)
+
     q = best = 0.1 * np.arange(1.0, n + 1.0)
     least, first, step, stalled = np.inf, 0.0, 0.0, 0
     for _ in range(_MOST_STEPS):
-        pull = _accelerations(plant, q[None])[0]
-        slopes = numerics.jacobian(lambda points: _accelerations(plant, points), q)
+        pull = resting(q[None])[0]
+        slopes = numerics.jacobian(resting, q)
         if not (np.isfinite(pull).all() and np.isfinite(slopes).all()):
             break
         size, rates = float(np.abs(pull).max()), np.linalg.eigvals(slopes)
@@ -358,9 +348,7 @@ def rest_state(plant: Plant) -> Array:
     )
 
 
-def _accelerations(plant: Plant, points: Array) -> Array:
-    """At zero speed and control, shape (lanes, n) to (lanes, n)."""
-    q = tuple(points.T)
-    nothing = tuple(np.zeros((len(q), len(points))))
-    columns = plant.acceleration(ARRAY, q, nothing, nothing)
-    return np.stack([np.broadcast_to(x, len(points)) for x in columns], -1)
+def accelerations(plant: Plant, q: Components, v: Components) -> Array:
+    """Without control, of components of shape (lanes,), shape (lanes, n)."""
+    columns = plant.acceleration(ARRAY, q, v, (0.0,) * len(q))
+    return np.stack([np.broadcast_to(x, np.shape(q[0])) for x in columns], -1)

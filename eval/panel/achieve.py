@@ -19,7 +19,7 @@ import numpy as np
 from integ_gym.envs import numerics
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.support.processes import report_work
-from integ_gym.train.baselines.making import possible_baselines
+from integ_gym.train.baselines import possible_baselines
 
 from ..verdict import (
     ACHIEVED,

@@ -22,8 +22,8 @@ from integ_gym.support.files import replace_file
 from integ_gym.support.optional import installed_versions, require
 from integ_gym.support.processes import check_spawning, cores
 from integ_gym.support.storage import Storage, open_storage
-from integ_gym.support.terminal import say
-from integ_gym.train.baselines.making import possible_baselines
+from integ_gym.support.terminal import print_wrapped
+from integ_gym.train.baselines import possible_baselines
 from integ_gym.train.policy_files.reading import unscaled
 from integ_gym.train.policy_files.sidecar import Stated
 
@@ -368,7 +368,7 @@ def _processes(workers: int | None, seconds: float) -> int:
 
 def tell_doubt(doubt: str) -> None:
     """Say a sentence that casts doubt on a result on stderr."""
-    say(f"warning: {doubt}", sys.stderr)
+    print_wrapped(f"warning: {doubt}", sys.stderr)
 
 
 def evaluate(

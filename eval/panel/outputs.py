@@ -68,10 +68,10 @@ def phases(label: str, shown: bool) -> Iterator[Begin]:
 
         def begin(phase: Phase) -> None:
             bar.update(_BEFORE[phase] - bar.n)
-            bar.set_postfix_str(phase)
+            bar.describe(phase)
 
         yield begin
-        bar.set_postfix_str("", refresh=False)
+        bar.describe("")
 
 
 def write_artefact(

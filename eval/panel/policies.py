@@ -23,7 +23,7 @@ from integ_gym.evidence.schema import argument_values
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.support.errors import InputError
 from integ_gym.support.files import read_object
-from integ_gym.train.baselines.making import BASELINES, make_baseline
+from integ_gym.train.baselines import BASELINES, make_baseline
 from integ_gym.train.called_policy import CalledPolicy, behaviour_hash
 from integ_gym.train.monitoring import RawModel
 from integ_gym.train.policy import MlpPolicy, Policy

@@ -17,8 +17,8 @@ from integ_gym.envs.testbeds.interface import Testbed
 from integ_gym.envs.testbeds.making import find_testbed
 from integ_gym.support.files import read_bounded
 from integ_gym.support.optional import install_command, package_version
-from integ_gym.train.algorithms import ALGORITHMS, Algorithm
-from integ_gym.train.baselines.making import BASELINES, possible_baselines
+from integ_gym.train.baselines import BASELINES, possible_baselines
+from integ_gym.train.runs import ALGORITHMS, Algorithm
 
 from ..verdict import MIN_SEEDS
 from .cells import (

@@ -14,8 +14,9 @@ from typing import Any
 from integ_gym.support.errors import IntegGymError
 from integ_gym.support.executors import Cluster, TaskPool
 from integ_gym.support.files import read_files
-from integ_gym.support.processes import ESTIMATE_LOOK, Progress, work_bar
-from integ_gym.train.baselines.making import make_baseline
+from integ_gym.support.processes import Progress
+from integ_gym.support.terminal import WorkBar
+from integ_gym.train.baselines import make_baseline
 from integ_gym.train.config import TrainingConfig
 from integ_gym.train.policy import Policy
 from integ_gym.train.policy_files.card import card_hash
@@ -199,7 +200,7 @@ class Work:
     def _results(
         self, phase: str, tasks: Mapping[str, tuple[Any, ...]], discard: Callable[[str], None]
     ) -> Iterator[tuple[str, Any]]:
-        self._bar.set_postfix_str(phase, refresh=phase != self._phase)
+        self._bar.describe(phase)
         self._phase = phase
         try:
             for name, future in self._pool.run(tasks, discard):
@@ -258,4 +259,4 @@ def open_work(
 
 def panel_bar(label: str, seconds: float, shown: bool) -> Any:
     """A bar over expected work, s."""
-    return work_bar(label, seconds, shown, bar_format=ESTIMATE_LOOK)
+    return WorkBar(label, seconds, shown)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -14,7 +13,7 @@ from integ_gym.eval.atlas.summaries import Agreement
 from integ_gym.eval.panel.costs import policy_costs, total_cost
 from integ_gym.support.errors import InputError
 from integ_gym.support.options import CommandParser
-from integ_gym.support.terminal import plural, print_aligned, say, seconds
+from integ_gym.support.terminal import plural, print_columns, print_wrapped, seconds
 
 from .work_options import add_work, workers_of
 
@@ -84,7 +83,7 @@ def main(argv: Sequence[str]) -> int:
     if given.again:
         block = _named(atlas.blocks(), given.again)
         agreement = again(atlas, block, given.out, folder, workers=workers)
-        say(_agreed(agreement), sys.stdout)
+        print_wrapped(_agreed(agreement))
         return 0
     chosen = [_named(atlas.blocks(), name) for name in given.only or ()]
     blocks = [one for one in waiting if not chosen or one in chosen]
@@ -126,10 +125,9 @@ def _print_plan(atlas: Atlas, waiting: Sequence[Block]) -> None:
         )
         for block in atlas.blocks()
     ]
-    say(
+    print_wrapped(
         f"Atlas {atlas.name}: {atlas.argument} over its critical value {atlas.critical:.4g}.",
-        sys.stdout,
     )
-    print_aligned(("block", atlas.argument, "policies", "core time"), rows, sys.stdout)
+    print_columns(("block", atlas.argument, "policies", "core time"), rows)
     total = total_cost(list(costs.values()))
     print(f"{plural(len(waiting), 'block')} missing: {seconds(total.seconds)} of one core.")

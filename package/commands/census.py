@@ -6,25 +6,20 @@ import argparse
 import json
 import sys
 from collections.abc import Sequence
-from itertools import groupby
-from operator import itemgetter
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
 from integ_gym.envs.registries import ENGINES
-from integ_gym.eval.census.page import render_census
-from integ_gym.eval.census.run import take_census
+from integ_gym.eval.census.measuring import take_census
+from integ_gym.eval.census.page import render_census, row
 from integ_gym.eval.census.subjects import PUBLISHED
-from integ_gym.eval.census.words import row
 from integ_gym.support.files import make_folder, replace_file
 from integ_gym.support.optional import require
 from integ_gym.support.options import CommandParser, told_command
 from integ_gym.support.terminal import (
     FITS,
-    fits,
-    print_aligned,
-    print_groups,
-    say,
+    print_columns,
+    print_wrapped,
     unbroken,
 )
 
@@ -75,7 +70,7 @@ def main(argv: Sequence[str]) -> int:
     text = json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False)
     replace_file(given.out / "census.json", text.encode())
     page = replace_file(given.out / "census.html", render_census(document).encode())
-    _print(document, sys.stdout)
+    _print(document)
     print(f"Page: {page.resolve()}")
     return 1 if census.failed else 0
 
@@ -84,34 +79,17 @@ def _tell(source: str) -> None:
     print(f"looking at {source} …", file=sys.stderr)
 
 
-def _print(document: dict[str, Any], file: TextIO) -> None:
+def _print(document: dict[str, Any]) -> None:
     for plant in ("pendulum", "cart_pole"):
         lines = [row(line) for line in document["lines"] if line["plant"] == plant]
         if lines:
-            print(f"\n{plant}", file=file)
-            _print_table(lines, file)
-    print(file=file)
+            print(f"\n{plant}")
+            print_columns(list(lines[0]), [list(line.values()) for line in lines])
+    print()
     for line in document["lines"]:
         for difference in line["differences"]:
-            say(f"{line['source']} {line['name']} ({line['plant']}): {difference}", file)
+            print_wrapped(f"{line['source']} {line['name']} ({line['plant']}): {difference}")
     for source, command in document["missing"].items():
-        say(f"{source}: not installed; run: {unbroken(command)}", file)
+        print_wrapped(f"{source}: not installed; run: {unbroken(command)}")
     for source, error in document["failed"].items():
-        say(f"{source}: could not be looked at: {error}", file)
-
-
-_APPLIED = ("name", "applies", "step", "off by", "off truth by", "as said")
-_FREE_MOTION = ("name", "energy at end", "largest", "speed limit")
-
-
-def _print_table(rows: Sequence[dict[str, str]], file: TextIO) -> None:
-    """As one table; where that is too wide, by source, what is applied and what comes of it."""
-    names, cells = list(rows[0]), [list(row.values()) for row in rows]
-    if fits(names, cells, file):
-        print_aligned(names, cells, file)
-        return
-    sources = [(source, list(own)) for source, own in groupby(rows, itemgetter("source"))]
-    for place, part in enumerate((_APPLIED, _FREE_MOTION)):
-        print(end="\n" if place else "", file=file)
-        groups = [(source, [[r[name] for name in part] for r in own]) for source, own in sources]
-        print_groups(part, groups, file)
+        print_wrapped(f"{source}: could not be looked at: {error}")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -18,7 +17,14 @@ from integ_gym.support.options import (
     told_command,
     whole_number,
 )
-from integ_gym.support.terminal import fixed, plural, print_aligned, say, seconds, unbroken
+from integ_gym.support.terminal import (
+    fixed,
+    plural,
+    print_columns,
+    print_wrapped,
+    seconds,
+    unbroken,
+)
 
 from .work_options import add_work, workers_of
 
@@ -99,14 +105,14 @@ def main(argv: Sequence[str]) -> int:
         progress=not given.no_progress,
         command=told_command(["integ-gym", "check", *argv]),
     )
-    say(str(found), sys.stdout)
-    say(_cost(found), sys.stdout)
+    print_wrapped(str(found))
+    print_wrapped(_cost(found))
     if not found.learned:
-        say("Train longer with --train-arg total_steps=N, or make the task easier.", sys.stdout)
+        print_wrapped("Train longer with --train-arg total_steps=N, or make the task easier.")
     names = ("judged on", "success", "within twice the time", "lost", "95 % interval")
-    print_aligned(names, list(_rows(found)), sys.stdout, right=(False, True, True, True, True))
+    print_columns(names, list(_rows(found)), right=(False, True, True, True, True))
     print(f"Page: {(found.directory / 'report.html').resolve()}")
-    say(f"Next: {unbroken(f'integ-gym watch {found.directory}')}", sys.stdout)
+    print_wrapped(f"Next: {unbroken(f'integ-gym watch {found.directory}')}")
     return 0
 
 

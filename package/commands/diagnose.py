@@ -8,15 +8,14 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from integ_gym.envs.registries import ENVIRONMENTS
-from integ_gym.eval.diagnosis.page import DIAGNOSIS_PAGE
+from integ_gym.eval.diagnosis.drift import drift_example
+from integ_gym.eval.diagnosis.page import DIAGNOSIS_PAGE, print_diagnosis
 from integ_gym.eval.diagnosis.run import Request, diagnose
-from integ_gym.eval.diagnosis.terminal import print_diagnosis
-from integ_gym.eval.diagnosis.worked_example import drift_example
 from integ_gym.support.errors import InputError
 from integ_gym.support.optional import require
 from integ_gym.support.options import CommandParser, refuse_unused, told_command
 from integ_gym.support.processes import cores
-from integ_gym.support.terminal import FITS, print_aligned, say
+from integ_gym.support.terminal import FITS, print_columns, print_wrapped
 
 from .work_options import add_work, workers_of
 
@@ -104,9 +103,9 @@ def _example(given: argparse.Namespace) -> int:
         raise InputError("--example drift takes one step; give --dt one number of seconds")
     pendulum, cart_pole, picture = drift_example(given.out, *given.dt)
     for drift in (pendulum, cart_pole):
-        say(drift.setting, sys.stdout)
+        print_wrapped(drift.setting)
         rows = [list(row.values()) for row in drift.rows]
-        print_aligned(list(drift.rows[0]), rows, sys.stdout, keys=1)
+        print_columns(list(drift.rows[0]), rows)
         print()
     print(f"Figure: {picture.resolve()}")
     return 0

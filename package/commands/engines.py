@@ -6,9 +6,7 @@ import argparse
 import json
 import sys
 from collections.abc import Sequence
-from itertools import groupby
-from operator import itemgetter
-from typing import Any, TextIO
+from typing import Any
 
 from integ_gym.envs import numerics
 from integ_gym.envs.engines.interface import integrators_of, missing_modules
@@ -21,10 +19,8 @@ from integ_gym.support.options import CommandParser
 from integ_gym.support.parameters import unknown_name
 from integ_gym.support.terminal import (
     FITS,
-    fits,
-    print_aligned,
-    print_groups,
-    say,
+    print_columns,
+    print_wrapped,
     unbroken,
 )
 
@@ -72,11 +68,13 @@ def main(argv: Sequence[str]) -> int:
     if given.json:
         print(json.dumps(_document(measured, absent), indent=2))
     else:
-        _print([_row(found) for found in measured], sys.stdout)
         if installed:
+            rows = [_row(found) for found in measured]
+            cells = [list(row.values()) for row in rows]
+            print_columns(list(rows[0]), cells, right=[name in _NUMBERS for name in rows[0]])
             print(f"\nconstraint violation: {CONSTRAINT_VIOLATION}")
         for line in _remedies(absent):
-            say(line, sys.stdout)
+            print_wrapped(line)
     return 0
 
 
@@ -93,8 +91,6 @@ def chosen_engines(names: Sequence[str] | None) -> Sequence[str]:
 
 
 _NUMBERS = ("off by", "det J - 1", "order", "frequency %", "energy %/s", "bits")
-_COMMON = ("engine", "version", "bits", "own stops")
-"""Columns that tell of an engine, and of an integrator only by exception."""
 
 
 def _row(found: numerics.Fingerprint) -> dict[str, str]:
@@ -111,34 +107,6 @@ def _row(found: numerics.Fingerprint) -> dict[str, str]:
         "bits": str(found.width),
         "own stops": _own_stops(found.engine, found.integrator),
     }
-
-
-def _print(rows: Sequence[dict[str, str]], file: TextIO) -> None:
-    """One table; where that is too wide, by engine, under what its integrators have in common."""
-    if not rows:
-        return
-    names: Sequence[str] = list(rows[0])
-    cells = [list(row.values()) for row in rows]
-    if fits(names, cells, file):
-        print_aligned(names, cells, file, [name in _NUMBERS for name in names])
-        return
-    names = [name for name in names if name not in _COMMON]
-    groups = [
-        (_title(own), [[row[name] for name in names] for row in own])
-        for _, same in groupby(rows, itemgetter("engine", "version", "bits"))
-        for own in [list(same)]
-    ]
-    print_groups(names, groups, file, [name in _NUMBERS for name in names])
-
-
-def _title(rows: Sequence[dict[str, str]]) -> str:
-    """What an engine's integrators have in common."""
-    stops = [row["integrator"] for row in rows if row["own stops"] == "yes"]
-    said = f"own stops with {', '.join(stops)}" if stops else "no stops of its own"
-    if len(stops) == len(rows):
-        said = "own stops"
-    first = rows[0]
-    return f"{first['engine']} {first['version']}, {first['bits']} bits, {said}"
 
 
 def _own_stops(engine: str, integrator: str) -> str:

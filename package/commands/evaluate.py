@@ -19,7 +19,7 @@ from integ_gym.support.options import (
     told_command,
     whole_number,
 )
-from integ_gym.support.terminal import say
+from integ_gym.support.terminal import print_wrapped
 
 from .printed import print_details, print_headline, print_next
 from .work_options import add_engine, add_work, resources_of, told_page, workers_of
@@ -138,7 +138,7 @@ def main(argv: Sequence[str]) -> int:
         own_code=given.own_code,
         workers=workers_of(given),
         progress=not given.no_progress,
-        on_home=lambda line: say(line, sys.stderr),
+        on_home=lambda line: print_wrapped(line, sys.stderr),
         command=told_command(["integ-gym", "evaluate", *argv]),
         executor=given.executor,
         address=given.address,

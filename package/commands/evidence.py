@@ -8,7 +8,7 @@ import random
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -46,11 +46,9 @@ from integ_gym.evidence.sealing import (
 )
 from integ_gym.evidence.store import EvidenceStore, merge, open_run
 from integ_gym.support.files import make_folder
-from integ_gym.support.optional import absent
 from integ_gym.support.options import CommandParser, whole_number
-from integ_gym.support.processes import ESTIMATE_LOOK, work_bar
 from integ_gym.support.storage import fetched, is_remote
-from integ_gym.support.terminal import FITS, plural, width_of
+from integ_gym.support.terminal import FITS, WorkBar, plural, width_of
 
 from .work_options import add_progress
 
@@ -58,40 +56,16 @@ HASH_SECONDS, TRACE_SECONDS, REPLAY_SECONDS = 1e-4, 2e-4, 1e-2
 """Time of one record, s: of its hash, of its outcome from its trace, of playing it again."""
 
 
-class Checking:
-    """What is being checked, and how much of it is done, in a bar on standard error.
+def report_phase(bar: WorkBar, phase: str, each: float = 0.0) -> Callable[[int], None]:
+    """Say what is checked now; what counts the records of it.
 
     Args:
-        seconds: that it takes, about.
-        shown: whether the bar is; never without the package that draws it, which no check needs.
+        bar: over all that is checked.
+        phase: in words.
+        each: time that one takes, s.
     """
-
-    def __init__(self, seconds: float, shown: bool) -> None:
-        self._bar: Any = None
-        if shown and not absent(["tqdm"]):
-            self._bar = work_bar("verify", seconds, True, bar_format=ESTIMATE_LOOK)
-
-    def begin(self, phase: str, each: float = 0.0) -> Callable[[int], None]:
-        """Say what is checked now; what counts the records of it.
-
-        Args:
-            phase: in words.
-            each: time that one takes, s.
-        """
-        if self._bar is not None:
-            self._bar.set_postfix_str(phase)
-        return partial(self._add, each)
-
-    def close(self) -> None:
-        """Leave the bar as a full one: what was expected of it is a guess."""
-        if self._bar is not None:
-            self._bar.set_postfix_str("", refresh=False)
-            self._bar.fill()
-            self._bar.close()
-
-    def _add(self, each: float, count: int) -> None:
-        if self._bar is not None:
-            self._bar.update(count * each)
+    bar.describe(phase)
+    return lambda count: bar.update(count * each)
 
 
 def add_export_arguments(command: argparse.ArgumentParser) -> None:
@@ -273,9 +247,8 @@ def verify(store: EvidenceStore, given: argparse.Namespace) -> int:
         )
     if given.depth == "whole" and given.public_key is not None:
         raise EvidenceError("--public-key is about the seal; leave --depth whole out")
-    checking = Checking(_seconds(store, given), not given.no_progress)
-    with contextlib.closing(checking):
-        found, told = _found(store, given, sealed, exported, checking)
+    with WorkBar("verify", _seconds(store, given), not given.no_progress) as bar:
+        found, told = _found(store, given, sealed, exported, bar)
     for line in found or [*_checked(store, given, sealed, exported), *told]:
         print(line)
     if found:
@@ -288,21 +261,21 @@ def _found(
     given: argparse.Namespace,
     sealed: Mapping[str, Any] | None,
     exported: Mapping[str, Any] | None,
-    checking: Checking,
+    bar: WorkBar,
 ) -> tuple[list[str], list[str]]:
     """What is wrong with a run, and sentences that say what was played again."""
     run = store.run
-    report = checking.begin("hashes", HASH_SECONDS)
+    report = report_phase(bar, "hashes", HASH_SECONDS)
     found = [str(problem) for problem in store.verify(report)]
-    report = checking.begin("outcomes from traces", TRACE_SECONDS)
+    report = report_phase(bar, "outcomes from traces", TRACE_SECONDS)
     _collect(found, _whole(store, exported, report))
-    checking.begin("plan and verdicts")
+    report_phase(bar, "plan and verdicts")
     if any((run / name).exists() for name in _PLANNED):
         from integ_gym.eval.panel.checking.page import against_plan
 
         _collect(found, against_plan(run, given.own_code, given.all))
     if given.depth != "whole":
-        checking.begin("seal")
+        report_phase(bar, "seal")
         _collect(found, broken_seals(run))
         if sealed is None and (run / _PAGE).exists():
             found.append(f"{SEAL_FILE}: is missing: the run is not finished, or it was removed")
@@ -310,7 +283,7 @@ def _found(
         found += map(str, broken_signature(run, given.public_key))
     if given.depth != "replayed" or not all(line.startswith(_PAGE) for line in found):
         return found, []
-    played, told = replayed(store, given, checking.begin("playing again", REPLAY_SECONDS))
+    played, told = replayed(store, given, report_phase(bar, "playing again", REPLAY_SECONDS))
     return found + played, told
 
 

@@ -23,7 +23,7 @@ from integ_gym.support.options import (
     whole_number,
 )
 from integ_gym.support.storage import is_remote
-from integ_gym.support.terminal import beside, say, width_of
+from integ_gym.support.terminal import hanging_indent, print_wrapped, width_of
 
 from .printed import (
     print_details,
@@ -157,7 +157,7 @@ def main(argv: Sequence[str]) -> int:
         print_power(spec, arguments.out)
         return 0
     if spec.left_out:
-        say(
+        print_wrapped(
             f"Not installed, and left out: {', '.join(spec.left_out)}; docs/reference/engines.md "
             "says how each is installed.",
             sys.stderr,
@@ -187,7 +187,7 @@ def main(argv: Sequence[str]) -> int:
         resources=resources_of(arguments),
     )
     for doubt in panel.warnings:
-        say(f"warning: {panel.said(doubt)}", sys.stderr)
+        print_wrapped(f"warning: {panel.said(doubt)}", sys.stderr)
     print_headline(panel)
     if panel.verdicts:
         print_verdicts(panel, sys.stdout)
@@ -197,7 +197,9 @@ def main(argv: Sequence[str]) -> int:
         for verdict in ordered_verdicts(panel):
             name = f"  {verdict.verdict:<13}"
             print(
-                beside(name, panel.said(f"{verdict.name}: {verdict.reason}"), width_of(sys.stdout))
+                hanging_indent(
+                    name, panel.said(f"{verdict.name}: {verdict.reason}"), width_of(sys.stdout)
+                )
             )
     print_next(panel)
     print(f"Page: {told_page(arguments.out)}")

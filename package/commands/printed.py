@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Final, TextIO
@@ -15,27 +14,23 @@ from integ_gym.eval.panel.spec import PanelSpec
 from integ_gym.eval.report.forests import ordered_verdicts
 from integ_gym.support.processes import cores
 from integ_gym.support.terminal import (
-    DIM,
-    GREEN,
     NONE,
-    RED,
-    YELLOW,
     fixed,
     plural,
-    print_aligned,
-    say,
+    print_columns,
+    print_wrapped,
 )
 
 
 def print_headline(panel: Panel) -> None:
     """Print the first line of the answer."""
-    say(panel.said(panel.headline), sys.stdout, hanging="")
+    print_wrapped(panel.said(panel.headline), hanging="")
 
 
 def print_details(panel: Panel) -> None:
     """Print the lines of the answer that stand below the first."""
     for line in panel.answer.splitlines()[1:]:
-        say(f"- {panel.said(line)}", sys.stdout)
+        print_wrapped(f"- {panel.said(line)}")
 
 
 def print_next(panel: Panel) -> None:
@@ -74,19 +69,17 @@ def print_plan(spec: PanelSpec, workers: int | None, trains: bool = True) -> Non
                 _clock(cost.seconds / count),
             )
         )
-    say(
+    print_wrapped(
         f"Panel {spec.name}: {plural(len(each), 'policy', 'policies')} and "
         f"{plural(len(spec.baselines), 'baseline')}. What it costs, from figures that were "
         "measured on one kind of machine; yours may take a third or twice as long:",
-        sys.stdout,
     )
-    print_aligned(
+    print_columns(
         (
             "policies", "training, core h", "evaluation, core h", "together", "storage",
             f"on {plural(count, 'worker')}",
         ),
         rows,
-        sys.stdout,
         right=(False, True, True, True, True, True),
     )  # fmt: skip
 
@@ -122,40 +115,35 @@ def print_power(spec: PanelSpec, out: Path | None) -> None:
     before = [] if finished is None else _seen_before(spec, finished)
     told = family_power(spec, before)
     if told is None:
-        say(f"Panel {spec.name} declares no transfers, so there is nothing to decide.", sys.stdout)
+        print_wrapped(f"Panel {spec.name} declares no transfers, so there is nothing to decide.")
         return
-    say(
+    print_wrapped(
         f"Panel {spec.name}: {told.family} declared transfers, {told.seeds} training seeds with "
         f"{spec.episodes} starts each, {told.natives} seeds of natives at least. Chance of each "
         "verdict by true overfitting, lowest and highest of three simulated worlds (seeds that are "
         "all or nothing, that vary smoothly, a mixture):",
-        sys.stdout,
     )
-    print_aligned(
+    print_columns(
         ("overfitting", "transfers", "fails"),
         [(f"{one.overfitting:g}", _range(one.transfers), _range(one.fails)) for one in told.power],
-        sys.stdout,
         right=(True, True, True),
     )
-    say(
+    print_wrapped(
         f"`transfers` takes {told.fewest} seeds or more: with fewer it cannot be shown, even where "
         "every episode succeeds."
         if told.seeds < told.fewest
         else f"`transfers` can be shown: it takes {told.fewest} seeds where all episodes succeed.",
-        sys.stdout,
     )
     if spec.looks:
-        say(
+        print_wrapped(
             f"Looks are planned at {' and '.join(map(str, spec.looks))} seeds and share the level "
             "of 0.05 equally; at another number of seeds there is no verdict.",
-            sys.stdout,
         )
     if before:
         looks = " and ".join(str(look.seeds) for look in before)
-        say(
+        print_wrapped(
             f"Verdicts were seen with {looks} seeds before. Looks share the level of 0.05, which "
             "these numbers take into account.",
-            sys.stdout,
         )
     if finished is not None:
         _print_wanted(finished)
@@ -176,11 +164,9 @@ def _print_wanted(panel: Panel) -> None:
             else "eight times as many seeds would not decide it: its overfitting lies between the "
             "margins, or near one of them"
         )
-        say(
-            f"{one.name} is inconclusive with {panel.row(one.row).seeds} seeds; {more}.", sys.stdout
-        )
+        print_wrapped(f"{one.name} is inconclusive with {panel.row(one.row).seeds} seeds; {more}.")
     if not open_ones:
-        say("No verdict of the finished panel wants for seeds.", sys.stdout)
+        print_wrapped("No verdict of the finished panel wants for seeds.")
 
 
 def _range(chances: tuple[float, float]) -> str:
@@ -189,15 +175,15 @@ def _range(chances: tuple[float, float]) -> str:
 
 
 TONES: Final = {
-    "fails": RED,
-    "transfers": GREEN,
-    "inconclusive": YELLOW,
-    "not_learned": DIM,
-    "unachievable": DIM,
-    "too_slow": DIM,
-    "undecided": DIM,
+    "fails": "red",
+    "transfers": "green",
+    "inconclusive": "yellow",
+    "not_learned": "dim",
+    "unachievable": "dim",
+    "too_slow": "dim",
+    "undecided": "dim",
 }
-"""Verdict to its colour."""
+"""Verdict to its style of rich."""
 
 _NAMES: Final = (
     "verdict", "trained on → judged on", "success", "loss", "of it overfitting", "interval"
@@ -208,7 +194,7 @@ def print_verdicts(panel: Panel, file: TextIO) -> None:
     """Print the declared family, failing transfers first, in colour where the terminal has it."""
     rows = [_row(panel, judged) for judged in ordered_verdicts(panel)]
     right = (False, False, True, True, True, True)
-    print_aligned(_NAMES, rows, file, right, keys=2, colours=TONES)
+    print_columns(_NAMES, rows, file, right, colours=TONES)
 
 
 def _row(panel: Panel, judged: Verdict) -> tuple[str, ...]:

@@ -11,7 +11,7 @@ from integ_gym.eval.film import Film, check_writable, show_film
 from integ_gym.eval.watch import candidates, side_by_side, watch
 from integ_gym.support.errors import InputError
 from integ_gym.support.options import CommandParser, whole_number
-from integ_gym.support.terminal import print_aligned, say
+from integ_gym.support.terminal import print_columns, print_wrapped
 from integ_gym.train.policy_files.sidecar import policy_file
 
 EXAMPLES = """\
@@ -89,11 +89,11 @@ def _list(run: Path) -> int:
     """Print records that are worth a film."""
     rows = candidates(run)
     if not rows:
-        say(f"No evaluated episode of {run} failed.", sys.stdout)
+        print_wrapped(f"No evaluated episode of {run} failed.")
         return 0
-    say("Failed episodes, one of each cell and label; first what succeeds at home:", sys.stdout)
+    print_wrapped("Failed episodes, one of each cell and label; first what succeeds at home:")
     table = [(r["record_id"][:8], r["cell"], r["failure_label"], str(r["alike"])) for r in rows]
-    print_aligned(("record", "cell", "label", "alike"), table, sys.stdout)
+    print_columns(("record", "cell", "label", "alike"), table)
     print(f"\nFilm: integ-gym watch {run} {table[0][0]} --out film.gif")
     return 0
 
@@ -113,4 +113,4 @@ def _film(given: argparse.Namespace) -> Film:
 
 
 def _warn(doubt: str) -> None:
-    say(f"warning: {doubt}", sys.stderr)
+    print_wrapped(f"warning: {doubt}", sys.stderr)

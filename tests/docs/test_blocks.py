@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import os
-import re
 import subprocess
 import sys
 import textwrap
 
 import pytest
-from house import ROOT
+from house import ROOT, page_blocks
 
 ELSEWHERE = {
     "explanation/census.md": "tests/eval/census/test_census.py",
@@ -83,8 +82,7 @@ HERE = {
 
 
 def _blocks(page: str) -> list[str]:
-    text = (ROOT / "docs" / page).read_text(encoding="utf-8")
-    return re.findall(r"^```python\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
+    return page_blocks(f"docs/{page}", "python")
 
 
 def test_no_page_is_left_out():
@@ -120,6 +118,5 @@ def test_blocks_run_one_after_the_other(page, tmp_path):
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     if page == "tutorials/first_steps.md":
-        text = (ROOT / "docs" / page).read_text(encoding="utf-8")
-        (said,) = re.findall(r"^```text\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
+        (said,) = page_blocks(f"docs/{page}", "text")
         assert said in done.stdout

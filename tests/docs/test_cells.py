@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pytest
 from site_modules import loaded
 
 cells = loaded("cells").on_page_content
@@ -14,13 +13,6 @@ def test_the_digits_of_a_number_stay_together():
         assert cells(other) == other
     linked = '<td>a <a href="a 100">1{}100</a></td>'
     assert cells(linked.format(" ")) == linked.format("\xa0")
-
-
-@pytest.mark.parametrize("number", ["7e-08", "0.05 s", "−0.0046 %", "2 × 0.01 s", "8"])
-def test_a_number_stays_beside_its_unit(number):
-    assert cells(f"<td>{number}</td>") == f'<td class="number">{number}</td>'
-    sentence = f"<td>{number}, by the uncut speed</td>"
-    assert cells(sentence) == sentence
 
 
 def test_a_sentence_is_given_room():

@@ -17,7 +17,7 @@ def test_every_public_name_is_on_one_page():
     ("written", "read"),
     [
         ("See :class:`IntegEnv`.", "See [`IntegEnv`][integ_gym.IntegEnv]."),
-        ("See :func:`~integ_gym.train.ppo.train_ppo`.", "See [`train_ppo`][integ_gym.train_ppo]."),
+        ("See :func:`~integ_gym.train.runs.train_ppo`.", "See [`train_ppo`][integ_gym.train_ppo]."),
         ("A :class:`Stops`.", "A `Stops`."),
         (".. math:: a = b", "`a = b`"),
         ("Adds.\n\n>>> 1 + 1\n2\n\nSo.", "Adds.\n\n```pycon\n>>> 1 + 1\n2\n```\n\nSo."),

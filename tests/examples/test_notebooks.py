@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 
 import nbformat
 import pytest
@@ -13,19 +12,6 @@ from nbclient import NotebookClient
 PATHS = {path.stem: path for path in sorted((ROOT / "examples" / "notebooks").glob("*.ipynb"))}
 REDUCED = {"TOTAL_STEPS": "4096", "SEEDS": "2"}
 """What makes the panel of *explain* small."""
-
-
-def test_there_are_three():
-    assert set(PATHS) == {"play", "break", "explain"}
-
-
-@pytest.mark.parametrize("name", PATHS)
-def test_a_question_stands_before_every_cell(name):
-    cells = nbformat.read(PATHS[name], as_version=4).cells
-    for before, cell in zip([None, *cells], cells, strict=False):
-        if cell.cell_type == "code":
-            assert before is not None
-            assert re.search(r"^## .+\?$", before.source, re.MULTILINE), cell.source
 
 
 @pytest.mark.parametrize("name", PATHS)

@@ -24,20 +24,6 @@ SHORT = {
     "trainer_equivalence": ["--only", "cart-pole", "--seeds", "2", "--steps", "4096"],
     "verification_cost": ["--records", "40"],
 }
-OF_A_RUN = {"closed_loops", "panel_tables"}
-"""Tested beside what they read."""
-OF_FILES = {"bounds"}
-EXPERIMENTS = {"control_periods", "curriculum", "fresh_points", "q_learning_periods"}
-"""Tested beside the page that tells what they found."""
-OTHERS = {"other_libraries"}
-"""Runs libraries that are not installed here."""
-COMPARISONS = {"check_coverage", "check_points", "oracle", "recomputed"}
-"""Tested beside what they check, but for `oracle`, which compares two versions."""
-
-
-def test_every_benchmark_is_run():
-    known = set(SHORT) | OF_A_RUN | OF_FILES | EXPERIMENTS | OTHERS | COMPARISONS
-    assert {file.stem for file in FOLDER.glob("*.py")} == known
 
 
 @pytest.mark.slow

@@ -36,7 +36,7 @@ import contextlib, io, json, sys
 
 for name in (
     "pyarrow", "duckdb", "jsonschema", "portalocker", "torch", "stable_baselines3", "safetensors",
-    "tensorboard", "tqdm", "scipy", "threadpoolctl", "jinja2", "matplotlib", "msgspec", "jax",
+    "tensorboard", "rich", "scipy", "threadpoolctl", "jinja2", "matplotlib", "msgspec", "jax",
     "pygame", "PIL", "imageio_ffmpeg",
 ):
     sys.modules[name] = None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import json
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -83,16 +82,6 @@ def test_type_checkers_are_told_what_the_users_door_offers():
         assert value is getattr(sys.modules[module], name), name
 
 
-def test_type_checkers_see_the_files_themselves():
-    """By links to all that is imported: a copy would be checked in their place."""
-    seen = {path.name: path for path in (ROOT / ".typing" / "integ_gym").iterdir()}
-    entries = {path.name for path in (ROOT / "package").iterdir()} - {"py.typed", "__pycache__"}
-    assert set(seen) == entries | set(FLOORS[:-1])
-    for name, path in seen.items():
-        assert path.is_symlink(), name
-        assert path.resolve() == (ROOT / ("" if name in FLOORS else "package") / name).resolve()
-
-
 def test_a_name_that_is_not_offered_is_refused():
     with pytest.raises(AttributeError, match="module 'integ_gym' has no attribute 'no_such'"):
         integ_gym.no_such  # noqa: B018
@@ -133,48 +122,3 @@ def test_an_installed_package_adds_its_parts_by_entry_points(tmp_path):
         "[integ_gym.integrators]\ntheir_euler = theirs:TheirEuler\n"
     )
     subprocess.run([sys.executable, "-c", ADDED], cwd=tmp_path, check=True)
-
-
-NEEDED = {
-    "casadi": {"envs.engines.casadi_ops"},
-    "jax": {
-        "envs.ops.jax_ops", "envs.functional", "envs.engines.mjx_program", "train.fleet.learning",
-        "train.fleet.planning", "train.fleet.program", "train.fleet.training",
-    },
-    "stable_baselines3": {"train.sb3_callback", "train.vec_env"},
-    "portalocker": None,
-}  # fmt: skip
-"""Package to the modules that cannot be imported without it; None: not the environments'."""
-
-LACKING = """
-import importlib, json, sys
-sys.modules[sys.argv[1]] = None
-failed = []
-for name in json.loads(sys.argv[2]):
-    try:
-        importlib.import_module(name)
-    except ImportError:
-        failed.append(name.removeprefix("integ_gym."))
-print(json.dumps(failed))
-"""
-
-
-@pytest.mark.parametrize("package", NEEDED)
-def test_a_package_is_needed_where_it_is_used_alone(package):
-    modules = [
-        ".".join(("integ_gym", *path.relative_to(ROOT).with_suffix("").parts))
-        for floor in FLOORS[:-1]
-        for path in sorted((ROOT / floor).rglob("*.py"))
-        if path.stem not in ("__init__", "isaaclab_served", "isolated_serving")
-        and not path.stem.startswith("served_")
-    ]
-    done = subprocess.run(
-        [sys.executable, "-c", LACKING, package, json.dumps(modules)],
-        capture_output=True, text=True, check=True,
-    )  # fmt: skip
-    failed = set(json.loads(done.stdout))
-    if NEEDED[package] is None:
-        assert "support.locks" in failed
-        assert not [name for name in failed if name.startswith("envs.")]
-    else:
-        assert failed == NEEDED[package]

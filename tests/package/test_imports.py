@@ -41,7 +41,8 @@ import gymnasium
 import integ_gym.envs.ops.jax_ops
 import integ_gym.eval.panel.run
 from integ_gym.cli import main
-from integ_gym.train.ppo import PPOConfig, train_ppo
+from integ_gym.train.ppo import PPOConfig
+from integ_gym.train.runs import train_ppo
 out = Path(tempfile.mkdtemp())
 config = PPOConfig.of(
     "IntegPendulum-v0", total_steps=512, n_envs=4, n_steps=128, batch_size=128, n_epochs=1

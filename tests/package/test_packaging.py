@@ -84,7 +84,3 @@ def test_every_dependency_is_pinned():
     for requirement in wanted:
         name = requirement.split(">")[0].split("[")[0].lower()
         assert name in pinned | {"integ-gym"}, name
-
-
-def test_no_folder_shadows_the_package():
-    assert not (ROOT / "integ_gym").exists()

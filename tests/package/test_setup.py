@@ -6,7 +6,6 @@ import os
 import re
 import shutil
 import subprocess
-import tomllib
 from pathlib import Path
 
 import pytest
@@ -47,23 +46,3 @@ def test_what_is_there_is_not_installed_again(clone):
     assert _installed(clone, "test") == [REST]
     os.utime(clone / "constraints.txt", (4e9, 4e9))
     assert _installed(clone, "panel") == [PANEL]
-
-
-def test_a_panel_brings_neither_torch_nor_an_engine():
-    text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
-    extras = tomllib.loads(text)["project"]["optional-dependencies"]
-
-    def brought(extra: str) -> set[str]:
-        found: set[str] = set()
-        for requirement in extras[extra]:
-            name, _, inner = requirement.partition(">")[0].partition("[")
-            own = inner.rstrip("]").split(",") if name == "integ-gym" else []
-            found |= set().union(*map(brought, own)) if own else {name}
-        return found
-
-    assert brought("panel") == {
-        "duckdb", "jax", "jinja2", "matplotlib", "msgspec", "portalocker",
-        "pyarrow", "safetensors",
-        "scipy", "threadpoolctl", "tqdm",
-    }  # fmt: skip
-    assert {"torch", "stable-baselines3"} <= brought("train")

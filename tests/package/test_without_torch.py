@@ -9,36 +9,14 @@ import sys
 from pathlib import Path
 
 import pytest
+from small_panel import TOML
 
 BLOCKED = """
 import sys
 for name in ("torch", "stable_baselines3", "tensorboard", "mujoco"):
     sys.modules[name] = None
 """
-SPEC = """
-name = "light"
-env_id = "IntegPendulum-v0"
-control_period = 0.05
-seeds = [0]
-episodes = 2
-baselines = ["random", "handmade"]
-
-[environment]
-max_torque = 1.0
-duration = 2.0
-
-[training]
-total_steps = 2048
-n_steps = 64
-
-[[train]]
-integrator = ["explicit_euler", "rk4"]
-dt = 0.05
-
-[[evaluate]]
-integrator = ["explicit_euler", "rk4"]
-dt = 0.05
-"""
+SPEC = TOML.replace('trainer = "sb3"', "")
 
 
 @pytest.mark.slow

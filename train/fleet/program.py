@@ -20,13 +20,13 @@ from integ_gym.envs.plants.interface import join_state
 from integ_gym.envs.transition import EnvState, Outcome, reset_info, step_info
 from integ_gym.evidence.episodes import Layout
 
-from ..sb3_model import Stack
 from .learning import (
     Adam,
     Algorithm,
     Batch,
     Knobs,
     Learner,
+    Stack,
     Trail,
     advantages_of,
     draw,

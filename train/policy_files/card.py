@@ -171,7 +171,7 @@ def episode_summary(returns: Sequence[float], successes: Sequence[float]) -> dic
     }
 
 
-def told(episodes: Mapping[str, Any]) -> str:
+def format_episode_stats(episodes: Mapping[str, Any]) -> str:
     """Return and success in a few words."""
     if not episodes["episodes"]:
         return "no episode ended yet"

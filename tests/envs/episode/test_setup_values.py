@@ -14,7 +14,7 @@ from integ_gym.envs.catalogue.lookup import environment_setup
 from integ_gym.envs.functional import params_of, traced_setup
 from integ_gym.envs.lanes import of_lanes
 from integ_gym.envs.registries import ENGINES
-from integ_gym.eval.diagnosis.bench import counted
+from integ_gym.eval.diagnosis.bench import count_evaluations
 
 SWING_UP = "IntegCartPoleSwingUp-v0"
 ONE_OF_EACH = list(dict(reversed(STOPPED)).items())
@@ -83,4 +83,4 @@ def test_counting_keeps_the_stops_of_its_setup():
     env = gym.make(SWING_UP).unwrapped
     env.setup = replace(env.setup, system=_stopped("mujoco", "Euler").system)
     with pytest.raises(ValueError, match="no joint stops"):
-        counted(env)
+        count_evaluations(env)

@@ -10,7 +10,7 @@ import pytest
 from integ_gym.envs.numerics.stepping import critical_step
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.plants.pendulum import Pendulum
-from integ_gym.train.baselines.handmade import linearized, lqr_gain
+from integ_gym.train.controllers import linearized, lqr_gain
 
 COLUMNS = ("explicit_euler", "symplectic_euler", "rk4", "implicit_euler", "reference")
 

@@ -6,8 +6,13 @@ import pytest
 from small_atlas import written
 
 from integ_gym.envs.settings import Discretization
-from integ_gym.eval.atlas.limits import control_argument, critical_limit, middle_start, setup_of
-from integ_gym.eval.atlas.specification import read_atlas
+from integ_gym.eval.atlas.specification import (
+    control_argument,
+    critical_limit,
+    middle_start,
+    read_atlas,
+    setup_of,
+)
 from integ_gym.eval.panel.cells import SpecError
 
 RK4 = Discretization("rk4", 0.05, 0.05)

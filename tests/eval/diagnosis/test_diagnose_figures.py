@@ -6,8 +6,7 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Text
 
-from integ_gym.eval.diagnosis.drawing import NARROWEST, draw_contact, schemes_of
-from integ_gym.eval.diagnosis.figures import FIGURES
+from integ_gym.eval.diagnosis.figures import FIGURES, NARROWEST, draw_contact, schemes_of
 
 CHOICES = {
     "one": ("symplectic_euler",),

@@ -12,20 +12,17 @@ from pairing import covering
 from integ_gym.envs.engines.native import NativeEngine
 from integ_gym.envs.numerics import stepping
 from integ_gym.envs.numerics.accuracy import independent_motion
-from integ_gym.envs.numerics.stepping import advance, fastest_mode
+from integ_gym.envs.numerics.stepping import advance
 from integ_gym.envs.registries import INTEGRATORS, PLANTS
-from integ_gym.eval.diagnosis import bench
-from integ_gym.eval.diagnosis import experiments as handmade
+from integ_gym.eval.diagnosis import control
+from integ_gym.eval.diagnosis.contact import passive
 from integ_gym.eval.diagnosis.lines import (
     above,
     below,
     near,
     order_expected,
-    said,
-    shown,
 )
-from integ_gym.eval.diagnosis.sections.contact import passive
-from integ_gym.eval.diagnosis.sections.free_motion import trend
+from integ_gym.eval.diagnosis.oscillations import trend
 from integ_gym.eval.diagnosis.subject import subjects
 from integ_gym.evidence.store import EvidenceStore
 
@@ -42,7 +39,7 @@ def test_the_order_of_every_integrator_is_judged_and_right(section, plant, tmp_p
     Orders of every integrator on every plant are measured in `test_integrators.py` and
     `test_accuracy.py`; here it is asked whether a section finds and judges them.
     """
-    monkeypatch.setattr(handmade, "success", lambda *arguments: None)
+    monkeypatch.setattr(control, "success", lambda *arguments: None)
     findings = examine(section, plant, *NAMES, store=tmp_path)
     judged = [f for f in findings if f.order_steps]
     for finding in judged:
@@ -60,8 +57,8 @@ def test_truth_is_known_to_the_same_digits_by_scipy(plant):
     controls = np.sin(np.arange(30.0))
     motion = independent_motion(subject.plant, subject.start, controls, subject.control_period)
     state = subject.start
-    for control in controls:
-        state = advance("reference", subject.plant, state, subject.control_period, 1, control)
+    for command in controls:
+        state = advance("reference", subject.plant, state, subject.control_period, 1, command)
     assert np.abs(state - motion.states[-1]).max() < 1e-10
     assert np.abs(motion.lost).max() < 1e-10 * motion.energy.max()
     assert abs(motion.work[-1]) > 1e-3 * motion.energy.max()
@@ -92,36 +89,6 @@ def test_every_step_of_every_rollout_is_in_a_record(section, tmp_path, monkeypat
     examine(section, "pendulum", "implicit_midpoint", store=tmp_path)
     recorded = EvidenceStore(tmp_path).query("SELECT sum(length * substeps) AS n FROM records")
     assert sum(steps) - sum(probes) == recorded.to_pylist()[0]["n"] > 1000
-
-
-def test_evaluations_are_counted(tmp_path):
-    (subject,) = subjects(None, "pendulum", [])
-    counts = {}
-    for name in ("explicit_euler", "rk4"):
-        rollout = bench.Bench(EvidenceStore(tmp_path), "test").open_loop(
-            name, subject, name, 0.025, bench.Commands("zero", np.zeros(1)), subject.start[None],
-            duration=1.0,
-        )  # fmt: skip
-        counts[name] = rollout.evaluations
-    assert counts == {"explicit_euler": 40, "rk4": 160}
-
-
-def test_one_lane_alone_moves_as_among_others(tmp_path):
-    (subject,) = subjects(None, "elastic_pendulum", [])
-    runner = bench.Bench(EvidenceStore(tmp_path), "test")
-    starts = np.stack([subject.start, subject.rest])
-    together = runner.open_loop(
-        "two", subject, "implicit_euler", 0.01, bench.Commands("sine", np.sin(np.arange(9.0))),
-        starts, duration=0.4,
-    )  # fmt: skip
-    alone = runner.open_loop(
-        "one", subject, "implicit_euler", 0.01, bench.Commands("sine", np.sin(np.arange(9.0))),
-        starts[:1], duration=0.4,
-    )  # fmt: skip
-    assert np.array_equal(alone.state[:, 0], together.state[:, 0])
-    assert set(alone.info) == set(together.info)
-    for name, column in alone.info.items():
-        assert np.array_equal(column[:, 0], together.info[name][:, 0]), name
 
 
 def test_a_plant_of_ones_own_goes_through_every_section(tmp_path):
@@ -161,17 +128,6 @@ def test_steps_so_fine_that_errors_are_rounding_are_not_judged(tmp_path):
     assert work.holds is None
     assert "nothing but rounding" in work.expectation.expected
     assert verdicts(findings, "work booked", "symplectic_euler") == {True}
-
-
-@pytest.mark.parametrize("name", PLANTS.names())
-def test_fastest_mode_swings_at_the_fastest_frequency(name):
-    (subject,) = subjects(None, name, [])
-    mode = fastest_mode(subject.plant, subject.rest)
-    start = subject.rest.copy()
-    start[0::2] += 1e-5 * mode
-    end = advance("reference", subject.plant, start, math.pi / subject.frequency)
-    assert np.abs(mode).max() == 1.0
-    assert end[0::2] - subject.rest[0::2] == pytest.approx(-1e-5 * mode, abs=1e-9)
 
 
 def test_not_a_number_is_neither_near_nor_below():
@@ -252,12 +208,3 @@ def test_instants_are_whole_steps_and_close_enough(dt):
 )
 def test_where_an_impact_may_gain_energy(name, limit, holds):
     assert passive(name, limit).holds is holds
-
-
-def test_numbers_as_they_are_shown():
-    assert [shown(x) for x in (2.0, 0.0, -3.0, 0.06, 1e-9, math.inf, math.nan)] == [
-        "2", "0", "−3", "0.0600", "1.00·10⁻⁹", "unbounded", "diverged",
-    ]  # fmt: skip
-    assert [said(x, "J") for x in (0.05, 1e-9, 3e-13, 2000.0)] == [
-        "0.05 J", "10⁻⁹ J", "3·10⁻¹³ J", "2000 J",
-    ]  # fmt: skip

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import math
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
 from checks import POINT
+from house import page_text
 from stated import stated
 
 from integ_gym.envs.numerics.energy import energies
-from integ_gym.envs.numerics.stepping import linear_map, stability_limit
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.registries import INTEGRATORS
-from integ_gym.eval.diagnosis.worked_example import (
+from integ_gym.eval.diagnosis.drift import (
     CART_POLE_DT,
     CART_POLE_INTEGRATORS,
     CART_POLE_TIMES,
@@ -24,7 +23,7 @@ from integ_gym.eval.diagnosis.worked_example import (
     RELEASE,
 )
 
-TEXT = (Path(__file__).parents[3] / "docs" / "explanation" / "drift.md").read_text(encoding="utf-8")
+TEXT = page_text("docs/explanation/drift.md")
 ROUNDING = 1e-9
 """Percent."""
 
@@ -80,26 +79,3 @@ def test_drift_of_the_cart_pole(row):
     energy = energies(_names(row[0])[0], CartPole(), start, CART_POLE_DT, steps[-1])
     for k, cell in zip(steps, row[1:], strict=True):
         assert 100.0 * (energy[k] / energy[0] - 1.0) == _percent(cell)
-
-
-FACTORS = {
-    "1 + z², exactly, in every state": lambda z: 1.0 + z**2,
-    "1 / (1 + z²), exactly, in every state": lambda z: 1.0 / (1.0 + z**2),
-    "1 − z⁶/72 + z⁸/576, exactly, in every state": lambda z: 1.0 - z**6 / 72.0 + z**8 / 576.0,
-    "1": lambda z: 1.0,
-    "1; conserves the energy itself": lambda z: 1.0,
-}
-LIMITS = {
-    "z = 0: never": 0.0, "every z": math.inf, "z = 2√2": 2.0 * math.sqrt(2.0), "z = 2": 2.0,
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("row", OSCILLATOR, ids=lambda row: row[0].replace("`", ""))
-@pytest.mark.parametrize("z", [0.1, 1.0, 1.9])
-def test_energy_factor_of_the_oscillator(row, z):
-    for name in _names(row[0]):
-        step = linear_map(name, z)
-        assert step.spectral_radius**2 == pytest.approx(FACTORS[row[1]](z), rel=1e-12)
-        assert stability_limit(name) == pytest.approx(LIMITS[row[2]], abs=1e-9)
-        exact = math.isclose(*step.energy_multipliers, rel_tol=1e-12)
-        assert exact is ("every state" in row[1] or "itself" in row[1])

@@ -5,10 +5,10 @@ from __future__ import annotations
 import doctest
 import math
 import re
-from pathlib import Path
 
 import pytest
 from checks import ROD, elliptic_pendulum
+from house import ROOT
 
 from integ_gym.envs.numerics.accuracy import convergence
 from integ_gym.envs.numerics.energy import energies, energy_growth
@@ -17,7 +17,6 @@ from integ_gym.envs.plants._oscillator import Oscillator
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.registries import INTEGRATORS
 
-ROOT = Path(__file__).parents[3]
 PAGE = ROOT / "docs" / "explanation" / "verification.md"
 TEXT = PAGE.read_text(encoding="utf-8")
 

@@ -17,7 +17,7 @@ from integ_gym.envs.settings import Discretization
 from integ_gym.eval.film import Film, chosen
 from integ_gym.support.figures import AMOUNTS, PALETTE, channels
 from integ_gym.support.pages import page_parts
-from integ_gym.train.baselines.making import make_baseline
+from integ_gym.train.baselines import make_baseline
 
 PENDULUM = "IntegPendulum-v0"
 HOME = Discretization("rk4", 0.05, 0.05)

@@ -204,14 +204,6 @@ def test_verify_says_meanwhile_what_it_checks_and_how_much_is_done(two_environme
     assert capsys.readouterr().err == ""
 
 
-def test_verify_needs_nothing_to_draw_a_bar_with(two_environments, monkeypatch, capsys):
-    monkeypatch.setitem(sys.modules, "tqdm", None)
-    assert main(["verify", str(two_environments)]) == 0
-    told = capsys.readouterr()
-    assert "records: 6" in told.out
-    assert told.err == ""
-
-
 def test_export(two_environments, tmp_path, capsys):
     assert main(["export", str(two_environments)]) == 0
     rows = list(csv.DictReader(io.StringIO(capsys.readouterr().out)))

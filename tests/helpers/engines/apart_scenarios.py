@@ -21,7 +21,7 @@ from exchanges import record
 from integ_gym.envs.numerics.stepping import one_step
 from integ_gym.envs.registries import ENGINES
 from integ_gym.envs.testbeds.making import find_testbed, make_checked
-from integ_gym.eval.census.published.isaaclab import decision, plant_of
+from integ_gym.eval.census.published import decision, isaaclab_plant
 
 
 def isaaclab_engine() -> dict[str, float]:
@@ -87,7 +87,7 @@ def _errors(integrator: str, damping: float, count: int) -> tuple[float, float]:
     dt = PERIOD / count
     decided = decision(integrator, dt, cart_damping=damping, newton_substeps=count)
     known = ("rk4",) * 2 if integrator == "rk4" else ("symplectic_euler", IMPLICITLY)
-    steps = [one_step(native_name(name), plant_of(damping), dt) for name in known]
+    steps = [one_step(native_name(name), isaaclab_plant(damping), dt) for name in known]
     errors = [0.0, 0.0]
     rng = np.random.default_rng(1)
     for _ in range(8):

@@ -8,7 +8,7 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from integ_gym.train.baselines.making import make_baseline
+from integ_gym.train.baselines import make_baseline
 
 PENDULUM, CART_POLE = "IntegPendulum-v0", "IntegCartPole-v0"
 SWING_UP, ELASTIC = "IntegCartPoleSwingUp-v0", "IntegElasticPendulum-v0"

@@ -12,7 +12,8 @@ from gymnasium.vector import VectorWrapper
 
 from integ_gym.train import ppo
 from integ_gym.train.policy_files.sidecar import TrainedPolicy
-from integ_gym.train.ppo import PPOConfig, train_ppo
+from integ_gym.train.ppo import PPOConfig
+from integ_gym.train.runs import train_ppo
 
 SMALL = PPOConfig(
     env_arguments={"integrator": "rk4", "max_torque": 0.8, "duration": 2.5, "start": "hanging"},

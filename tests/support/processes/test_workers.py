@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from contextlib import suppress
 
@@ -13,12 +14,11 @@ import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from integ_gym.support.processes import (
-    ESTIMATE_LOOK,
     Progress,
     limit_threads,
     report_work,
-    work_bar,
 )
+from integ_gym.support.terminal import WorkBar
 
 SCRIPT = """
 import signal
@@ -38,7 +38,7 @@ if __name__ == "__main__":
 
 
 def test_what_is_done_at_once_moves_the_bar_and_can_be_interrupted():
-    bar = work_bar("work", 10.0, shown=True)
+    bar = WorkBar("work", 10.0, shown=True)
     progress = Progress(bar, "starting")
 
     def work(amount, error=None):
@@ -59,35 +59,49 @@ def test_what_is_done_at_once_moves_the_bar_and_can_be_interrupted():
     assert bar.n == 6.0
 
 
-def test_work_that_was_done_before_says_nothing_of_how_long_the_rest_takes():
-    bar = work_bar("work", 10.0, shown=True)
-    progress = Progress(bar)
-    progress.begin_at(4.0)
-    assert (bar.n, bar.format_dict["initial"], bar.format_dict["rate"]) == (4.0, 4.0, None)
-    progress.add(2.0)
-    assert bar.n == 6.0
-    bar.close()
+def test_work_that_was_done_before_says_nothing_of_how_long_the_rest_takes(capsys):
+    with suppress(ValueError), WorkBar("work", 10.0, shown=True) as bar:
+        progress = Progress(bar)
+        progress.begin_at(4.0)
+        assert bar.n == 4.0
+        bar.describe("begins")
+        progress.add(2.0)
+        assert bar.n == 6.0
+        raise ValueError
+    first, *_ = capsys.readouterr().err.splitlines()
+    assert "40%" in first
+    assert "left" not in first
 
 
 def test_a_bar_is_full_only_when_its_work_is_done(capsys):
     """An estimate that was too low, or counted work before its files are written."""
-    with work_bar("work", 10.0, shown=True, bar_format=ESTIMATE_LOOK) as bar:
+    with WorkBar("work", 10.0, shown=True) as bar:
         bar.update(10.0)
-        bar.refresh()
+        bar.describe("writing")
         early = capsys.readouterr().err
         assert " 99%" in early
-        assert "nearly done" in early.rpartition("\r")[2]
+        assert "nearly done, writing" in early.splitlines()[-1]
     assert "100%" not in early
-    last = capsys.readouterr().err.strip().rpartition("\r")[2]
+    last = capsys.readouterr().err.splitlines()[-1]
     assert "100%" in last
     assert "left" not in last
 
 
 def test_a_bar_of_failed_work_is_not_full(capsys):
-    with suppress(ValueError), work_bar("work", 10.0, shown=True) as bar:
+    with suppress(ValueError), WorkBar("work", 10.0, shown=True) as bar:
         bar.update(20.0)
         raise ValueError
     assert "100%" not in capsys.readouterr().err
+
+
+def test_a_bar_starts_no_thread(capsys, monkeypatch):
+    before = threading.active_count()
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    monkeypatch.setenv("TERM", "xterm")
+    with WorkBar("work", 10.0, shown=True) as bar:
+        bar.update(5.0)
+        assert threading.active_count() == before
+    assert "100%" in capsys.readouterr().err
 
 
 def test_an_interruption_of_the_main_process_alone_ends_its_workers(tmp_path):

@@ -6,7 +6,7 @@ import io
 
 import pytest
 
-from integ_gym.support.terminal import GREEN, RED, print_aligned, shows_colours
+from integ_gym.support.terminal import print_columns
 
 ROWS = [("fails", "a"), ("transfers", "b"), ("fails as well", "c")]
 
@@ -19,7 +19,7 @@ class Terminal(io.StringIO):
 
 
 def printed(file: io.StringIO) -> str:
-    print_aligned(("verdict", "of"), ROWS, file, colours={"fails": RED, "transfers": GREEN})
+    print_columns(("verdict", "of"), ROWS, file, colours={"fails": "red", "transfers": "green"})
     return file.getvalue()
 
 
@@ -32,8 +32,8 @@ def plain_environment(monkeypatch):
 
 def test_whole_cells_are_painted_on_a_terminal():
     text = printed(Terminal())
-    assert "\x1b[31mfails\x1b[0m" in text
-    assert "\x1b[32mtransfers\x1b[0m" in text
+    assert "\x1b[31mfails " in text
+    assert "\x1b[32mtransfers " in text
     assert "\nfails as well" in text
     plain = text
     for code in ("\x1b[31m", "\x1b[32m", "\x1b[0m"):
@@ -44,7 +44,6 @@ def test_whole_cells_are_painted_on_a_terminal():
 @pytest.mark.parametrize(("name", "value"), [("NO_COLOR", "1"), ("TERM", "dumb")])
 def test_nobody_who_asks_for_none_gets_them(name, value, monkeypatch):
     monkeypatch.setenv(name, value)
-    assert not shows_colours(Terminal())
     assert "\x1b" not in printed(Terminal())
 
 

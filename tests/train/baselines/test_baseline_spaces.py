@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from gymnasium import spaces
 
-from integ_gym.train.baselines.making import RandomPolicy, ZeroPolicy
+from integ_gym.train.baselines import RandomPolicy, ZeroPolicy
 
 BOX = spaces.Box(np.array([-1.0, 0.5, -3.0], np.float32), np.array([2.0, 1.0, 3.0], np.float32))
 OBSERVATIONS = np.random.default_rng(0).normal(size=(4000, 5))

@@ -16,7 +16,7 @@ from playing import CART_POLE, ELASTIC, PENDULUM, SWING_UP, TIGHT, play, setup_o
 
 import integ_gym
 from integ_gym.envs.registries import TASKS
-from integ_gym.train.baselines.making import (
+from integ_gym.train.baselines import (
     BASELINES,
     HANDMADE,
     has_handmade,
@@ -94,7 +94,7 @@ def test_content_hash_covers_what_decides_the_actions(env_id: str) -> None:
 def test_content_hash_is_the_same_in_every_process() -> None:
     code = (
         "import gymnasium as gym, integ_gym\n"
-        "from integ_gym.train.baselines.making import BASELINES, make_baseline\n"
+        "from integ_gym.train.baselines import BASELINES, make_baseline\n"
         "setup = gym.make('IntegPendulum-v0').unwrapped.setup\n"
         "print(*(make_baseline(name, setup).content_hash for name in BASELINES))"
     )

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from playing import CART_POLE, ELASTIC, PENDULUM, SWING_UP, TIGHT, play, setup_of
 
-from integ_gym.train.baselines.making import make_baseline
-from integ_gym.train.baselines.pendulum_swing_up import EnergyShaping
+from integ_gym.train.baselines import make_baseline
+from integ_gym.train.controllers import EnergyShaping
 
 pytest.importorskip("scipy")
 

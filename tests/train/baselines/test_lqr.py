@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from playing import CART_POLE, PENDULUM, TIGHT, setup_of
 
-from integ_gym.train.baselines.handmade import held, linearized, lqr_gain
+from integ_gym.train.controllers import held, linearized, lqr_gain
 
 pytest.importorskip("scipy")
 

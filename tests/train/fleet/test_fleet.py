@@ -33,9 +33,13 @@ from integ_gym.train.fleet.learning import (
     Algorithm,
     Batch,
     Knobs,
+    Stack,
+    initial_stack,
     log_prob_and_entropy,
+    orthogonal,
     outputs,
     permutations,
+    state_dict,
     update,
 )
 from integ_gym.train.fleet.planning import kind_of
@@ -51,12 +55,6 @@ from integ_gym.train.policy_files.card import PolicyFileError
 from integ_gym.train.policy_files.safetensors_file import FORMAT, read_safetensors
 from integ_gym.train.policy_files.sidecar import read_trained
 from integ_gym.train.ppo import make_training_envs, model_arguments
-from integ_gym.train.sb3_model import (
-    Stack,
-    initial_stack,
-    orthogonal,
-    state_dict,
-)
 from integ_gym.train.vec_env import Sb3VecEnv, ScaledRewards
 
 

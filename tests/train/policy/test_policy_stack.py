@@ -7,8 +7,9 @@ import pytest
 
 from integ_gym.envs.catalogue.lookup import environment_setup
 from integ_gym.envs.registries import ENVIRONMENTS
-from integ_gym.train.baselines.making import BASELINES, make_baseline
+from integ_gym.train.baselines import BASELINES, make_baseline
 from integ_gym.train.called_policy import PolicyStack
+from integ_gym.train.fleet.learning import initial_stack
 from integ_gym.train.policy import (
     ACTIVATIONS,
     BoxActions,
@@ -16,7 +17,6 @@ from integ_gym.train.policy import (
     MlpPolicy,
     ObservationStatistics,
 )
-from integ_gym.train.sb3_model import initial_stack
 
 BOX = BoxActions([-2.0], [2.0])
 

@@ -10,6 +10,7 @@ import onnx
 import pytest
 from gymnasium import spaces
 
+from integ_gym.train.fleet.learning import initial_stack, state_dict
 from integ_gym.train.policy import BoxActions, MlpPolicy
 from integ_gym.train.policy_files.card import PolicyFileError, hashed
 from integ_gym.train.policy_files.onnx import onnx_card
@@ -22,7 +23,6 @@ from integ_gym.train.policy_files.sidecar import (
     write_actor,
 )
 from integ_gym.train.policy_files.writing import save_policy, write_sidecar
-from integ_gym.train.sb3_model import initial_stack, state_dict
 
 HOME = "integrator=explicit_euler,dt=0.05,control_period=0.1"
 

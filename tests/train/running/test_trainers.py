@@ -23,7 +23,7 @@ from integ_gym.evidence.store import EvidenceStore
 from integ_gym.train.config import TrainingError, TrainingEvidence
 from integ_gym.train.fleet.training import train_fleet
 from integ_gym.train.policy_files.sidecar import TrainedPolicy, read_sidecar, read_trained
-from integ_gym.train.ppo import train_ppo
+from integ_gym.train.runs import train_ppo
 
 pytest.importorskip("torch")
 pytest.importorskip("stable_baselines3")

@@ -12,11 +12,11 @@ import pytest
 from small_ppo import SMALL, WRITTEN, files_of
 
 from integ_gym.envs.testbeds.making import make_training_environments
-from integ_gym.train.algorithms import ALGORITHMS
 from integ_gym.train.command import training_command
 from integ_gym.train.config import TrainingConfig
 from integ_gym.train.policy_files.sidecar import read_trained
-from integ_gym.train.sac import SACConfig, train_sac
+from integ_gym.train.runs import ALGORITHMS, train_sac
+from integ_gym.train.sac import SACConfig
 
 sb3 = pytest.importorskip("stable_baselines3")
 

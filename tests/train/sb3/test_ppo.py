@@ -97,7 +97,7 @@ def test_rewards_are_scaled_for_the_learner_only(
 
 def test_steps_are_told_as_they_are_taken(small: TrainedPolicy, tmp_path: Path) -> None:
     told: list[tuple[int, str]] = []
-    policy = train_run(SMALL, tmp_path, tell=lambda *news: told.append(news))
+    policy = train_run(SMALL, tmp_path, report=lambda *news: told.append(news))
     assert [steps for steps, _ in told] == [4] * 128
     assert told[49][1] == ""
     assert told[50][1].startswith("return -")

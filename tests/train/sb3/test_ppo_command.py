@@ -107,7 +107,7 @@ def test_a_policy_in_the_way_is_one_line_and_exit_code_2(
     )
 
 
-@pytest.mark.parametrize("missing", ["torch", "stable_baselines3", "tqdm", "tensorboard"])
+@pytest.mark.parametrize("missing", ["torch", "stable_baselines3", "rich", "tensorboard"])
 def test_a_missing_extra_names_the_command(
     missing: str,
     tmp_path: Path,

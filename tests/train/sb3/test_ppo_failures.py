@@ -13,7 +13,7 @@ from small_ppo import FLAGS, SMALL, Recorder, files_of, looked_on, trained
 from integ_gym.envs.integrators.rk4 import RK4
 from integ_gym.train import ppo
 from integ_gym.train.command import training_command as main
-from integ_gym.train.sb3_model import saved
+from integ_gym.train.ppo import model_to_bytes
 
 torch = pytest.importorskip("torch")
 pytest.importorskip("stable_baselines3")
@@ -70,7 +70,7 @@ def test_weights_that_overflow_are_told_with_the_remedy(
 ) -> None:
     """On the way, or in the last update, which nothing is computed from before it is written."""
     if last:
-        monkeypatch.setattr(ppo, "saved", _with_overflow)
+        monkeypatch.setattr(ppo, "model_to_bytes", _with_overflow)
     flags = [*FLAGS, "--learning-rate", "1e-3" if last else "1e6"]
     assert main([*flags, "--out", str(tmp_path), "--no-tensorboard", "--no-progress"]) == 2
     error = capsys.readouterr().err
@@ -84,4 +84,4 @@ def test_weights_that_overflow_are_told_with_the_remedy(
 def _with_overflow(model: Any) -> bytes:
     with torch.no_grad():
         next(model.policy.mlp_extractor.parameters()).fill_(math.inf)
-    return saved(model)
+    return model_to_bytes(model)

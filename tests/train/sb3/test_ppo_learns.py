@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from small_ppo import trained
 
-from integ_gym.train.baselines.making import make_baseline
+from integ_gym.train.baselines import make_baseline
 from integ_gym.train.policy_files.sidecar import read_trained
 from integ_gym.train.ppo import PPOConfig
 

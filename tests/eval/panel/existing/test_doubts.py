@@ -16,7 +16,7 @@ from integ_gym.eval.panel.existing import plan
 from integ_gym.eval.panel.matrix import Matrix, PanelLayout, given_rows
 from integ_gym.eval.panel.policies import given_policy, read_existing
 from integ_gym.evidence.store import EvidenceStore
-from integ_gym.train.baselines.making import BASELINES
+from integ_gym.train.baselines import BASELINES
 from integ_gym.train.policy import BoxActions, DiscreteActions, MlpPolicy
 from integ_gym.train.policy_files.writing import save_policy, write_sidecar
 

@@ -22,7 +22,7 @@ from integ_gym.eval.panel.run import check_spec
 from integ_gym.eval.panel.spec import PanelSpec, parse_spec
 from integ_gym.eval.panel.units import training_config, units_of
 from integ_gym.evidence.store import EvidenceStore
-from integ_gym.train.baselines.making import make_baseline
+from integ_gym.train.baselines import make_baseline
 from integ_gym.train.policy_files.card import hashed
 from integ_gym.train.policy_files.sidecar import read_sidecar
 

@@ -15,7 +15,7 @@ from integ_gym.envs.catalogue.lookup import environment_setup
 from integ_gym.envs.testbeds import making
 from integ_gym.eval.panel.run import check_spec
 from integ_gym.eval.panel.spec import parse_spec
-from integ_gym.train.baselines.making import has_handmade, make_baseline, possible_baselines
+from integ_gym.train.baselines import has_handmade, make_baseline, possible_baselines
 
 PAGE = ROOT / "docs" / "how-to" / "adding.md"
 BLOCKS = re.findall(r"^```python\n# (\w+\.py)\n(.*?)^```", PAGE.read_text("utf-8"), re.M | re.S)

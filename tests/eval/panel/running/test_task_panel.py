@@ -14,7 +14,7 @@ from integ_gym.eval.panel.cells import SpecError
 from integ_gym.eval.panel.run import check_spec
 from integ_gym.eval.panel.spec import parse_spec
 from integ_gym.evidence.store import EvidenceStore
-from integ_gym.train.algorithms import ALGORITHMS
+from integ_gym.train.runs import ALGORITHMS
 
 TOML = """
 name = "a task"

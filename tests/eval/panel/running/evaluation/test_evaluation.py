@@ -22,9 +22,9 @@ from integ_gym.eval.panel.evaluate import batches_of, evaluation_seconds
 from integ_gym.eval.panel.spec import PanelSpec, built_in_spec
 from integ_gym.evidence.fields import VOLATILE_NAMES
 from integ_gym.evidence.store import EvidenceStore
-from integ_gym.train.baselines.making import BASELINES, make_baseline
+from integ_gym.train.baselines import BASELINES, make_baseline
+from integ_gym.train.fleet.learning import initial_stack
 from integ_gym.train.policy import BoxActions, DiscreteActions, MlpPolicy
-from integ_gym.train.sb3_model import initial_stack
 
 CASES = {
     "IntegPendulum-v0": {"max_torque": 1.5, "start": "hanging", "duration": 2.5},

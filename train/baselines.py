@@ -18,7 +18,7 @@ from integ_gym.support.errors import InputError
 from integ_gym.support.parameters import unknown_name
 from integ_gym.support.registry import Registry
 
-from ..policy import ActionArray, FloatArray, Policy
+from .policy import ActionArray, FloatArray, Policy
 
 
 class Baseline:
@@ -172,8 +172,6 @@ class ZeroPolicy(Baseline):
         return np.full((len(observations), *self.action.shape), self.action)
 
 
-_HANDMADE = "integ_gym.train.baselines"
-
 BASELINES = ("random", "zero", "handmade")
 """Names that `make_baseline` takes, for every environment."""
 
@@ -181,10 +179,10 @@ HANDMADE = Registry(
     "hand-made controller",
     "act",
     {
-        "cart_pole_balance": f"{_HANDMADE}.cart_pole_balance:BangBangRegulator",
-        "cart_pole_swing_up": f"{_HANDMADE}.cart_pole_swing_up:CartPoleEnergyShaping",
-        "elastic_pendulum_quiet": f"{_HANDMADE}.elastic_pendulum_quiet:SwingRegulator",
-        "pendulum_swing_up": f"{_HANDMADE}.pendulum_swing_up:EnergyShaping",
+        "cart_pole_balance": "integ_gym.train.controllers:BangBangRegulator",
+        "cart_pole_swing_up": "integ_gym.train.controllers:CartPoleEnergyShaping",
+        "elastic_pendulum_quiet": "integ_gym.train.controllers:SwingRegulator",
+        "pendulum_swing_up": "integ_gym.train.controllers:EnergyShaping",
     },
 )
 """Controllers by the name of the task that they are for."""

@@ -1,54 +1,49 @@
-"""Training runs side by side in worker processes: what both trainers have in common."""
+"""Training runs: with PPO or SAC, one by one or in worker processes."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Future
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import repeat
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
+from typing import Any, Final, TypeAlias, TypeVar
 
 from integ_gym.support.errors import InputError
-from integ_gym.support.executors import (
-    Cluster,
-    Resources,
-    TaskPool,
-    open_cluster,
-)
+from integ_gym.support.executors import Cluster, Resources, TaskPool, open_cluster
 from integ_gym.support.files import read_files, write_files
-from integ_gym.support.processes import Progress, report_work, work_bar
+from integ_gym.support.optional import require
+from integ_gym.support.processes import Progress, report_work
+from integ_gym.support.terminal import WorkBar, plural
 
-from .config import TrainingError, TrainingEvidence
+from . import sac
+from .config import TrainingConfig, TrainingError, TrainingEvidence
 from .policy_files.sidecar import TrainedPolicy, check_folder
-
-if TYPE_CHECKING:
-    from .config import TrainingConfig
-
+from .ppo import PPOConfig, train_run
 
 OnTrained: TypeAlias = Callable[[int, TrainedPolicy], Any]
 """Told the place of a policy among the configurations once it and its evidence are written."""
 
-C = TypeVar("C", bound="TrainingConfig")
+C = TypeVar("C", bound=TrainingConfig)
 
 Run: TypeAlias = "tuple[C, Path, TrainingEvidence | None]"
 """A run, the folder for its policy and where its episodes are recorded."""
 
 
-def unheard(place: int, trained: TrainedPolicy) -> None:
-    """Nobody is told."""
+def no_op(place: int, trained: TrainedPolicy) -> None:
+    """Tell nobody."""
 
 
-def checked_runs(
+def check_runs(
     configs: Sequence[C],
     out_dirs: Sequence[str | Path],
     evidence: Sequence[TrainingEvidence] | None,
     force: bool,
 ) -> list[Run[C]]:
-    """Runs with what belongs to each.
+    """Put what belongs to each run together.
 
     Raises:
         OSError: if a folder is a file; or, unless ``force``, if there is a policy in it.
@@ -64,40 +59,133 @@ def checked_runs(
     return list(zip(configs, folders, evidence or repeat(None), strict=False))
 
 
-def train_each(
-    train_run: Callable[..., TrainedPolicy],
+def train_ppo(
+    configs: Sequence[PPOConfig],
+    out_dirs: Sequence[str | Path],
+    *,
+    evidence: Sequence[TrainingEvidence] | None = None,
+    progress: bool = True,
+    workers: int | None = None,
+    force: bool = False,
+    on_trained: OnTrained = no_op,
+    tensorboard: bool = True,
+    executor: str | Cluster = "local",
+    address: str | None = None,
+) -> list[TrainedPolicy]:
+    """Train policies and write each: `policy.zip`, `policy.safetensors` and `policy.json`.
+
+    Args:
+        configs: the runs; they may differ in everything.
+        out_dirs: a folder for each policy.
+        evidence: where the training episodes of each are recorded; None: nowhere.
+        progress: show a bar on stderr.
+        workers: processes; by default one per core. A single run, or the runs of a single worker
+            one after another, are trained in this process.
+        force: replace policies that are already there.
+        on_trained: told the place of every policy in `configs` once it and its evidence are
+            written.
+        tensorboard: write logs beside each policy.
+        executor: what runs the processes: see :func:`integ_gym.support.executors.open_cluster`.
+        address: of a running cluster.
+
+    Raises:
+        OSError: if a folder cannot be used, or holds a policy and `force` is not given.
+        TypeError, ValueError: for arguments that are not possible.
+        ModuleNotFoundError: if the extra is missing, with the command that installs it.
+        TrainingError: if a run fails or a worker is killed; finished policies stay.
+    """
+    run = partial(train_run, tensorboard=tensorboard)
+    runs = _check_sb3_runs(configs, out_dirs, evidence, force)
+    return _train_each(run, runs, progress, workers, on_trained, executor, address)
+
+
+def train_sac(
+    configs: Sequence[sac.SACConfig],
+    out_dirs: Sequence[str | Path],
+    *,
+    evidence: Sequence[TrainingEvidence] | None = None,
+    progress: bool = True,
+    workers: int | None = None,
+    force: bool = False,
+    on_trained: OnTrained = no_op,
+    tensorboard: bool = True,
+    executor: str | Cluster = "local",
+    address: str | None = None,
+) -> list[TrainedPolicy]:
+    """Train policies and write each, as :func:`train_ppo` does.
+
+    Raises:
+        OSError: if a folder cannot be used, or holds a policy and `force` is not given.
+        TypeError, ValueError: for arguments that are not possible, such as an environment whose
+            actions are discrete.
+        ModuleNotFoundError: if the extra is missing, with the command that installs it.
+        TrainingError: if a run fails or a worker is killed; finished policies stay.
+    """
+    run = partial(train_run, make_model=sac.make_model, tensorboard=tensorboard)
+    runs = _check_sb3_runs(configs, out_dirs, evidence, force)
+    return _train_each(run, runs, progress, workers, on_trained, executor, address)
+
+
+@dataclass(frozen=True)
+class Algorithm:
+    """Its hyperparameters, and what trains with them."""
+
+    config: type[TrainingConfig]
+    train: Any
+
+
+ALGORITHMS: Final[Mapping[str, Algorithm]] = {
+    "ppo": Algorithm(PPOConfig, train_ppo),
+    "sac": Algorithm(sac.SACConfig, train_sac),
+}
+"""The first is what trains where nothing else is said; the fleet trains it alone."""
+
+
+def _check_sb3_runs(
+    configs: Sequence[C],
+    out_dirs: Sequence[str | Path],
+    evidence: Sequence[TrainingEvidence] | None,
+    force: bool,
+) -> list[Run[C]]:
+    require("train")
+    return check_runs(configs, out_dirs, evidence, force)
+
+
+def _train_each(
+    train: Callable[..., TrainedPolicy],
     runs: Sequence[Run[Any]],
     progress: bool,
     workers: int | None,
     on_trained: OnTrained,
-    executor: str | Cluster = "local",
-    address: str | None = None,
+    executor: str | Cluster,
+    address: str | None,
 ) -> list[TrainedPolicy]:
     """Train policies one by one, in this process if one worker is enough; see `train_ppo`."""
     bar = training_bar(sum(run[0].rounded_steps for run in runs), len(runs), progress)
     with resolve_executor(executor, address, workers) as cluster:
         if cluster.remote or min(cluster.workers, len(runs)) > 1:
-            train, places = partial(_train_and_report, train_run), [(n,) for n in range(len(runs))]
-            return train_in_processes(train, runs, places, cluster, bar, on_trained)
+            chunks = [(place,) for place in range(len(runs))]
+            task = partial(_train_and_report, train)
+            return train_in_processes(task, runs, chunks, cluster, bar, on_trained)
 
-    def tell(steps: int, words: str) -> None:
-        bar.set_postfix_str(words, refresh=False)
+    def report(steps: int, words: str) -> None:
+        bar.describe(words, draw=False)
         bar.update(steps)
         report_work(steps)
 
     trained = []
     with bar:
         for place, run in enumerate(runs):
-            trained.append(train_run(*run, tell=tell))
+            trained.append(train(*run, report=report))
             on_trained(place, trained[-1])
     return trained
 
 
 def _train_and_report(
-    train_run: Callable[..., TrainedPolicy], runs: Sequence[Run[Any]]
+    train: Callable[..., TrainedPolicy], runs: Sequence[Run[Any]]
 ) -> list[TrainedPolicy]:
     """Runs one by one, in a worker process."""
-    return [train_run(*run, tell=lambda steps, words: report_work(steps)) for run in runs]
+    return [train(*run, report=lambda steps, words: report_work(steps)) for run in runs]
 
 
 def train_in_processes(
@@ -151,7 +239,7 @@ def train_in_processes(
                 made = _keep(runs[place], outcome) if cluster.remote else write(place, outcome)
                 trained[place] = made
                 on_trained(place, made)
-            bar.set_postfix_str(f"{len(trained)} of {len(runs)} policies", refresh=False)
+            bar.describe(f"{len(trained)} of {len(runs)} policies", draw=False)
     return [trained[place] for place in sorted(trained)]
 
 
@@ -223,7 +311,7 @@ def resolve_executor(
         yield cluster
 
 
-def training_bar(decisions: int, policies: int, shown: bool) -> Any:
+def training_bar(decisions: int, policies: int, shown: bool) -> WorkBar:
     """A bar over the decisions of all policies, on stderr."""
-    label = f"PPO, {policies} {'policy' if policies == 1 else 'policies'}"
-    return work_bar(label, decisions, shown, unit=" steps", unit_scale=True)
+    label = f"PPO, {plural(policies, 'policy', 'policies')}"
+    return WorkBar(label, decisions, shown, unit=" steps")

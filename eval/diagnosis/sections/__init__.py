@@ -1,1 +1,0 @@
-"""The sections of a diagnosis, one module each."""
