@@ -448,8 +448,8 @@ def replay_some(
     while block := list(islice(records, BLOCK)):
         again(block)
     records = store.named_records(decided) if decided else iter(())
-    for _, block in groupby(records, key=itemgetter(0)):  # a cell's episodes are in one file
-        again(list(block), policy=policy)
+    for _, of_file in groupby(records, key=itemgetter(0)):  # a cell's episodes are in one file
+        again(list(of_file), policy=policy)
     bare = "" if decide else " AND reward IS NULL"
     done.skip(UNDECIDED, store.query(_HOPELESS + bare).num_rows)
     return done.settle()

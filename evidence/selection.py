@@ -128,7 +128,7 @@ class Selection:
     @cached_property
     def columns(self) -> dict[str, dict[str, str]]:
         """What is said of each trace column that some record has, by name in their order."""
-        told = {}
+        told: dict[str, dict[str, str]] = {}
         for file in self.store.files():
             env_ids = read(file, columns=["env_id"]).column(0).unique().to_pylist()
             if set(self.env_ids) & set(env_ids):

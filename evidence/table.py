@@ -124,8 +124,8 @@ def unhashed_table(
     episodes, fields = log.episodes(), log.layout.fields
     width, contexts = setups[0][0].engine.width, []
     for context in log.contexts:
-        widths = (context.float_width, width)
-        contexts.append(replace(context, float_width=None if None in widths else min(widths)))
+        known = [bits for bits in (context.float_width, width) if bits is not None]
+        contexts.append(replace(context, float_width=min(known) if len(known) == 2 else None))
     columns = _summary_columns(contexts, episodes, setups)
     columns["env_id"] = pa.array([env_id] * len(episodes.heads))
     columns["content_hash"] = pa.array([""] * len(episodes.heads))

@@ -256,7 +256,8 @@ def _feed_forward(policy: Any, name: str, obs_stats: GivenStatistics) -> MlpPoli
             "onnxruntime runs an ONNX graph as it is, and it is written in no other format; give "
             "the model that it was exported from"
         )
-    return replace(policy, policy_id=name, statistics=given or policy.statistics)
+    own: MlpPolicy = replace(policy, policy_id=name, statistics=given or policy.statistics)
+    return own
 
 
 def _training(env_id: str, home: Stated, environment: Mapping[str, Any] | None) -> dict[str, Any]:
