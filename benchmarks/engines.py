@@ -27,11 +27,11 @@ from measuring.bare import LOOPS
 from measuring.rates import Advance, turns
 
 import integ_gym  # noqa: F401
-from integ_gym.envs.catalogue.lookup import environment_setup
-from integ_gym.envs.engines.interface import missing_modules
-from integ_gym.envs.plants.interface import split_state
+from integ_gym.envs.engines.stepping import missing_modules
+from integ_gym.envs.environment import environment_setup
+from integ_gym.envs.ops.ops import split_state
 from integ_gym.envs.registries import ENGINES
-from integ_gym.support.optional import missing
+from integ_gym.support.optional import missing_package
 
 EXAMPLES = """\
 examples:
@@ -191,7 +191,7 @@ def main() -> None:
     arguments = parser.parse_args()
     lacking = {name: modules for name in arguments.only if (modules := missing_modules(name))}
     for name, modules in lacking.items():
-        print(f"{name} left out: {missing(', '.join(modules), name)}")
+        print(f"{name} left out: {missing_package(', '.join(modules), name)}")
     found = list(rows([name for name in arguments.only if name not in lacking], arguments.seconds))
     results.print_table(HEADER, map(cells, found))
     content = {"rows": found}

@@ -17,7 +17,7 @@ import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.envs.catalogue.lookup import environment_setup, is_integ_environment
+from integ_gym.envs.environment import environment_setup, is_integ_environment
 from integ_gym.envs.plants.interface import state_names
 from integ_gym.envs.registries import ENVIRONMENTS, TRUTH
 from integ_gym.envs.rendering.canvas import load_pygame, open_screen
@@ -38,7 +38,7 @@ Asked: TypeAlias = Discretization | Mapping[str, Any] | str
 TRUE_NAMES = ("truth", "reference")
 
 
-def chosen(asked: Asked, like: Discretization, env_id: str) -> Discretization:
+def parse_discretization(asked: Asked, like: Discretization, env_id: str) -> Discretization:
     """The discretization that is asked for.
 
     Args:
@@ -53,9 +53,17 @@ def chosen(asked: Asked, like: Discretization, env_id: str) -> Discretization:
     """
     if isinstance(asked, Discretization):
         return asked
-    parts = _parts(asked) if isinstance(asked, str) else dict(asked)
-    unknown = sorted(set(parts) - set(DISCRETIZATION))
-    if unknown or "integrator" not in parts:
+    parts: dict[str, Any] = {} if isinstance(asked, str) else dict(asked)
+    if isinstance(asked, str):
+        words = asked.split()
+        step = words.pop() if words and words[-1].startswith("dt=") else ""
+        if len(words) in (1, 2):
+            parts = dict(zip(("integrator", "engine"), reversed(words), strict=False))
+        try:
+            parts |= {"dt": float(step.removeprefix("dt="))} if step else {}
+        except ValueError:
+            raise InputError(f"dt must be a number of seconds, got {step!r} in {asked!r}") from None
+    if "integrator" not in parts or not set(parts) <= set(DISCRETIZATION):
         raise InputError(
             f"a discretization is an integrator, and if need be its engine before it and dt=S "
             f"after it, such as 'explicit_euler dt=0.0125'; got {asked!r}"
@@ -64,45 +72,15 @@ def chosen(asked: Asked, like: Discretization, env_id: str) -> Discretization:
         truth = find_testbed(env_id, {}).truth(parts.get("control_period", like.control_period))
         assert truth is not None  # of our environments
         return truth
-    made = replace(like, **parts)
-    if made.dt > 0.0:
-        check_divides("dt", made.dt, "the control period", made.control_period)
-    return made
-
-
-def _parts(name: str) -> dict[str, Any]:
-    """Parts of a discretization's name."""
-    *words, last = name.split() or [""]
-    dt: dict[str, Any] = {}
-    if last.startswith("dt="):
-        try:
-            dt = {"dt": float(last.removeprefix("dt="))}
-        except ValueError:
-            raise InputError(f"dt must be a number of seconds, got {last!r} in {name!r}") from None
-    else:
-        words.append(last)
-    if not all(words) or len(words) not in (1, 2):
-        return {}
-    engine = {"engine": words[0]} if len(words) == 2 else {}
-    return {**engine, "integrator": words[-1], **dt}
+    cell = replace(like, **parts)
+    if cell.dt > 0.0:
+        check_divides("dt", cell.dt, "the control period", cell.control_period)
+    return cell
 
 
 def arguments_on(cell: Discretization, arguments: Mapping[str, Any]) -> dict[str, Any]:
     """Constructor arguments of an environment on another discretization."""
     return Cell(cell, "grid").arguments(arguments)
-
-
-def check_possible(
-    cells: Iterable[Discretization], env_id: str, arguments: Mapping[str, Any]
-) -> None:
-    """Refuse discretizations that an environment cannot have, before any episode is played.
-
-    Raises:
-        TypeError, ValueError: with the valid choices.
-        ModuleNotFoundError: if an engine is missing, with the command that installs it.
-    """
-    for cell in cells:
-        environment_setup(env_id, arguments_on(cell, arguments))
 
 
 def check_filmed(env_id: str) -> None:
@@ -176,7 +154,7 @@ class Episode:
         return Moment(self.states[place], float(self.controls[place]), bars)
 
 
-def played(
+def play_episode(
     policy: Policy, env_id: str, arguments: Mapping[str, Any], seed: int | None, start: Any = None
 ) -> Episode:
     """A policy's episode in an environment.
@@ -196,29 +174,34 @@ def played(
     observation, info = env.reset(seed=seed)
     if start is not None and not np.array_equal(own.state, start):
         observation, info = env.reset(seed=seed, options={"state": tuple(start)})
-    states, told, ended = [own.state], [info], False
+    states, infos, ended = [own.state], [info], False
     while not ended:
         action = policy.act(observation[None])[0].reshape(env.action_space.shape)
         observation, _, terminated, truncated, info = env.step(action)
         states.append(own.state)
-        told.append(info)
+        infos.append(info)
         ended = terminated or truncated
     env.close()
-    steps = {name: _column(told, name) for name in ("time", "control", "energy")}
+
+    def column(name: str) -> Array:
+        """Values of each step; NaN where they are not known."""
+        values = [info.get(name) for info in infos]
+        return np.array([np.nan if value is None else float(value) for value in values])
+
     return Episode(
         own.setup,
-        steps["time"],
+        column("time"),
         np.array(states),
-        steps["control"],
-        steps["energy"],
-        np.cumsum(_column(told, "actuator_work")),
-        np.cumsum(_column(told, "energy_residual")),
-        sum((np.cumsum(_column(told, name)) for name in LOSSES), np.zeros(len(told))),
+        column("control"),
+        column("energy"),
+        np.cumsum(column("actuator_work")),
+        np.cumsum(column("energy_residual")),
+        sum((np.cumsum(column(name)) for name in LOSSES), np.zeros(len(infos))),
         bool(info["success"]),
     )
 
 
-def recorded(record: EvidenceRecord) -> Episode:
+def episode_of_record(record: EvidenceRecord) -> Episode:
     """The episode of a record that has a trace.
 
     Raises:
@@ -242,12 +225,6 @@ def recorded(record: EvidenceRecord) -> Episode:
         sum((total(name) for name in LOSSES), np.zeros(steps)),
         bool(record["success"]),
     )
-
-
-def _column(told: list[dict[str, Any]], name: str) -> Array:
-    """An entry of ``info`` over an episode; NaN where it is not known."""
-    values = [info.get(name) for info in told]
-    return np.array([np.nan if value is None else float(value) for value in values])
 
 
 Frame = npt.NDArray[np.uint8]
@@ -320,32 +297,21 @@ def _write_mp4(frames: Sequence[Frame], fps: int, path: Path) -> None:
     """H.264 with pixels that every player shows, which takes even sizes."""
     height, width = (n - n % 2 for n in frames[0].shape[:2])
     given = f"-f rawvideo -pix_fmt rgb24 -s {width}x{height} -r {fps} -i -".split()
-    made = f"-c:v libx264 -pix_fmt yuv420p -crf {_RATE_FACTOR}".split()
+    wanted = f"-c:v libx264 -pix_fmt yuv420p -crf {_RATE_FACTOR}".split()
     program = load("imageio_ffmpeg", "render").get_ffmpeg_exe()
-    command = [program, "-loglevel", "error", "-y", *given, *made, str(path)]
+    command = [program, "-loglevel", "error", "-y", *given, *wanted, str(path)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as process:
-        told = _fed(process, (f[:height, :width] for f in _held(frames, round(HOLD * fps))))
+        assert process.stdin is not None
+        assert process.stderr is not None
+        with contextlib.suppress(BrokenPipeError):
+            for frame in frames:
+                process.stdin.write(frame[:height, :width].tobytes())
+            for _ in range(round(HOLD * fps)):
+                process.stdin.write(frame[:height, :width].tobytes())
+            process.stdin.close()
+        complaint = process.stderr.read().decode(errors="replace").strip()
     if process.returncode:
-        raise OSError(f"cannot write {path.name}: {told.strip() or 'ffmpeg failed'}")
-
-
-def _fed(process: subprocess.Popen[bytes], frames: Iterable[Frame]) -> str:
-    """What ffmpeg says while it is given frames."""
-    assert process.stdin is not None
-    assert process.stderr is not None
-    with contextlib.suppress(BrokenPipeError):
-        for frame in frames:
-            process.stdin.write(frame.tobytes())
-        process.stdin.close()
-    return process.stderr.read().decode(errors="replace")
-
-
-def _held(frames: Iterable[Frame], count: int) -> Iterator[Frame]:
-    """Frames, the last of them repeated."""
-    for frame in frames:
-        yield frame
-    for _ in range(count):
-        yield frame
+        raise OSError(f"cannot write {path.name}: {complaint or 'ffmpeg failed'}")
 
 
 FPS = 20
@@ -406,9 +372,6 @@ class Film(Sequence[Frame]):
         time = place % len(self) / self.fps
         moments = [episode.moment(time, self._shown) for episode in self.episodes]
         return self._panes.draw(moments, time)
-
-    def __iter__(self) -> Iterator[Frame]:
-        return (self[k] for k in range(len(self)))
 
     def write(self, path: str | os.PathLike[str]) -> Path:
         """Write it as ``.gif`` or ``.mp4``, by the path's ending.
@@ -479,18 +442,15 @@ def show_film(film: Film) -> None:
         screen = open_screen(frames[0].get_size(), "integ-gym watch")
     except ValueError as error:
         raise InputError(f"{error}; write the film with --out film.gif or film.mp4") from None
-    began = perf_counter()
-    while not _is_closed(pygame):
+    began, is_open = perf_counter(), True
+    while is_open:
         passed = (perf_counter() - began) % (len(frames) / film.fps + _PAUSE)
         screen.blit(frames[min(len(frames) - 1, int(passed * film.fps))], (0, 0))
         pygame.display.flip()
         pygame.time.wait(1000 // (2 * film.fps))
+        is_open = not any(
+            event.type == pygame.QUIT
+            or (event.type == pygame.KEYDOWN and event.key in (pygame.K_ESCAPE, pygame.K_q))
+            for event in pygame.event.get()
+        )
     pygame.display.quit()
-
-
-def _is_closed(pygame: object) -> bool:
-    return any(
-        event.type == pygame.QUIT  # type: ignore[attr-defined]
-        or (event.type == pygame.KEYDOWN and event.key in (pygame.K_ESCAPE, pygame.K_q))  # type: ignore[attr-defined]
-        for event in pygame.event.get()  # type: ignore[attr-defined]
-    )

@@ -17,7 +17,7 @@ from typing import Any, Final, Literal
 import msgspec
 import numpy as np
 
-from integ_gym.envs.catalogue.lookup import is_integ_environment
+from integ_gym.envs.environment import is_integ_environment
 from integ_gym.envs.settings import DISCRETIZATION, NATIVE, Discretization
 from integ_gym.envs.testbeds.making import find_testbed
 from integ_gym.support.errors import InputError

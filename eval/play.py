@@ -8,20 +8,12 @@ from collections.abc import Callable, Mapping
 from time import perf_counter
 from typing import Any
 
-from integ_gym.envs.catalogue.lookup import environment_class
-from integ_gym.envs.engines.interface import integrators_of
-from integ_gym.envs.environment import IntegEnv
+from integ_gym.envs.engines.stepping import integrators_of
+from integ_gym.envs.environment import IntegEnv, environment_class
 from integ_gym.envs.ops.ops import SCALAR
 from integ_gym.envs.registries import TRUTH
 from integ_gym.envs.rendering.canvas import load_pygame, open_screen
-from integ_gym.envs.rendering.cockpit import (
-    SHOWN,
-    Choice,
-    Cockpit,
-    Course,
-    Moment,
-    View,
-)
+from integ_gym.envs.rendering.cockpit import SHOWN, Choice, Cockpit, Course, Moment, View
 from integ_gym.envs.settings import NATIVE, Setup
 from integ_gym.envs.transition import LOSSES
 from integ_gym.support.errors import InputError
@@ -61,15 +53,18 @@ class Game:
                 "first dt where that is longer; leave it out"
             )
         self._class = environment_class(env_id)
-        self._arguments = {"duration": _DAY, "start": _start(self._class), **arguments}
-        if self._class.task_class().discrete is not None:
+        task = self._class.task_class()
+        start = "hanging" if "hanging" in task.starts else task.starts[0]  # leaves most to do
+        self._arguments = {"duration": _DAY, "start": start, **arguments}
+        if task.discrete is not None:
             self._arguments.setdefault("fallback", "zero")  # a hand that rests gives no action
         first = self._class(**self._arguments).setup.settings
-        self.integrators = _integrators(first.engine, first.integrator)
+        names = (*integrators_of(first.engine), *([TRUTH] if first.engine == NATIVE else []))
+        own = () if first.integrator in names else (first.integrator,)
+        self.integrators: tuple[str, ...] = (*own, *names)
         self._integrator, self._first, self._seed = first.integrator, first.dt, seed
         self._dt = first.dt
-        self._env = self._made()
-        self.steps = tuple(filter(self._possible, (first.dt * n for n in STEPS)))
+        self.steps = tuple(filter(self._is_possible, (first.dt * n for n in STEPS)))
         self.restart()
 
     @property
@@ -85,13 +80,13 @@ class Game:
     def restart(self) -> None:
         """Begin again from another start, in the same discretization."""
         self.push, self.time, self.ended = 0.0, 0.0, ""
-        self._env = self._made()
-        self._told = self._env.reset(seed=self._seed)[1]
+        self._env = self._build(self._dt)
+        self._info = self._env.reset(seed=self._seed)[1]
         self._seed += 1
         self._marks: list[float] = []
         self._times = [0.0]
         self._amounts = {name: [0.0] for name in _AMOUNTS}
-        self._amounts["energy"] = [self._told["energy"]]
+        self._amounts["energy"] = [self._info["energy"]]
 
     def choose_integrator(self, place: int) -> None:
         """Go on with another of :attr:`integrators`; nothing where there is none at the place."""
@@ -112,20 +107,19 @@ class Game:
         """Let one :attr:`period` pass, unless the game has ended."""
         if self.ended:
             return
-        _, _, terminated, truncated, told = self._env.step(self._action())
-        self._told = told
+        _, _, terminated, truncated, info = self._env.step(self._action())
+        self._info = info
         self.time += self.period
-        gained = {
-            "motor": told["actuator_work"],
-            "numerics": told["energy_residual"],
-            "losses": -sum(told[name] for name in LOSSES),
-        }
         self._times.append(self.time)
-        for name, amount in gained.items():
-            self._amounts[name].append(self._amounts[name][-1] + amount)
-        self._amounts["energy"].append(told["energy"])
+        for name, gained in (
+            ("motor", info["actuator_work"]),
+            ("numerics", info["energy_residual"]),
+            ("losses", -sum(info[name] for name in LOSSES)),
+        ):
+            self._amounts[name].append(self._amounts[name][-1] + gained)
+        self._amounts["energy"].append(info["energy"])
         if terminated:
-            blown = told["solver_status"] == "diverged"
+            blown = info["solver_status"] == "diverged"
             self.ended = "the numbers blew up" if blown else "the task is lost"
         elif truncated:
             self.ended = "a day is over"
@@ -136,43 +130,30 @@ class Game:
 
     def view(self) -> View:
         """What there is to see."""
-        settings = self.setup.settings
+        settings, plant = self.setup.settings, self.setup.plant
         engine = "" if settings.engine == NATIVE else f"{settings.engine} "
         step = "solved to rounding" if self._integrator == TRUTH else f"dt {self._dt:g} s"
-        control = 0.0 if self.ended else float(self._told["control"])
-        return View(
-            f"{engine}{_words(self._integrator)}, {step}",
-            self._warning(),
-            self.time,
-            Moment(self._env.state, control, self.ledger()),
-            self._choices(),
-            self._course(),
-        )
-
-    def _choices(self) -> tuple[Choice, ...]:
+        status = self._info["solver_status"]
+        warning = f"{self.ended}: R begins again" if self.ended else ""
+        if not self.ended and status not in ("ok", "not_reported"):
+            warning = f"the solver says: {status.replace('_', ' ')}"
         names = [f"{place}  {_words(name)}" for place, name in enumerate(self.integrators, 1)]
-        steps = [f"{step:g} s" for step in self.steps]
-        return (
-            Choice("integrator", names, self.integrators.index(self._integrator)),
-            Choice("step", steps, self.steps.index(self._dt)),
-        )
-
-    def _course(self) -> Course:
-        """Of the time that is shown."""
         since = bisect_left(self._times, self.time - SHOWN)
         amounts = {name: self._amounts[name][since:] for name in ("motor", "numerics", "energy")}
-        rest = (0.0,) * len(self.setup.plant.coordinates)
-        goal = float(self.setup.plant.energy(SCALAR, rest, rest))
-        return Course(self._times[since:], amounts, self._marks, goal or None)
-
-    def _warning(self) -> str:
-        if self.ended:
-            return f"{self.ended}: R begins again"
-        status = self._told["solver_status"]
-        return (
-            ""
-            if status in ("ok", "not_reported")
-            else f"the solver says: {status.replace('_', ' ')}"
+        rest = (0.0,) * len(plant.coordinates)
+        goal = float(plant.energy(SCALAR, rest, rest))
+        return View(
+            f"{engine}{_words(self._integrator)}, {step}",
+            warning,
+            self.time,
+            Moment(
+                self._env.state, 0.0 if self.ended else float(self._info["control"]), self.ledger()
+            ),
+            (
+                Choice("integrator", names, self.integrators.index(self._integrator)),
+                Choice("step", [f"{step:g} s" for step in self.steps], self.steps.index(self._dt)),
+            ),
+            Course(self._times[since:], amounts, self._marks, goal or None),
         )
 
     def _action(self) -> Any:
@@ -186,38 +167,22 @@ class Game:
             return
         state = tuple(self._env.state)
         self._integrator, self._dt = integrator, dt
-        self._env = self._made()
-        self._told = self._env.reset(options={"state": state})[1]
+        self._env = self._build(self._dt)
+        self._info = self._env.reset(options={"state": state})[1]
         self._marks.append(self.time)
 
-    def _made(self, dt: float | None = None) -> IntegEnv:
-        step = self._dt if dt is None else dt
-        chosen = {
-            "integrator": self._integrator,
-            "dt": step,
-            "control_period": max(step, LEAST_PERIOD * self._first),
-        }
-        return self._class(**{**self._arguments, **chosen})
+    def _build(self, dt: float) -> IntegEnv:
+        period = max(dt, LEAST_PERIOD * self._first)
+        parts = {"integrator": self._integrator, "dt": dt, "control_period": period}
+        return self._class(**{**self._arguments, **parts})
 
-    def _possible(self, dt: float) -> bool:
+    def _is_possible(self, dt: float) -> bool:
         """Whether the arguments, such as a latency, go together with a step."""
         try:
-            self._made(dt)
+            self._build(dt)
         except ValueError:
             return False
         return True
-
-
-def _start(owner: type[IntegEnv]) -> str:
-    """The start that leaves most to do: hanging, where there is such a one."""
-    starts: tuple[str, ...] = owner.task_class().starts
-    return "hanging" if "hanging" in starts else starts[0]
-
-
-def _integrators(engine: str, first: str) -> tuple[str, ...]:
-    """Those of an engine, ours with the exact one, and the first one if it is somebody's own."""
-    names = (*integrators_of(engine), *([TRUTH] if engine == NATIVE else []))
-    return names if first in names else (first, *names)
 
 
 def _words(integrator: str) -> str:
@@ -269,7 +234,6 @@ class Window:
         self._paused = False
         self._last = clock()
         self._due = 0.0
-        self._keys = self._bindings()
         picture = self._cockpit.frame(game.view())
         try:
             self._screen = open_screen(picture.get_size(), "integ-gym play")
@@ -299,43 +263,29 @@ class Window:
 
     def _heeds(self, event: Any) -> bool:
         """Do what an event asks for; whether the game goes on after it."""
-        pygame = self._pygame
+        pygame, game = self._pygame, self._game
         if event.type == pygame.QUIT:
             return False
         if event.type == pygame.KEYUP and event.key in self._held:
             self._held.remove(event.key)
         if event.type == pygame.KEYDOWN:
-            if event.key in (pygame.K_ESCAPE, pygame.K_q):
+            key = event.key
+            if key in (pygame.K_ESCAPE, pygame.K_q):
                 return False
-            if event.key in (pygame.K_LEFT, pygame.K_RIGHT) and event.key not in self._held:
-                self._held.append(event.key)
-            self._press(event.key, bool(getattr(event, "mod", 0) & pygame.KMOD_SHIFT))
-        self._game.push = self._push()
+            if key in (pygame.K_LEFT, pygame.K_RIGHT) and key not in self._held:
+                self._held.append(key)
+            if key == pygame.K_TAB:
+                game.turn_integrator(-1 if getattr(event, "mod", 0) & pygame.KMOD_SHIFT else 1)
+            if key in (pygame.K_UP, pygame.K_DOWN):
+                game.refine(1 if key == pygame.K_DOWN else -1)
+            if key == pygame.K_r:
+                game.restart()
+            if key == pygame.K_SPACE:
+                self._paused = not self._paused
+            if pygame.K_1 <= key <= pygame.K_9:
+                game.choose_integrator(key - pygame.K_1)
+        game.push = self._push()
         return True
-
-    def _press(self, key: int, shifted: bool) -> None:
-        if key == self._pygame.K_TAB:
-            self._game.turn_integrator(-1 if shifted else 1)
-        elif key in self._keys:
-            self._keys[key]()
-
-    def _bindings(self) -> dict[int, Callable[[], None]]:
-        """Keys to what each does once when it goes down."""
-        pygame, game = self._pygame, self._game
-        numbers = {
-            getattr(pygame, f"K_{n}"): lambda place=n - 1: game.choose_integrator(place)
-            for n in range(1, 10)
-        }
-        return {
-            **numbers,
-            pygame.K_UP: lambda: game.refine(-1),
-            pygame.K_DOWN: lambda: game.refine(1),
-            pygame.K_r: game.restart,
-            pygame.K_SPACE: self._pause,
-        }
-
-    def _pause(self) -> None:
-        self._paused = not self._paused
 
     def _push(self) -> float:
         """Of the arrow that went down last: left is counter-clockwise, of a cart to the left."""

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from integ_gym.envs.catalogue.lookup import environment_setup
+from integ_gym.envs.environment import environment_setup
 from integ_gym.envs.registries import TRUTH
 from integ_gym.envs.settings import DISCRETIZATION, Discretization
 from integ_gym.evidence.record import EvidenceRecord
@@ -27,10 +27,9 @@ from .film import (
     Film,
     arguments_on,
     check_filmed,
-    check_possible,
-    chosen,
-    played,
-    recorded,
+    episode_of_record,
+    parse_discretization,
+    play_episode,
 )
 from .panel.policies import policy_of, read_existing
 
@@ -72,7 +71,7 @@ def side_by_side(
     require("render")
     given = dict(environment or {})
     if isinstance(policy, (str, os.PathLike)):
-        path = policy_path(Path(policy))
+        path = readable_file(Path(policy)) if Path(policy).is_dir() else Path(policy)
         if env_id is None:
             _, card = read_trained(path)
             env_id = str(card["config"]["env_id"])
@@ -94,19 +93,21 @@ def side_by_side(
         acting, arguments, homes, seed_of = policy, given, (), None
     like = homes[0] if homes else Discretization.of(environment_setup(env_id, arguments))
     cells = [
-        chosen(asked, like, env_id) for asked in discretizations or (*(homes or [like]), TRUTH)
+        parse_discretization(asked, like, env_id)
+        for asked in discretizations or (*(homes or [like]), TRUTH)
     ]
-    check_possible(cells, env_id, arguments)
-    episodes = [played(acting, env_id, arguments_on(c, arguments), seed) for c in cells]
-    return Film(episodes, homes, told(acting.policy_id, homes, seed_of, episodes, f"start {seed}"))
+    given_on = [arguments_on(cell, arguments) for cell in cells]
+    for one in given_on:
+        environment_setup(env_id, one)  # what cannot be is refused before any episode is played
+    episodes = [play_episode(acting, env_id, one, seed) for one in given_on]
+    return Film(
+        episodes,
+        homes,
+        describe_episodes(acting.policy_id, homes, seed_of, episodes, f"start {seed}"),
+    )
 
 
-def policy_path(path: Path) -> Path:
-    """The file of a policy that is given by it or by its folder."""
-    return readable_file(path) if path.is_dir() else path
-
-
-def told(
+def describe_episodes(
     name: str,
     homes: Sequence[Discretization],
     seed: int | None,
@@ -152,8 +153,8 @@ def watch(
             :func:`~integ_gym.eval.watch.side_by_side`; by default what the policy was
             trained on, the record's own, and the truth.
         own_code: whether classes that the record names as ``"module:Class"`` may be loaded.
-        on_doubt: told where an episode, played again, ends otherwise than its record says, and why
-            episodes are left out that cannot be played again.
+        on_doubt: called where an episode, played again, ends otherwise than its record says, and
+            where episodes are left out that cannot be played again.
 
     Raises:
         EvidenceError: for a run or a record that is not there.
@@ -166,16 +167,26 @@ def watch(
     _check_code(record, own_code)
     check_filmed(record["env_id"])
     own = Discretization(**{name: record[name] for name in DISCRETIZATION})
-    homes = tuple(dict.fromkeys(chosen(home, own, record["env_id"]) for home in _homes(record)))
-    asked = on or ((*homes, own, TRUTH) if record["policy_hash"] else (own,))
-    cells = list(dict.fromkeys(chosen(one, own, record["env_id"]) for one in asked))
+
+    def parse(asked: Iterable[Asked]) -> list[Discretization]:
+        cells = (parse_discretization(one, own, record["env_id"]) for one in asked)
+        return list(dict.fromkeys(cells))
+
+    trained = parse_field("training_discretization", record["training_discretization"]) or []
+    homes = parse([trained] if isinstance(trained, dict) else trained)
+    cells = parse(on or ((*homes, own, TRUTH) if record["policy_hash"] else (own,)))
     twins = _twins(record, own, store)
     policy = cache(partial(policy_of, record, store, own_code))
     if not on:
         cells = _possible(cells, twins, policy, on_doubt)
-    check_possible(cells, record["env_id"], record.arguments())
+    for cell in cells:  # what cannot be is refused before any episode is played
+        environment_setup(record["env_id"], arguments_on(cell, record.arguments()))
     episodes = [_episode(cell, record, twins.get(cell), policy, on_doubt) for cell in cells]
-    return Film(episodes, homes, _note(record, homes, episodes))
+    changed = parse_field("perturbation", record["perturbation"]) or {}
+    start = [f"start {record['episode_index']}", *(f"{k} {value}" for k, value in changed.items())]
+    seed = record["training_seed"]
+    note = describe_episodes(record["policy_id"], homes, seed, episodes, ", ".join(start))
+    return Film(episodes, homes, note)
 
 
 _CANDIDATES = """
@@ -232,18 +243,13 @@ _SAME = ("phase", "env_id", "policy_id", "policy_hash", "episode_index", "seed",
 
 def _check_code(record: EvidenceRecord, own_code: bool) -> None:
     """Refuse a record made with code of somebody's own, unless it may be run."""
-    told = (record["env_id"], *record.arguments().values())
-    named = [x for x in told if isinstance(x, str) and ":" in x]
-    if named and not own_code:
+    values = (record["env_id"], *record.arguments().values())
+    classes = [value for value in values if isinstance(value, str) and ":" in value]
+    if classes and not own_code:
         raise InputError(
-            f"the record names {named[0]!r}, whose code would be run; if it is yours, pass "
+            f"the record names {classes[0]!r}, whose code would be run; if it is yours, pass "
             "--own-code"
         )
-
-
-def _homes(record: EvidenceRecord) -> list[dict[str, Any]]:
-    stated = parse_field("training_discretization", record["training_discretization"]) or []
-    return [stated] if isinstance(stated, dict) else stated
 
 
 def _twins(
@@ -279,30 +285,16 @@ def _episode(
     on_doubt: Callable[[str], None],
 ) -> Episode:
     if isinstance(twin, EvidenceRecord):
-        return recorded(twin)
+        return episode_of_record(twin)
     arguments = arguments_on(cell, record.arguments())
     start = record["initial_state"]
-    episode = played(policy(), record["env_id"], arguments, record["seed"], start)
+    episode = play_episode(policy(), record["env_id"], arguments, record["seed"], start)
     if twin is not None and twin != episode.success:
+        recorded, again = (
+            "succeeds" if success else "fails" for success in (twin, episode.success)
+        )
         on_doubt(
-            f"on {cell.name} the episode {_ends(twin)} in its record and {_ends(episode.success)} "
-            "when it is played again: it hangs on the last bits of the policy's actions"
+            f"on {cell.name} the episode {recorded} in its record and {again} when it is played "
+            "again: it hangs on the last bits of the policy's actions"
         )
     return episode
-
-
-def _ends(success: bool) -> str:
-    return "succeeds" if success else "fails"
-
-
-def _note(
-    record: EvidenceRecord, homes: Sequence[Discretization], episodes: Sequence[Episode]
-) -> str:
-    changed = parse_field("perturbation", record["perturbation"]) or {}
-    start = ", ".join(
-        [
-            f"start {record['episode_index']}",
-            *(f"{name} {value}" for name, value in changed.items()),
-        ]
-    )
-    return told(record["policy_id"], homes, record["training_seed"], episodes, start)

@@ -12,9 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.envs.catalogue.lookup import environment_setup
-from integ_gym.envs.ops.array_ops import ARRAY
-from integ_gym.envs.plants.interface import split_state
+from integ_gym.envs.environment import environment_setup
+from integ_gym.envs.ops.ops import ARRAY, split_state
 from integ_gym.envs.registries import ENVIRONMENTS
 from integ_gym.envs.settings import NATIVE
 from integ_gym.envs.transition import STATUS_NAMES

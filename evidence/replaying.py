@@ -15,7 +15,7 @@ import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.envs.catalogue.lookup import is_integ_environment
+from integ_gym.envs.environment import is_integ_environment
 from integ_gym.envs.registries import ENVIRONMENTS
 from integ_gym.envs.settings import NATIVE
 from integ_gym.support.optional import package_version

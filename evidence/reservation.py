@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TypeAlias
 
 from integ_gym.support.files import make_folder
-from integ_gym.support.locks import FileLock
+from integ_gym.support.storage import FileLock
 
 from .labels import EpisodeContext
 from .schema import EvidenceError

@@ -11,7 +11,7 @@ from types import NoneType
 from typing import Any
 
 from integ_gym.support.errors import IntegGymError
-from integ_gym.support.files import Kinds, checked_object, parse_json
+from integ_gym.support.files import Kinds, check_object, parse_json
 from integ_gym.support.optional import load
 from integ_gym.support.terminal import visible
 
@@ -144,7 +144,7 @@ def parse_arguments(text: str) -> dict[str, dict[str, Any]]:
     """
     arguments = parse_field("arguments", text)
     try:
-        return {name: checked_object(one, _ARGUMENT) for name, one in arguments.items()}
+        return {name: check_object(one, _ARGUMENT) for name, one in arguments.items()}
     except ValueError:
         raise _damaged("arguments", "it is no object of values with units") from None
 

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from integ_gym.support.errors import InputError
 from integ_gym.support.files import remove_leftovers, write_once
-from integ_gym.support.processes import ahead
+from integ_gym.support.processes import prefetch
 
 from .hashing import content_hashes, with_hashes
 from .parquet_file import (
@@ -84,7 +84,7 @@ class EvidenceStore:
             BatchExistsError: if a batch of that name has been committed.
             ValueError: for a name that cannot be a file's.
         """
-        return self.commit_all(name, ahead(map(with_hashes, groups(table))))
+        return self.commit_all(name, prefetch(map(with_hashes, groups(table))))
 
     def commit_all(self, name: str, tables: Iterable[Any]) -> Path:
         """Make several tables of records of one environment visible as one batch.

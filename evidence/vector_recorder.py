@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 
-from integ_gym.envs.sequential_vector import DiscretizedVectorEnv
+from integ_gym.envs.lanes import DiscretizedVectorEnv
 from integ_gym.support.errors import InputError
 
 from .episodes import EpisodeHeads

@@ -19,19 +19,20 @@ _NAMESPACES = {
 }
 
 _MODULES = {
-    "along": "integ_gym.envs.integrators.interface",
-    "Applied": "integ_gym.envs.testbeds.interface",
+    "along": "integ_gym.envs.ops.ops",
+    "Applied": "integ_gym.envs.testbeds.gym_testbed",
     "check": "integ_gym.eval.loss_check",
-    "Command": "integ_gym.envs.tasks.interface",
+    "Command": "integ_gym.envs.tasks",
     "Discretization": "integ_gym.envs.settings",
     "discretization_gap": "integ_gym.train.monitoring",
     "DiscretizationCallback": "integ_gym.train.sb3_callback",
-    "Engine": "integ_gym.envs.engines.interface",
+    "Engine": "integ_gym.envs.engines.stepping",
     "ENVIRONMENTS": "integ_gym.envs.registries",
     "EpisodeContext": "integ_gym.evidence.labels",
     "evaluate": "integ_gym.eval.panel.existing",
     "EvidenceStore": "integ_gym.evidence.store",
     "GymTestbed": "integ_gym.envs.testbeds.gym_testbed",
+    "IntegGymError": "integ_gym.support.errors",
     "IntegEnv": "integ_gym.envs.environment",
     "Integrator": "integ_gym.envs.integrators.interface",
     "IntegVectorEnv": "integ_gym.envs.vector",
@@ -50,9 +51,9 @@ _MODULES = {
     "save_policy": "integ_gym.train.policy_files.writing",
     "side_by_side": "integ_gym.eval.watch",
     "Step": "integ_gym.envs.integrators.interface",
-    "Success": "integ_gym.envs.testbeds.interface",
-    "Task": "integ_gym.envs.tasks.interface",
-    "Testbed": "integ_gym.envs.testbeds.interface",
+    "Success": "integ_gym.envs.testbeds.gym_testbed",
+    "Task": "integ_gym.envs.tasks",
+    "Testbed": "integ_gym.envs.testbeds.gym_testbed",
     "train_fleet": "integ_gym.train.fleet.training",
     "train_ppo": "integ_gym.train.runs",
     "train_sac": "integ_gym.train.runs",
@@ -88,9 +89,9 @@ def __getattr__(name: str) -> Any:
     except ModuleNotFoundError as error:
         if name not in _EXTRAS:
             raise
-        from integ_gym.support.optional import missing
+        from integ_gym.support.optional import missing_package
 
-        raise missing(str(error.name), _EXTRAS[name]) from error
+        raise missing_package(str(error.name), _EXTRAS[name]) from error
     return value
 
 

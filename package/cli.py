@@ -9,7 +9,7 @@ import sys
 from collections.abc import Sequence
 from typing import NamedTuple, NoReturn
 
-from integ_gym.support.optional import missing
+from integ_gym.support.optional import missing_package
 from integ_gym.support.options import CommandParser
 from integ_gym.support.terminal import end_quietly, report_errors
 
@@ -95,8 +95,12 @@ def _run(name: str, arguments: Sequence[str]) -> int:
     try:
         command = importlib.import_module(f"integ_gym.commands.{name}")
     except ModuleNotFoundError as error:
+        if str(error.name).startswith("integ_gym"):
+            raise
         fleet = name == "train" and "--trainer fleet" in " ".join(arguments).replace("=", " ")
-        raise missing(str(error.name), "fleet" if fleet else COMMANDS[name].extra) from error
+        raise missing_package(
+            str(error.name), "fleet" if fleet else COMMANDS[name].extra
+        ) from error
     return int(command.main(arguments))
 
 

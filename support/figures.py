@@ -45,25 +45,10 @@ AMOUNTS: Final = {
 """Amount of energy to the names of its colours in :data:`PALETTE`, above and below zero, in the
 order in which bars show them."""
 
-VIRIDIS: Final = [
-    "440154",
-    "48186a",
-    "472d7b",
-    "424086",
-    "3b528b",
-    "33638d",
-    "2c728e",
-    "26828e",
-    "21918c",
-    "1fa088",
-    "28ae80",
-    "3fbc73",
-    "5ec962",
-    "84d44b",
-    "addc30",
-    "d8e219",
-    "fde725",
-]
+VIRIDIS: Final = (
+    "440154", "48186a", "472d7b", "424086", "3b528b", "33638d", "2c728e", "26828e", "21918c",
+    "1fa088", "28ae80", "3fbc73", "5ec962", "84d44b", "addc30", "d8e219", "fde725",
+)  # fmt: skip
 """Stops of the map for success, from 0 to 1: perceptually uniform, safe for the colour-blind."""
 
 ENERGY_FLOOR: Final = 1e-4
@@ -310,31 +295,54 @@ def scheme_entries(schemes: SeriesStyles) -> list[Entry]:
     ]
 
 
-def draw_legend(canvas: Axes, entries: Sequence[Entry], wide: float, y: float = 0.92) -> None:
-    """Entries side by side, on as many lines as :func:`legend_lines` says."""
-    for entry, (x, down) in zip(entries, _places(entries, wide), strict=True):
-        at = y + down
+def draw_legend(
+    canvas: Axes,
+    entries: Sequence[Entry],
+    wide: float,
+    y: float = 0.92,
+    *,
+    left: float = 0.3,
+    gap: float = 0.12,
+    pitch: float = 0.2,
+    scale: float = 1.0,
+) -> None:
+    """Entries side by side, on as many lines as :func:`legend_lines` says.
+
+    Args:
+        canvas: see :func:`inch_canvas`.
+        entries: of the legend.
+        wide: width of the figure, inches.
+        y: of the first line, inches.
+        left: edge of the legend, inches.
+        gap: between two entries, inches.
+        pitch: from line to line, inches.
+        scale: factor on the size of markers.
+    """
+    for entry, (x, down) in zip(entries, _places(entries, wide, left, gap), strict=True):
+        at = y + pitch * down
         canvas.plot([x, x + 0.24], [at, at], **entry.line)
         if entry.marker is not None:
-            canvas.plot([x + 0.12], [at], linestyle="none", **entry.marker)
+            marker = {**entry.marker, "markersize": scale * entry.marker["markersize"]}
+            canvas.plot([x + 0.12], [at], linestyle="none", **marker)
         canvas.text(x + 0.3, at, plain(entry.label, 26), size=8, color=INK, va="center")
 
 
-def legend_lines(entries: Sequence[Entry], wide: float) -> int:
-    """Lines that a legend takes in a figure of a width in inches."""
-    return 1 + round(max((down for _, down in _places(entries, wide)), default=0.0) / _LEGEND_LINE)
+def legend_lines(
+    entries: Sequence[Entry], wide: float, left: float = 0.3, gap: float = 0.12
+) -> int:
+    """Lines that a legend takes in a figure, see :func:`draw_legend`."""
+    return 1 + max((down for _, down in _places(entries, wide, left, gap)), default=0)
 
 
-_LEGEND_LINE: Final = 0.2  # inches
-
-
-def _places(entries: Sequence[Entry], wide: float) -> list[tuple[float, float]]:
-    """Left edge of every entry, and how far down it is, in inches."""
-    places, x, down = [], 0.3, 0.0
+def _places(
+    entries: Sequence[Entry], wide: float, left: float, gap: float
+) -> list[tuple[float, int]]:
+    """Left edge of every entry, inches, and its line."""
+    places, x, down = [], left, 0
     for entry in entries:
-        size = 0.42 + 0.066 * len(plain(entry.label, 26))
-        if x + size > wide and x > 0.3:
-            x, down = 0.3, down + _LEGEND_LINE
+        size = 0.3 + gap + 0.066 * len(plain(entry.label, 26))
+        if x + size > wide and x > left:
+            x, down = left, down + 1
         places.append((x, down))
-        x += size + 0.12
+        x += size + gap
     return places

@@ -108,12 +108,12 @@ def read_object(path: Path, kinds: Kinds, remedy: str) -> dict[str, Any]:
     """
     content = read_json(path, remedy)
     try:
-        return checked_object(content, kinds)
+        return check_object(content, kinds)
     except ValueError as error:
         raise _damaged(path, error, remedy) from None
 
 
-def checked_object(content: Any, kinds: Kinds) -> dict[str, Any]:
+def check_object(content: Any, kinds: Kinds) -> dict[str, Any]:
     """Parsed JSON that is an object with some keys; see :func:`read_object`.
 
     Raises:
@@ -263,7 +263,7 @@ def remove_leftovers(directory: Path, age: float = LEFTOVER_AGE) -> None:
                 file.unlink()
 
 
-def told_path(path: str | os.PathLike[str]) -> str:
+def display_path(path: str | os.PathLike[str]) -> str:
     """A path as what others will read tells it: from here, and of one elsewhere the name alone.
 
     A URL is told as it is.

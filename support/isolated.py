@@ -137,7 +137,7 @@ SERVING = Path(__file__).with_name("isolated_serving.py")
 
 
 @dataclass(frozen=True)
-class Apart:
+class IsolatedEnvironment:
     """A Python environment of its own, that ``make NAME`` sets up in the folder ``.NAME``.
 
     Attributes:
@@ -189,8 +189,8 @@ class Apart:
         return Worker(self.name, [str(self.python), "-I", str(SERVING), str(served)])
 
 
-APART: Mapping[str, Apart] = MappingProxyType(
-    {name: Apart(name) for name in ("isaaclab", "dm_control")}
+ISOLATED: Mapping[str, IsolatedEnvironment] = MappingProxyType(
+    {name: IsolatedEnvironment(name) for name in ("isaaclab", "dm_control")}
 )
 """Distribution to the environment of its own."""
 

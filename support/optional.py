@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from .errors import InputError, MissingPackageError
-from .isolated import APART
+from .isolated import ISOLATED
 
 EXTRAS = {
     "evidence": ("pyarrow", "duckdb", "portalocker", "rich"),
@@ -58,7 +58,7 @@ def load(module: str, extra: str) -> Any:
         if error.name is None or not f"{module}.".startswith(f"{error.name}."):
             raise
         package = error.name.partition(".")[0]
-        raise missing(error.name if _imports(package) else package, extra) from None
+        raise missing_package(error.name if _imports(package) else package, extra) from None
 
 
 def _imports(package: str) -> bool:
@@ -70,7 +70,7 @@ def _imports(package: str) -> bool:
     return True
 
 
-def missing(package: str, *extras: str) -> MissingPackageError:
+def missing_package(package: str, *extras: str) -> MissingPackageError:
     """The error for a package that is not installed."""
     return MissingPackageError(
         f"{package} is not installed; run: {install_command(*extras)}", name=package
@@ -79,8 +79,8 @@ def missing(package: str, *extras: str) -> MissingPackageError:
 
 def install_command(*extras: str) -> str:
     """What installs extras, or one environment of its own."""
-    if len(extras) == 1 and extras[0] in APART:
-        return APART[extras[0]].command
+    if len(extras) == 1 and extras[0] in ISOLATED:
+        return ISOLATED[extras[0]].command
     wanted = ",".join(extras)
     return (
         f'pip install -e ".[{wanted}]"' if _in_checkout() else f'pip install "integ-gym[{wanted}]"'
@@ -94,7 +94,7 @@ def _in_checkout() -> bool:
     return project.is_file() and 'name = "integ-gym"' in project.read_text(encoding="utf-8")
 
 
-def absent(modules: Iterable[str]) -> list[str]:
+def not_installed(modules: Iterable[str]) -> list[str]:
     """Those of some modules that are not installed."""
     return [module for module in modules if not _installed(module)]
 
@@ -114,10 +114,10 @@ def require(*extras: str) -> None:
     Raises:
         ModuleNotFoundError: in one line, with the command that installs what is missing.
     """
-    lacking = {name: found for name in extras if (found := absent(EXTRAS[name]))}
+    lacking = {name: found for name in extras if (found := not_installed(EXTRAS[name]))}
     if lacking:
         first = sorted({found[0] for found in lacking.values()})
-        raise missing(", ".join(first), *sorted(lacking))
+        raise missing_package(", ".join(first), *sorted(lacking))
 
 
 @cache
@@ -134,7 +134,7 @@ def running_version(package: str) -> str:
 
     That is its own, where it has one, and this one else.
     """
-    found = APART[package].version() if package in APART else package_version(package)
+    found = ISOLATED[package].version() if package in ISOLATED else package_version(package)
     return found or "unknown"
 
 

@@ -16,9 +16,9 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from .errors import InputError
-from .files import told_path
+from .files import display_path
 from .parameters import suggestion
-from .storage import named_place
+from .storage import resolve_place
 from .terminal import NARROWEST, wrap
 
 
@@ -33,16 +33,16 @@ def path_here(word: str) -> Path:
     return Path(word)
 
 
-def told_command(words: Sequence[str]) -> str:
-    """A command as pages tell it, to be given again: paths as :func:`told_path` tells them."""
+def display_command(words: Sequence[str]) -> str:
+    """A command as pages tell it, to be given again: paths as :func:`display_path` tells them."""
     return shlex.join(_told(word) for word in words)
 
 
 def _told(word: str) -> str:
     name, equals, value = word.partition("=")
     if word.startswith("--") and os.path.isabs(value):
-        return f"{name}{equals}{told_path(value)}"
-    return told_path(word) if os.path.isabs(word) else word
+        return f"{name}{equals}{display_path(value)}"
+    return display_path(word) if os.path.isabs(word) else word
 
 
 class CommandParser(argparse.ArgumentParser):
@@ -180,7 +180,7 @@ def run_place(word: str) -> str | Path:
         argparse.ArgumentTypeError: for another URL.
     """
     try:
-        return named_place(word)
+        return resolve_place(word)
     except ValueError as error:
         raise argparse.ArgumentTypeError(str(error)) from None
 

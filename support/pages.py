@@ -15,14 +15,7 @@ from typing import Any, Final
 
 from .figures import AMOUNTS, HUES, PALETTE, channels
 from .optional import load
-from .terminal import (
-    compact,
-    fixed,
-    percent,
-    seconds,
-    step,
-    together,
-)
+from .terminal import compact, fixed, nonbreaking, percent, seconds, step
 
 SCRIPT: Final = """
 (function () {
@@ -84,7 +77,7 @@ def page_environment(templates: Mapping[str, str] | None = None) -> Any:
         lstrip_blocks=True,
     )
     environment.filters.update(
-        together=together,
+        nonbreaking=nonbreaking,
         soft=_soft,
         fixed=fixed,
         compact=compact,
@@ -147,7 +140,7 @@ def _told(name: str) -> str:
 
 
 def _percent(share: float | None) -> str:
-    return together(percent(share))
+    return nonbreaking(percent(share))
 
 
 def _soft(text: Any) -> Any:

@@ -14,10 +14,10 @@ import hypothesis
 import portalocker
 import pytest
 
-from integ_gym.envs.engines.interface import missing_modules
+from integ_gym.envs.engines.stepping import missing_modules
 from integ_gym.envs.registries import ENGINES
 from integ_gym.eval.census.subjects import PUBLISHED, installed
-from integ_gym.support.isolated import APART
+from integ_gym.support.isolated import ISOLATED
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -39,7 +39,7 @@ def pytest_configure() -> None:
     hypothesis.settings.load_profile("any machine")
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")
-    for apart in APART.values():
+    for apart in ISOLATED.values():
         os.environ[apart.variable] = os.devnull
     os.environ.pop("COLUMNS", None)
     os.unsetenv("COLUMNS")  # as readline sets it, which `os.environ` does not see
@@ -107,12 +107,12 @@ def bucket(object_server: dict[str, str], monkeypatch: pytest.MonkeyPatch) -> st
 
 def pytest_report_header() -> str:
     """What is not tested here."""
-    absent = [n for n in ENGINES.names() if n not in APART and missing_modules(n)]
+    absent = [n for n in ENGINES.names() if n not in ISOLATED and missing_modules(n)]
     here = [name for name in PUBLISHED.names() if PUBLISHED.load(name).apart is None]
     absent += [name for name in here if not installed(name)]
     return (
         f"not installed, and so not tested: {', '.join(absent) or 'nothing'}; in environments of "
-        f"their own, and so replayed: {', '.join(APART)}"
+        f"their own, and so replayed: {', '.join(ISOLATED)}"
     )
 
 

@@ -85,9 +85,9 @@ class RandomPolicy(Baseline):
             float32 of shape (n, action_dim), or int64 of shape (n,) for a `Discrete` space.
         """
         if self.count is not None:
-            uniform = hashed_uniform(observations, self.seed, 1)[:, 0]
+            uniform = hash_to_uniform(observations, self.seed, 1)[:, 0]
             return (uniform * self.count).astype(np.int64)
-        uniform = hashed_uniform(observations, self.seed, len(self.low))
+        uniform = hash_to_uniform(observations, self.seed, len(self.low))
         middle, reach = 0.5 * (self.high + self.low), 0.5 * (self.high - self.low)
         return (middle + (2.0 * uniform - 1.0) * reach).astype(np.float32)
 
@@ -108,7 +108,7 @@ def bounds_of(space: spaces.Space[Any]) -> tuple[NDArray[np.float64], NDArray[np
     return low, high
 
 
-def hashed_uniform(observations: NDArray[Any], seed: int, count: int) -> NDArray[np.float64]:
+def hash_to_uniform(observations: NDArray[Any], seed: int, count: int) -> NDArray[np.float64]:
     """Numbers in [0, 1) that a hash makes of the seed and of the observations' float32 bits.
 
     Args:
@@ -122,14 +122,14 @@ def hashed_uniform(observations: NDArray[Any], seed: int, count: int) -> NDArray
     values = np.asarray(observations, dtype=np.float32) + np.float32(0.0)  # -0.0 is 0.0
     bits = np.full(len(values), seed, dtype=np.uint64)
     for column in values.view(np.uint32).T:
-        bits = _scrambled(bits ^ column.astype(np.uint64))
+        bits = _splitmix64(bits ^ column.astype(np.uint64))
     drawn = [bits]
     for _ in range(count - 1):
-        drawn.append(_scrambled(drawn[-1]))
+        drawn.append(_splitmix64(drawn[-1]))
     return (np.stack(drawn, axis=1) >> np.uint64(11)).astype(np.float64) * 2.0**-53
 
 
-def _scrambled(bits: NDArray[np.uint64]) -> NDArray[np.uint64]:
+def _splitmix64(bits: NDArray[np.uint64]) -> NDArray[np.uint64]:
     """One step of SplitMix64: Steele, Lea and Flood (2014), *Fast splittable pseudorandom number
     generators*."""
     bits = bits + np.uint64(0x9E3779B97F4A7C15)

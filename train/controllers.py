@@ -10,19 +10,14 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from integ_gym.envs.engines.native import NativeEngine
-from integ_gym.envs.mechanics import PlantSystem
-from integ_gym.envs.ops.array_ops import ARRAY
-from integ_gym.envs.ops.ops import SCALAR
+from integ_gym.envs.engines.stepping import NativeEngine, PlantSystem
+from integ_gym.envs.ops.ops import ARRAY, SCALAR, join_state, split_state
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.plants.elastic_pendulum import ElasticPendulum
-from integ_gym.envs.plants.interface import Plant, join_state, split_state
+from integ_gym.envs.plants.interface import Plant
 from integ_gym.envs.plants.pendulum import Pendulum
 from integ_gym.envs.settings import Setup
-from integ_gym.envs.tasks.cart_pole_balance import CartPoleBalance
-from integ_gym.envs.tasks.cart_pole_swing_up import CartPoleSwingUp
-from integ_gym.envs.tasks.elastic_pendulum_quiet import NEAR_PLUMB
-from integ_gym.envs.tasks.pendulum_swing_up import wrapped
+from integ_gym.envs.tasks import NEAR_PLUMB, CartPoleBalance, CartPoleSwingUp, wrap_angle
 from integ_gym.support.errors import InputError
 from integ_gym.support.optional import load
 
@@ -39,7 +34,7 @@ _STEP = 1e-5
 """Half-width of the central differences: their error is below 1e-9 on our plants."""
 
 
-def linearized(plant: Plant) -> tuple[Matrix, Matrix]:
+def linearize(plant: Plant) -> tuple[Matrix, Matrix]:
     """ẋ = A x + B u of a plant near rest upright without control.
 
     Args:
@@ -61,7 +56,7 @@ def linearized(plant: Plant) -> tuple[Matrix, Matrix]:
     return jacobian[:, :n], jacobian[:, n:]
 
 
-def held(a: Matrix, b: Matrix, period: float) -> tuple[Matrix, Matrix]:
+def discretize_zoh(a: Matrix, b: Matrix, period: float) -> tuple[Matrix, Matrix]:
     """The exact discrete map of ẋ = A x + B u with u held constant over ``period`` seconds.
 
     Source: Van Loan (1978), Computing integrals involving the matrix exponential.
@@ -220,7 +215,7 @@ class EnergyShaping(HandMade[Pendulum]):
         super().__init__(setup)
         plant = self.plant
         self.rate = math.sqrt(plant.gravity_torque / plant.inertia)
-        a, b = held(*linearized(plant), self.period)
+        a, b = discretize_zoh(*linearize(plant), self.period)
         weights = np.diag([1.0, 1.0 / self.rate**2])
         effort = np.array([[1.0 / plant.gravity_torque**2]])
         self.gain = lqr_gain(a, b, weights, effort)[0]
@@ -272,7 +267,7 @@ class _Region:
         states = np.array([grid.ravel() for grid in np.meshgrid(angles, speeds, indexing="ij")])
         held_upright = caught(
             controller.plant,
-            lambda state: controller.regulate(wrapped(ARRAY, state[0]), state[1]),
+            lambda state: controller.regulate(wrap_angle(ARRAY, state[0]), state[1]),
             states,
             period=controller.period,
             rate=controller.rate,
@@ -334,7 +329,7 @@ class CartPoleEnergyShaping(HandMade[CartPole]):
         self.track = float(task.track_limit)
         self.rate = math.sqrt(plant.mass_moment * plant.gravity / plant.inertia)
         scales = np.array([0.5 * self.track, self.track * self.rate, 0.3, 0.3 * self.rate])
-        a, b = held(*linearized(plant), self.period)
+        a, b = discretize_zoh(*linearize(plant), self.period)
         effort = np.array([[self.limit**-2.0]])
         self.gain, self.cost = lqr(a, b, np.diag(scales**-2.0), effort)
         self.level = self._caught_level()
@@ -419,7 +414,7 @@ class BangBangRegulator(HandMade[CartPole]):
         self.thresholds = (task.x_threshold, task.theta_threshold)
         rate = math.sqrt(plant.gravity / plant.length)
         scales = np.outer(self.thresholds, (1.0, rate)).ravel()
-        a, b = held(*linearized(plant), self.period)
+        a, b = discretize_zoh(*linearize(plant), self.period)
         self.gain = lqr_gain(a, b, np.diag(scales**-2.0), np.array([[self.limit**-2.0]]))[0]
 
     def parameters(self) -> dict[str, Any]:
@@ -460,8 +455,8 @@ class SwingRegulator(HandMade[ElasticPendulum]):
         super().__init__(setup)
         plant = self.plant
         rate = math.sqrt(plant.gravity / plant.hanging_length)
-        a, b = linearized(plant)
-        swing = held(a[:2, :2], b[:2], self.period)
+        a, b = linearize(plant)
+        swing = discretize_zoh(a[:2, :2], b[:2], self.period)
         weights = np.diag([1.0, rate**-2.0]) / NEAR_PLUMB**2
         self.gain = lqr_gain(*swing, weights, np.array([[self.limit**-2.0]]))[0]
 

@@ -49,7 +49,6 @@ from integ_gym.train.config import (
     translate_training_errors,
     whole,
 )
-from integ_gym.train.policy import ACTIVATIONS
 from integ_gym.train.policy_files.card import (
     episode_summary,
     format_episode_stats,
@@ -57,6 +56,8 @@ from integ_gym.train.policy_files.card import (
     mixture_of,
 )
 from integ_gym.train.policy_files.sidecar import TrainedPolicy, write_policy
+
+from .policy import ACTIVATIONS
 
 # ---------------------------------------------------------------------------------- hyperparameters
 

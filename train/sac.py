@@ -25,7 +25,8 @@ from integ_gym.train.config import (
     layer_sizes,
     whole,
 )
-from integ_gym.train.policy import ACTIVATIONS
+
+from .policy import ACTIVATIONS
 
 
 @dataclass(frozen=True)

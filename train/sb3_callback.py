@@ -7,15 +7,15 @@ from typing import Any
 
 from integ_gym.envs.settings import DISCRETIZATION, Discretization
 from integ_gym.support.errors import InputError
-from integ_gym.support.optional import missing
+from integ_gym.support.optional import missing_package
 
-from .monitoring import RawModel, compared, discretization_gap
+from .monitoring import RawModel, comparison_cells, discretization_gap
 from .policy_files.sidecar import Stated
 
 try:
     from stable_baselines3.common.callbacks import BaseCallback
 except ModuleNotFoundError as error:
-    raise missing(str(error.name), "train") from error
+    raise missing_package(str(error.name), "train") from error
 
 
 class DiscretizationCallback(BaseCallback):
@@ -69,7 +69,7 @@ class DiscretizationCallback(BaseCallback):
             )
         if known:
             self._take_over(self.training_env.get_attr("setup"))
-        compared(str(self._env_id), self._home, self._others, self._environment or {})
+        comparison_cells(str(self._env_id), self._home, self._others, self._environment or {})
 
     def _take_over(self, setups: Sequence[Any]) -> None:
         """What was not given, from the training environments."""

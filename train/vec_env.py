@@ -15,7 +15,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 from numpy.typing import NDArray
 
 from integ_gym.support.errors import InputError
-from integ_gym.support.optional import missing
+from integ_gym.support.optional import missing_package
 
 try:
     from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
@@ -25,7 +25,7 @@ try:
         VecEnvStepReturn,
     )
 except ModuleNotFoundError as error:
-    raise missing(str(error.name), "train") from error
+    raise missing_package(str(error.name), "train") from error
 
 _PER_LANE = ("state", "np_random", "np_random_seed")
 """Attributes of the vector environment that hold one entry per lane."""

@@ -11,12 +11,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from integ_gym.support.isolated import APART, Worker
+from integ_gym.support.isolated import ISOLATED, Worker
 
 from ..mechanics import Link, Mechanism
 from ..ops.ops import Components
 from .rigid import Array, LanesEngine, moment
-from .stepping import Run
+from .simulator import Run
 
 ROOT = "mechanism"
 """Name of the prim that holds the bodies."""
@@ -159,7 +159,7 @@ def _borrowed() -> Worker:
     """An idle process, that of an engine which is no longer referred to too; or a new one."""
     if not _idle:
         gc.collect()
-    return _idle.pop() if _idle else APART[IsaaclabEngine.name].start(SERVED)
+    return _idle.pop() if _idle else ISOLATED[IsaaclabEngine.name].start(SERVED)
 
 
 def _give_back(worker: Worker) -> None:

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from integ_gym.support.errors import InputTypeError
-from integ_gym.support.optional import missing
+from integ_gym.support.optional import missing_package
 
 from .ops import Carry, Component, Components
 
@@ -16,7 +16,7 @@ try:
     import jax
     import jax.numpy as jnp
 except ModuleNotFoundError as error:
-    raise missing("jax", "fleet") from error
+    raise missing_package("jax", "fleet") from error
 
 __all__ = ["JaxOps", "jax", "jnp"]
 
@@ -43,11 +43,11 @@ class JaxOps:
         self.epsilon = float(np.finfo(dtype).eps)
 
     @staticmethod
-    def usually(condition: Component, /) -> Component:
+    def assume_true(condition: Component, /) -> Component:
         """The condition itself."""
         return condition
 
-    rarely = usually
+    assume_false = assume_true
 
     def while_loop(
         self, condition: Callable[[Carry], Component], body: Callable[[Carry], Carry], carry: Carry

@@ -17,13 +17,13 @@ import gymnasium
 import numpy as np
 
 from integ_gym.envs import numerics
-from integ_gym.envs.ops.ops import SCALAR, Components
+from integ_gym.envs.ops.ops import SCALAR, Components, join_state, split_state
 from integ_gym.envs.plants.cart_pole import CartPole
-from integ_gym.envs.plants.interface import Plant, join_state, split_state
+from integ_gym.envs.plants.interface import Plant
 from integ_gym.envs.plants.pendulum import Pendulum
 from integ_gym.envs.testbeds.making import find_testbed, make_checked
 from integ_gym.support.errors import InputError
-from integ_gym.support.isolated import APART, Apart
+from integ_gym.support.isolated import ISOLATED, IsolatedEnvironment
 from integ_gym.support.optional import package_version
 
 from .subjects import (
@@ -48,7 +48,7 @@ class Library(ABC):
     """The distribution whose version is told."""
     modules: ClassVar[tuple[str, ...]]
     """What has to be importable."""
-    apart: ClassVar[Apart | None] = None
+    apart: ClassVar[IsolatedEnvironment | None] = None
     """The environment of its own that it runs in, if it has one."""
     install: ClassVar[str]
     """The command that makes it so."""
@@ -483,7 +483,7 @@ class Isaaclab(Library):
     title = "Isaac Lab"
     package = "isaaclab"
     modules = ()
-    apart = APART["isaaclab"]
+    apart = ISOLATED["isaaclab"]
     install = apart.command
 
     def subjects(self) -> Iterator[Subject]:

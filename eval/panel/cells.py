@@ -9,11 +9,11 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, TypeAlias
 
-from integ_gym.envs.catalogue.lookup import is_integ_environment
-from integ_gym.envs.engines.interface import missing_modules
 from integ_gym.envs.engines.maps import map_names
+from integ_gym.envs.engines.stepping import missing_modules
+from integ_gym.envs.environment import is_integ_environment
+from integ_gym.envs.lanes import DiscretizedVectorEnv
 from integ_gym.envs.registries import ENGINES
-from integ_gym.envs.sequential_vector import DiscretizedVectorEnv
 from integ_gym.envs.settings import (
     DISCRETIZATION,
     NATIVE,
@@ -21,10 +21,10 @@ from integ_gym.envs.settings import (
     Discretization,
     dividing_step,
 )
-from integ_gym.envs.testbeds.interface import Testbed
+from integ_gym.envs.testbeds.gym_testbed import Testbed
 from integ_gym.envs.testbeds.making import make_checked
 from integ_gym.support.errors import InputError, IntegGymError
-from integ_gym.support.isolated import APART
+from integ_gym.support.isolated import ISOLATED
 from integ_gym.support.optional import install_command, running_version
 from integ_gym.support.parameters import unknown_name
 
@@ -264,7 +264,9 @@ def check_some_installed(grid: Iterable[Discretization], maps: Sequence[str]) ->
     if any(discretization.engine != NATIVE for discretization in grid):
         return
     serving = [
-        name for name in absent_engines() if name not in APART and integrator_applying(name, maps)
+        name
+        for name in absent_engines()
+        if name not in ISOLATED and integrator_applying(name, maps)
     ]
     name = min(serving or [_EASIEST], key=lambda name: name != _EASIEST)
     raise SpecError(

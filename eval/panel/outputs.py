@@ -12,7 +12,7 @@ import msgspec
 from integ_gym.evidence.sealing import seal
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.support.errors import InputError
-from integ_gym.support.files import told_path
+from integ_gym.support.files import display_path
 from integ_gym.support.processes import limit_threads
 from integ_gym.support.terminal import plural
 from integ_gym.train.policy_files.sidecar import policy_file
@@ -245,7 +245,7 @@ def reduced(
 
 def call_of(directory: RunDirectory, command: str, workers: int) -> dict[str, Any]:
     """How a run was called, as its manifest keeps it."""
-    place = told_path(str(directory.storage))
+    place = display_path(str(directory.storage))
     return {"command": command, "workers": workers, "directory": place}
 
 

@@ -33,7 +33,7 @@ from integ_gym.support.files import (
     write_json,
 )
 from integ_gym.support.optional import installed_versions
-from integ_gym.support.storage import LOCK, Busy, Storage
+from integ_gym.support.storage import LOCK, BusyError, Storage
 
 from ..verdict import Looks, Shares
 from .plan import GROWING, additions, contradictions
@@ -204,7 +204,7 @@ class RunDirectory:
         try:
             with self.storage.locked():
                 yield
-        except Busy as error:
+        except BusyError as error:
             raise RunDirectoryError(str(error)) from None
 
     def finish_work(self) -> None:

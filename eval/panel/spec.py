@@ -13,7 +13,7 @@ from typing import Any
 
 from integ_gym.envs.registries import INTEGRATORS
 from integ_gym.envs.settings import DISCRETIZATION, WEIGHT, Discretization
-from integ_gym.envs.testbeds.interface import Testbed
+from integ_gym.envs.testbeds.gym_testbed import Testbed
 from integ_gym.envs.testbeds.making import find_testbed
 from integ_gym.support.files import read_bounded
 from integ_gym.support.optional import install_command, package_version

@@ -3,34 +3,26 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Final
+from collections.abc import Iterator, Sequence
+from typing import Final, NamedTuple
 
 from integ_gym.support.terminal import NONE, fixed, plural
 
-from ..panel.result import Entry, Panel, Row, Verdict
+from ..panel.result import Entry, Panel
 from ..verdict import PASS, UNSOLVABLE
 from .forests import Trust
-from .matrices import CLASS_WORDS
 
-_NAMED: Final = 5  # names in one sentence
+_MOST_NAMES: Final = 5  # in one sentence
 
 
-@dataclass(frozen=True)
-class Finding:
+class Finding(NamedTuple):
     """One plain sentence about false passes or false fails.
 
-    Attributes
-    ----------
-    kind
-        `fails`, `false_pass`, `false_fail`, `agreement` or `missing`.
-    lead
-        The sentence.
-    close
-        Whether seed noise alone could move a rate in it across the line.
-    entries
-        How many entries of the matrix it speaks of.
+    Attributes:
+        kind: `fails`, `false_pass`, `false_fail`, `agreement` or `missing`.
+        lead: the sentence.
+        close: whether seed noise alone could move a rate in it across the line.
+        entries: how many entries of the matrix it speaks of.
     """
 
     kind: str
@@ -39,133 +31,127 @@ class Finding:
     entries: int = 0
 
 
-def findings_of(panel: Panel, trusts: Sequence[Trust]) -> tuple[Finding, ...]:
+def findings_of(panel: Panel, trusts: Sequence[Trust]) -> list[Finding]:
     """What to conclude: what fails to transfer, then how cells agree with the truth.
 
     Of the latter the surest comes first; cells that cannot be solved in time are left out.
     """
-    verdicts = tuple(_failing(panel, one) for one in panel.verdicts if one.verdict == "fails")
-    return (*verdicts, *_against_truth(panel, trusts))
-
-
-def _failing(panel: Panel, judged: Verdict) -> Finding:
-    """A declared transfer that fails."""
-    home, there = panel.row(judged.row).home_success, panel.entry(judged.row, judged.cell)
-    rates = f"{fixed(home.estimate) if home else NONE} at home and {_rate(there)} on {judged.cell}"
-    return Finding(
-        "fails",
-        f"{judged.row} does not transfer to {judged.cell}: success is {rates}, of which "
-        f"{fixed(judged.overfitting.estimate)} is lost by overfitting.",
-    )
-
-
-def _against_truth(panel: Panel, trusts: Sequence[Trust]) -> tuple[Finding, ...]:
-    if panel.truth is None or not trusts:
-        lead = (
+    fails = []
+    for one in panel.verdicts:
+        if one.verdict == "fails":
+            home = panel.row(one.row).home_success
+            text = (
+                f"{one.row} does not transfer to {one.cell}: success is "
+                f"{fixed(home.estimate) if home else NONE} at home and "
+                f"{_rate(panel.entry(one.row, one.cell))} on {one.cell}, of which "
+                f"{fixed(one.overfitting.estimate)} is lost by overfitting."
+            )
+            fails.append(Finding("fails", text))
+    if panel.truth is None:
+        text = (
             "There is no truth column here: this page shows where discretizations disagree, not "
             "which of them is right."
-            if panel.truth is None
-            else "Nothing was compared with the truth here, so this panel cannot tell false "
-            "passes from true ones."
         )
-        return (Finding("missing", lead),)
+    elif not trusts:
+        text = (
+            "Nothing was compared with the truth here, so this panel cannot tell false passes from "
+            "true ones."
+        )
+    else:
+        wrong = [*_false_passes(panel, trusts), *_false_fails(panel, trusts)]
+        wrong.sort(key=lambda finding: (finding.close, -finding.entries))
+        return [*fails, _agreement(panel, trusts), *wrong]
+    return [*fails, Finding("missing", text)]
+
+
+def _agreement(panel: Panel, trusts: Sequence[Trust]) -> Finding:
     judged = [entry for trust in trusts for entry in trust.judged]
-    passes = (_false_passes(panel, trusts, row) for row in panel.ordered_rows)
-    fails = (_false_fails(panel, trust) for trust in trusts)
-    found = [finding for finding in (*passes, *fails) if finding]
-    found.sort(key=lambda finding: (finding.close, -finding.entries))
-    return (_agreement(panel, judged), *found)
-
-
-def _agreement(panel: Panel, judged: Sequence[Entry]) -> Finding:
     left = [cell.name for cell in panel.columns if cell.achievability in UNSOLVABLE]
     out = f" Left out: {_and(left, 'cells')}, which cannot be solved in time." if left else ""
-    wrong = [entry for entry in judged if entry.contradicted]
-    if not wrong:
-        return Finding(
-            "agreement",
-            f"Every pass and every fail agrees with the truth, in all {len(judged)} "
-            f"pairs of policies and discretizations compared{_none_passes(judged)}.{out}",
-        )
-    counts = Counter(str(entry.reference_class) for entry in wrong)
+    counts: Counter[str | None] = Counter(entry.reference_class for entry in judged)
     parts = [
-        plural(counts[kind], CLASS_WORDS[kind], more)
-        for kind, more in (("false_pass", "false passes"), ("false_fail", "false fails"))
+        plural(counts[kind], words, more)
+        for kind, words, more in (
+            ("false_pass", "false pass", "false passes"),
+            ("false_fail", "false fail", "false fails"),
+        )
         if counts[kind]
     ]
+    if not parts:
+        nothing = "" if counts["true_pass"] else ", but none of them passes: this tells nothing "
+        nothing += "about transfer" if nothing else ""
+        return Finding(
+            "agreement",
+            f"Every pass and every fail agrees with the truth, in all {len(judged)} pairs of "
+            f"policies and discretizations compared{nothing}.{out}",
+        )
+    right = counts["true_pass"] + counts["true_fail"]
     return Finding(
         "agreement",
-        f"{len(judged) - len(wrong)} of {plural(len(judged), 'answer')} agree with the "
-        f"truth; {' and '.join(parts)} {'does' if len(wrong) == 1 else 'do'} not.{out}",
+        f"{right} of {plural(len(judged), 'answer')} agree with the truth; {' and '.join(parts)} "
+        f"{'does' if len(judged) - right == 1 else 'do'} not.{out}",
     )
 
 
-def _none_passes(judged: Sequence[Entry]) -> str:
-    passing = any(entry.reference_class == "true_pass" for entry in judged)
-    return "" if passing else ", but none of them passes: this tells nothing about transfer"
+def _false_passes(panel: Panel, trusts: Sequence[Trust]) -> Iterator[Finding]:
+    """Where rows that fail on the reference pass."""
+    for row in panel.ordered_rows:
+        wrong = [e for trust in trusts for e in trust.of("false_pass") if e.row == row.name]
+        if not wrong:
+            continue
+        truth = panel.on_truth(row.name)
+        at_home = next((entry for entry in wrong if entry.cell == row.home), None)
+        others = _and([f"{e.cell} ({_rate(e)})" for e in wrong if e is not at_home], "cells")
+        if at_home is None:
+            text = f"{row.name} reaches {_rate(truth)} on the truth, but passes on {others}."
+        else:
+            given = row.kind == "given"
+            who = f"{row.name} reaches" if given else f"The policies trained on {row.name} reach"
+            text = (
+                f"{who} {_rate(at_home)} at home but {_rate(truth)} on the truth: that win belongs "
+                "to the simulator, not to the physics."
+            )
+            if others:
+                text += f" {'It also passes' if given else 'They also pass'} on {others}."
+        close = any(_is_undecided(e) for e in (truth, *([at_home] if at_home else wrong)))
+        yield Finding("false_pass", text, close, len(wrong))
 
 
-def _false_passes(panel: Panel, trusts: Sequence[Trust], row: Row) -> Finding | None:
-    """Where a row that fails on the reference passes."""
-    wrong = [e for trust in trusts for e in trust.of("false_pass") if e.row == row.name]
-    if not wrong:
-        return None
-    truth = panel.on_truth(row.name)
-    at_home = next((entry for entry in wrong if entry.cell == row.home), None)
-    others = _and([f"{e.cell} ({_rate(e)})" for e in wrong if e is not at_home], "cells")
-    if at_home is None:
-        text = f"{row.name} reaches {_rate(truth)} on the truth, but passes on {others}."
-    else:
-        given = row.kind == "given"
-        who = f"{row.name} reaches" if given else f"The policies trained on {row.name} reach"
-        text = (
-            f"{who} {_rate(at_home)} at home but {_rate(truth)} on the truth: that win belongs "
-            "to the simulator, not to the physics."
-        )
-        if others:
-            text += f" {'It also passes' if given else 'They also pass'} on {others}."
-    close = _undecided(truth) or any(_undecided(e) for e in ([at_home] if at_home else wrong))
-    return Finding("false_pass", text, close, len(wrong))
-
-
-def _false_fails(panel: Panel, trust: Trust) -> Finding | None:
+def _false_fails(panel: Panel, trusts: Sequence[Trust]) -> Iterator[Finding]:
     """What works on the reference and fails in one cell.
 
     A row that is shown not to transfer to the truth does not work there.
     """
     truth = panel.truth and panel.truth.name
     failing = {v.row for v in panel.verdicts if v.verdict == "fails" and v.cell == truth}
-    wrong = [entry for entry in trust.of("false_fail") if entry.row not in failing]
-    if not wrong:
-        return None
-    pairs = [f"{e.row} ({_rate(e)} against {_rate(panel.on_truth(e.row))})" for e in wrong]
-    rows = _and(pairs, "rows")
-    text = (
-        f"{trust.cell.name} fails what passes on the truth: {rows}. Judged there, "
-        f"{'policies that work' if len(wrong) > 1 else 'a policy that works'} would be "
-        "thrown away."
-    )
-    close = any(_undecided(entry) or _undecided(panel.on_truth(entry.row)) for entry in wrong)
-    return Finding("false_fail", text, close, len(wrong))
+    for trust in trusts:
+        wrong = [entry for entry in trust.of("false_fail") if entry.row not in failing]
+        if not wrong:
+            continue
+        on_truth = [panel.on_truth(entry.row) for entry in wrong]
+        pairs = zip(wrong, on_truth, strict=True)
+        rows = _and([f"{e.row} ({_rate(e)} against {_rate(there)})" for e, there in pairs], "rows")
+        text = (
+            f"{trust.cell.name} fails what passes on the truth: {rows}. Judged there, "
+            f"{'policies that work' if len(wrong) > 1 else 'a policy that works'} would be "
+            "thrown away."
+        )
+        close = any(_is_undecided(entry) for entry in (*wrong, *on_truth))
+        yield Finding("false_fail", text, close, len(wrong))
 
 
 def _rate(entry: Entry | None) -> str:
     return NONE if entry is None else fixed(entry.success.estimate)
 
 
-def _undecided(entry: Entry | None) -> bool:
+def _is_undecided(entry: Entry | None) -> bool:
     """Whether the interval of the rate reaches across the line between pass and fail."""
-    if entry is None:
-        return False
-    low, high = entry.success.ends
-    return low < PASS <= high
+    return entry is not None and entry.success.ends[0] < PASS <= entry.success.ends[1]
 
 
 def _and(parts: Sequence[str], noun: str) -> str:
     """Names as a list in a sentence, cut where it gets too long to read."""
-    named = list(parts)
-    if len(parts) > _NAMED:
-        named = [*parts[: _NAMED - 1], f"{len(parts) - _NAMED + 1} other {noun}"]
-    if len(named) < 2:
-        return "".join(named)
-    return f"{', '.join(named[:-1])} and {named[-1]}"
+    names = list(parts)
+    if len(parts) > _MOST_NAMES:
+        names = [*parts[: _MOST_NAMES - 1], f"{len(parts) - _MOST_NAMES + 1} other {noun}"]
+    return " and ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))

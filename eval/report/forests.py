@@ -1,19 +1,14 @@
-"""Forests: effects with intervals, one under the other."""
+"""Forests: effects with intervals, one under the other, on one axis."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Final, Literal, TypeAlias
 
-from integ_gym.support.terminal import (
-    NONE,
-    compact,
-    fixed,
-    percent,
-)
+from integ_gym.support.terminal import NONE, compact, fixed, percent
 
 from ..panel.cells import swept_name
 from ..panel.result import (
@@ -25,25 +20,81 @@ from ..panel.result import (
     Remedy,
     RemedyCell,
     Row,
-    TrainingCost,
     Verdict,
 )
 from ..power import WITHOUT_VERDICT
-from ..verdict import (
-    ALPHA,
-    EQUIVALENCE_MARGIN,
-    FAIL_MARGIN,
-    p_text,
-)
-from .matrices import (
-    RATE_AXIS,
-    Axis,
-    difference_axis,
-    value_axis,
-)
+from ..verdict import ALPHA, EQUIVALENCE_MARGIN, FAIL_MARGIN, p_text
 
 Tone: TypeAlias = Literal["fails", "transfers", "inconclusive", "not_learned", "soft", "accent"]
 """Colour of a mark, by its name in :data:`integ_gym.support.figures.PALETTE`."""
+
+SHOWN_GAPS: Final = 30
+"""Exploratory gaps that are drawn; all of them are among the records."""
+
+VERDICT_ORDER: Final = ("fails", "transfers", "inconclusive", *WITHOUT_VERDICT)
+"""Order in which verdicts are shown."""
+
+_FEW: Final = 5
+"""Ticks that a narrow axis has room for."""
+
+
+@dataclass(frozen=True)
+class Axis:
+    """A horizontal axis.
+
+    Attributes:
+        low, high: its ends.
+        ticks: values, and how they are written.
+        margins: whether the margins of the verdicts are drawn.
+    """
+
+    low: float
+    high: float
+    ticks: tuple[tuple[float, str], ...]
+    margins: bool = False
+
+    @property
+    def between(self) -> frozenset[int]:
+        """Places of ticks that are left out where an axis is narrow; zero stays."""
+        zero = min(range(len(self.ticks)), key=lambda k: abs(self.ticks[k][0]))
+        few = len(self.ticks) <= _FEW
+        return frozenset() if few else frozenset(range(1 - zero % 2, len(self.ticks), 2))
+
+    def share(self, value: float) -> float:
+        """Place of a value, cut to the axis, in [0, 1] of the width with room for markers."""
+        inside = (min(max(value, self.low), self.high) - self.low) / (self.high - self.low)
+        return 0.02 + 0.96 * inside
+
+
+RATE_AXIS: Final = Axis(0.0, 1.0, tuple((0.25 * k, fixed(0.25 * k)) for k in range(5)))
+"""Axis of success rates."""
+
+
+def difference_axis(values: Iterable[Estimate], size: float = 0.2, margins: bool = False) -> Axis:
+    """An axis for differences of rates that holds all of them and the margins of the verdicts."""
+    ends = [end for value in values for end in (value.estimate, *value.ends)]
+    low = max(-1.0, math.floor(min([-0.2, *ends]) * 5.0 + 1e-9) / 5.0)
+    high = min(1.0, math.ceil(max([0.4, *ends]) * 5.0 - 1e-9) / 5.0)
+    size = size if high - low <= 1.6 else 0.5
+    places = range(math.ceil(low / size - 1e-9), math.floor(high / size + 1e-9) + 1)
+    ticks = [round(size * k, 2) for k in places]
+    return Axis(low, high, tuple((tick, fixed(tick, 1)) for tick in ticks), margins)
+
+
+def value_axis(values: Iterable[Estimate]) -> Axis:
+    """An axis for differences of any unit that holds all of them and zero, with five ticks or so.
+
+    Its ticks are multiples of 1, 2 or 5 times a power of ten.
+    """
+    ends = [end for value in values for end in (value.estimate, *value.ends)]
+    low, high = min([0.0, *ends]), max([0.0, *ends])
+    wanted = (high - low) / 5.0 or 1.0
+    power = 10.0 ** math.floor(math.log10(wanted))
+    size = next(power * step for step in (1.0, 2.0, 5.0, 10.0) if power * step >= wanted - 1e-12)
+    first, last = min(math.floor(low / size), -1), max(math.ceil(high / size), 1)
+    digits = max(0, -math.floor(math.log10(size)))
+    ticks = tuple((size * k, fixed(size * k, digits)) for k in range(first, last + 1))
+    return Axis(size * first, size * last, ticks)
 
 
 @dataclass(frozen=True)
@@ -115,92 +166,66 @@ class Forest:
     blocks: tuple[Block, ...]
 
 
-VERDICT_ORDER: Final = ("fails", "transfers", "inconclusive", *WITHOUT_VERDICT)
-"""Order in which verdicts are shown."""
-
-SHOWN_GAPS: Final = 30
-"""Exploratory gaps that are drawn; all of them are among the records."""
-
-
-@dataclass(frozen=True)
-class Gap:
-    """Overfitting with its interval, and where it comes from; no verdict: exploratory."""
-
-    row: str
-    cell: str
-    value: Estimate
-    verdict: Tone | None = None
-
-
-def ordered_verdicts(panel: Panel) -> tuple[Verdict, ...]:
-    """Judgements of the declared family, the ones that matter most first."""
-
-    def order(judged: Verdict) -> tuple[int, float]:
-        return VERDICT_ORDER.index(judged.verdict), -judged.overfitting.estimate
-
-    return tuple(sorted(panel.verdicts, key=order))
-
-
-def declared_gaps(panel: Panel) -> tuple[Gap, ...]:
-    """Those of the declared family that have a verdict, largest first."""
-    return _largest_first(
-        Gap(judged.row, judged.cell, judged.overfitting, judged.verdict)  # type: ignore[arg-type]
-        for judged in ordered_verdicts(panel)
-        if judged.verdict not in WITHOUT_VERDICT
+def ordered_verdicts(panel: Panel) -> list[Verdict]:
+    """Verdicts on the declared family, the ones that matter most first."""
+    return sorted(
+        panel.verdicts,
+        key=lambda one: (VERDICT_ORDER.index(one.verdict), -one.overfitting.estimate),
     )
-
-
-def exploratory_gaps(panel: Panel) -> tuple[Gap, ...]:
-    """Those of the rest of the matrix, largest first."""
-    return tuple(
-        Gap(entry.row, entry.cell, entry.overfitting)
-        for entry in panel.undeclared
-        if entry.overfitting is not None
-    )
-
-
-def _largest_first(gaps: Iterable[Gap]) -> tuple[Gap, ...]:
-    return tuple(sorted(gaps, key=lambda gap: -gap.value.estimate))
 
 
 def gap_forest(panel: Panel) -> Forest | None:
-    """The declared family, then the largest of the rest; None without any gap."""
-    declared, others = declared_gaps(panel), exploratory_gaps(panel)
-    shown = (*declared, *others[:SHOWN_GAPS])
-    if not shown:
-        return None
+    """Overfitting of the declared family, then the largest of the rest; None without any."""
+    judged = [one for one in ordered_verdicts(panel) if one.verdict not in WITHOUT_VERDICT]
+    judged.sort(key=lambda one: -one.overfitting.estimate)
+    others = panel.undeclared
     more = f", the {SHOWN_GAPS} largest of {len(others)}" if len(others) > SHOWN_GAPS else ""
-    found = (("declared family", declared), (f"exploratory{more}", others[:SHOWN_GAPS]))
+    blocks = (
+        Block(
+            "declared family",
+            [_gap_line(panel, one.row, one.cell, one.overfitting, one.verdict) for one in judged],  # type: ignore[arg-type]
+        ),
+        Block(
+            f"exploratory{more}",
+            [
+                _gap_line(panel, entry.row, entry.cell, entry.overfitting)
+                for entry in others[:SHOWN_GAPS]
+                if entry.overfitting is not None
+            ],
+        ),
+    )
+    values = [line.marks[0].value for block in blocks for line in block.lines]
+    if not values:
+        return None
+    over = "starts" if panel.given_alone else "seeds"
     return Forest(
         "Overfitting",
-        f"loss of success that neither difficulty nor a deadline explains; shaded: "
-        f"±{EQUIVALENCE_MARGIN}, dashed: {FAIL_MARGIN}{_level(panel, shown)}",
+        "loss of success that neither difficulty nor a deadline explains; shaded: "
+        f"±{EQUIVALENCE_MARGIN}, dashed: {FAIL_MARGIN}; intervals over {over}, {_level(values)}not "
+        "adjusted",
         "loss of success by overfitting",
-        difference_axis((gap.value for gap in shown), margins=True),
-        tuple(Block(title, [_line(panel, gap) for gap in gaps]) for title, gaps in found if gaps),
+        difference_axis(values, margins=True),
+        tuple(block for block in blocks if block.lines),
     )
 
 
-def _level(panel: Panel, gaps: Iterable[Gap]) -> str:
-    """What to say of the level that the intervals share; nothing where they have none."""
-    levels = {gap.value.level for gap in gaps if gap.value.level is not None}
-    level = f"{percent(levels.pop())}, " if len(levels) == 1 else ""
-    over = "starts" if panel.given_alone else "seeds"
-    return f"; intervals over {over}, {level}not adjusted"
-
-
-def _line(panel: Panel, gap: Gap) -> Line:
-    low, high = gap.value.ends
-    details = [f"{fixed(low)} to {fixed(high)}"] if gap.value.bounded else []
+def _gap_line(panel: Panel, row: str, cell: str, value: Estimate, tone: Tone = "soft") -> Line:
+    low, high = value.ends
     return Line(
-        panel.called(gap.row),
-        panel.called(gap.cell),
-        (gap.row, gap.cell),
-        (Mark(gap.value, gap.verdict or "soft", filled=gap.verdict is not None),),
-        fixed(gap.value.estimate, 2, True),
-        ", ".join(details),
-        f"{gap.row} on {gap.cell}: overfitting {gap.value}",
+        panel.called(row),
+        panel.called(cell),
+        (row, cell),
+        (Mark(value, tone, filled=tone != "soft"),),
+        fixed(value.estimate, 2, True),
+        f"{fixed(low)} to {fixed(high)}" if value.bounded else "",
+        f"{row} on {cell}: overfitting {value}",
     )
+
+
+def _level(values: Iterable[Estimate]) -> str:
+    """The level that intervals share, before what else is said of them; empty without one."""
+    levels = {value.level for value in values if value.level is not None}
+    return f"{percent(levels.pop())}, " if len(levels) == 1 else ""
 
 
 @dataclass(frozen=True)
@@ -225,63 +250,31 @@ class Mixture:
         return ", ".join(self.row.shares)
 
 
-@dataclass(frozen=True)
-class Cost:
-    """Training decisions of one row until its training episodes succeeded.
-
-    Attributes:
-        row: the row.
-        training: what it took.
-        truth: what the row does on the reference in the end.
-    """
-
-    row: Row
-    training: TrainingCost
-    truth: Estimate | None
-
-    @property
-    def median(self) -> str:
-        """The median in words."""
-        median = self.training.median
-        known = None if median is None else median.estimate
-        return "not reached" if known is None else f"{round(known):,}"
-
-    @property
-    def interval(self) -> str:
-        """The interval in words."""
-        median = self.training.median
-        if median is None or median.low is None:
-            return NONE
-        end = "or more" if median.high is None else f"to {round(median.high):,}"
-        return f"{round(median.low):,} {end}"
-
-
-def mixtures_of(panel: Panel) -> tuple[Mixture, ...]:
+def mixtures_of(panel: Panel) -> list[Mixture]:
     """The panel's mixtures, in order."""
-    return tuple(_mixture(panel, remedy) for remedy in panel.remedies)
+    return [_mixture(panel, remedy) for remedy in panel.remedies]
 
 
 def remedy_forest(panel: Panel) -> Forest | None:
     """Every discretization in which single ones lose, by mixture; None without any."""
-    blocks = [
-        Block(f"{found.row.name}: {found.members}", found.harmful)
-        for found in mixtures_of(panel)
-        if found.harmful
-    ]
-    if not blocks:
-        return None
+    blocks = tuple(
+        Block(f"{mixture.row.name}: {mixture.members}", mixture.harmful)
+        for mixture in mixtures_of(panel)
+        if mixture.harmful
+    )
     about = (
         "success; dot: mixture, with its interval; rings: single ones, red where they lose > 0.2"
     )
-    return Forest("A remedy: training on a mixture", about, "success", RATE_AXIS, tuple(blocks))
+    title = "A remedy: training on a mixture"
+    return Forest(title, about, "success", RATE_AXIS, blocks) if blocks else None
 
 
 def _mixture(panel: Panel, remedy: Remedy) -> Mixture:
     harmful, others = [], []
     for cell in remedy.cells:
         own = panel.entry(remedy.row, cell.cell)
-        found = [panel.entry(single, cell.cell) for single in remedy.singles]
-        rivals = sorted((e for e in found if e is not None), key=lambda e: e.success.estimate)
+        entries = [panel.entry(single, cell.cell) for single in remedy.singles]
+        rivals = sorted((e for e in entries if e is not None), key=lambda e: e.success.estimate)
         if own is None:
             continue
         line = _remedy_line(own, rivals, cell)
@@ -304,8 +297,7 @@ def _remedy_line(own: Entry, rivals: list[Entry], cell: RemedyCell) -> Line:
         less = f", {own.row} minus it {lost[rival.row]}" if rival.row in lost else ""
         words.append(f"{rival.row} {rival.success}{less}")
     rates = [fixed(rival.success.estimate) for rival in rivals]
-    notes = ["trained there"] if cell.member else []
-    notes += [] if cell.solved else ["nobody solves it"]
+    notes = ("trained there" if cell.member else "", "" if cell.solved else "nobody solves it")
     return Line(
         "",
         own.cell,
@@ -314,19 +306,8 @@ def _remedy_line(own: Entry, rivals: list[Entry], cell: RemedyCell) -> Line:
         fixed(own.success.estimate),
         f"others {rates[0]} to {rates[-1]}" if rates else "no other row learned",
         "; ".join(words),
-        ", ".join(notes),
+        ", ".join(filter(None, notes)),
     )
-
-
-def costs_of(panel: Panel) -> tuple[Cost, ...]:
-    """Training cost of every trained row that the panel tells it of."""
-    costs = []
-    for row in panel.ordered_rows:
-        if row.name in panel.training_costs:
-            truth = panel.on_truth(row.name)
-            success = None if truth is None else truth.success
-            costs.append(Cost(row, panel.training_costs[row.name], success))
-    return tuple(costs)
 
 
 _Compared = tuple[PairedEpisodes, Estimate, float]
@@ -335,162 +316,129 @@ _Compared = tuple[PairedEpisodes, Estimate, float]
 
 def paired_success(panel: Panel) -> Forest | None:
     """What every given policy loses of its success in each cell; None without any."""
-    found = [(one, one.success, one.p_success_adjusted) for one in panel.paired]
-    told = partial(fixed, digits=2)
-    return _forest(panel, "Success lost", found, difference_axis, told, EQUIVALENCE_MARGIN)
+    compared = [(one, one.success, one.p_success_adjusted) for one in panel.paired]
+    show = partial(fixed, digits=2)
+    return _paired(panel, "Success lost", compared, difference_axis, show, EQUIVALENCE_MARGIN)
 
 
 def paired_return(panel: Panel) -> Forest | None:
     """What every given policy loses of its mean return in each cell; None without any."""
-    found = [
+    compared = [
         (one, one.returns, one.p_return_adjusted)
         for one in panel.paired
         if one.returns is not None and one.p_return_adjusted is not None
     ]
-    return _forest(panel, "Mean return lost", found, value_axis, partial(compact, digits=3))
+    return _paired(panel, "Mean return lost", compared, value_axis, partial(compact, digits=3))
 
 
-def _forest(
+def _paired(
     panel: Panel,
     title: str,
-    found: list[_Compared],
+    compared: list[_Compared],
     axis: Callable[[Iterable[Estimate]], Axis],
-    told: Callable[..., str],
+    show: Callable[..., str],
     margin: float | None = None,
 ) -> Forest | None:
-    if not found:
+    """Blocks by policy, and by whether its plant was changed."""
+    blocks: dict[str, list[Line]] = {}
+    for one, value, p in compared:
+        what = "perturbations" if panel.cell(one.cell).perturbation else "discretizations"
+        where = "at home" if one.against == "home" else "on the truth"
+        heading = f"{one.row}, {one.episodes} starts: {what} against what it does {where}"
+        low, high = value.ends
+        interval = f"{show(low)} to {show(high)}, " if value.bounded else ""
+        number, significant = show(value.estimate, sign=True), p < ALPHA
+        equal = margin is not None and value.bounded and -margin <= low and high <= margin
+        tone: Tone = "transfers" if equal else "accent" if significant else "soft"
+        line = Line(
+            "",
+            panel.called(one.cell),
+            (one.row, one.cell),
+            (Mark(value, tone, filled=significant),),
+            number,
+            f"{interval}{p_text(p)}",
+            f"{one.row} on {one.cell}: {title.lower()} {number}, {interval}adjusted {p_text(p)}"
+            + (", practically equal" if equal else ""),
+        )
+        blocks.setdefault(heading, []).append(line)
+    if not blocks:
         return None
-    blocks: dict[tuple[str, bool], list[_Compared]] = {}
-    for compared in found:
-        key = (compared[0].row, panel.cell(compared[0].cell).perturbation is not None)
-        blocks.setdefault(key, []).append(compared)
-    levels = {value.level for _, value, _ in found if value.level is not None}
-    level = f"{percent(levels.pop())}, " if len(levels) == 1 else ""
-    equal = f"; green: practically equal (within ±{margin})" if margin else ""
+    values = [value for _, value, _ in compared]
+    equal_words = f"; green: practically equal (within ±{margin})" if margin else ""
     return Forest(
         title,
-        f"positive is worse; intervals over starts, {level}not adjusted; p adjusted over the "
-        f"cells; filled: below {ALPHA}{equal}",
+        f"positive is worse; intervals over starts, {_level(values)}not adjusted; p adjusted over "
+        f"the cells; filled: below {ALPHA}{equal_words}",
         title.lower(),
-        axis(value for _, value, _ in found),
-        tuple(
-            Block(
-                _heading(block[0][0], perturbed),
-                [_paired_line(panel, title, told, margin, *compared) for compared in block],
-            )
-            for (_, perturbed), block in blocks.items()
-        ),
+        axis(values),
+        tuple(Block(heading, lines) for heading, lines in blocks.items()),
     )
 
 
-def _heading(one: PairedEpisodes, perturbed: bool) -> str:
-    where = "at home" if one.against == "home" else "on the truth"
-    what = "perturbations" if perturbed else "discretizations"
-    return f"{one.row}, {one.episodes} starts: {what} against what it does {where}"
+def checks_of(panel: Panel) -> dict[str, list[tuple[Entry | None, Entry]]]:
+    """For every change of the plant or its delays, its rows without it and with it.
 
-
-def _paired_line(
-    panel: Panel,
-    title: str,
-    told: Callable[..., str],
-    margin: float | None,
-    one: PairedEpisodes,
-    value: Estimate,
-    p: float,
-) -> Line:
-    low, high = value.ends
-    interval = f"{told(low)} to {told(high)}, " if value.bounded else ""
-    number, shown = told(value.estimate, sign=True), p < ALPHA
-    equal = margin is not None and value.bounded and -margin <= low and high <= margin
-    tone: Tone = "transfers" if equal else "accent" if shown else "soft"
-    practically = ", practically equal" if equal else ""
-    return Line(
-        "",
-        panel.called(one.cell),
-        (one.row, one.cell),
-        (Mark(value, tone, filled=shown),),
-        number,
-        f"{interval}{p_text(p)}",
-        f"{one.row} on {one.cell}: {title.lower()} {number}, {interval}adjusted {p_text(p)}"
-        f"{practically}",
-    )
-
-
-@dataclass(frozen=True)
-class Check:
-    """One row before and after a change of the plant or its delays."""
-
-    before: Entry | None
-    after: Entry
-
-
-def checks_of(panel: Panel) -> Mapping[str, tuple[Check, ...]]:
-    """For every perturbation, the rows that met it; those that learned, if any did."""
-    learned = [row for row in panel.ordered_rows if row.learned is not False]
-    return _checks(panel, learned) or _checks(panel, panel.ordered_rows)
-
-
-def _checks(panel: Panel, rows: Sequence[Row]) -> Mapping[str, tuple[Check, ...]]:
-    checks: dict[str, list[Check]] = {}
+    Rows are those that learned, or all where none of them met a change. Sweeps are left out.
+    """
     swept = {
         swept_name(sweep["argument"], value)
         for sweep in panel.spec.get("sweeps", ())
         for value in sweep["values"]
     }
-    for row in rows:
-        for cell in panel.cells:
-            after = panel.entry(row.name, cell.name)
-            if after is not None and not cell.plain and cell.perturbation not in swept:
-                label = cell.perturbation or cell.name
-                checks.setdefault(label, []).append(Check(_before(panel, after), after))
-    return {label: tuple(found) for label, found in checks.items()}
-
-
-def _before(panel: Panel, after: Entry) -> Entry | None:
-    """The same row and discretization without the perturbation."""
-    cell = panel.cell(after.cell)
-    same = (other for other in panel.cells if other.plain and alike(other, cell))
-    return next((panel.entry(after.row, other.name) for other in same), None)
+    checks: dict[str, list[tuple[Entry | None, Entry]]] = {}
+    learned = [row for row in panel.ordered_rows if row.learned is not False]
+    for rows in (learned, panel.ordered_rows):
+        for row in rows if not checks else ():
+            for cell in panel.cells:
+                after = panel.entry(row.name, cell.name)
+                if after is None or cell.plain or cell.perturbation in swept:
+                    continue
+                same = (other for other in panel.cells if other.plain and are_alike(other, cell))
+                before = next((panel.entry(row.name, other.name) for other in same), None)
+                checks.setdefault(cell.perturbation or cell.name, []).append((before, after))
+    return checks
 
 
 def check_forest(panel: Panel) -> Forest | None:
     """Success before and after every change of the plant or its delays; None without any."""
-    blocks = [
-        Block(label, [_check_line(change) for change in found])
-        for label, found in checks_of(panel).items()
-    ]
-    if not blocks:
-        return None
+    blocks = tuple(
+        Block(label, [_check_line(*pair) for pair in pairs])
+        for label, pairs in checks_of(panel).items()
+    )
     about = "success with its interval over seeds: ring as specified, dot with the change; the loss"
-    return Forest("Perturbations and latency", about, "success", RATE_AXIS, tuple(blocks))
+    title = "Perturbations and latency"
+    return Forest(title, about, "success", RATE_AXIS, blocks) if blocks else None
 
 
-def _check_line(check: Check) -> Line:
-    after = check.after.success
-    before = None if check.before is None else check.before.success
-    was, marks = NONE, [Mark(after, "accent", down=0.35)]
+def _check_line(before: Entry | None, after: Entry) -> Line:
+    marks: tuple[Mark, ...] = (Mark(after.success, "accent", down=0.35),)
+    was, loss = NONE, None
     if before is not None:
-        was = fixed(before.estimate)
-        marks.insert(0, Mark(before, "soft", filled=False, down=-0.35))
-    loss = None if before is None else before.estimate - after.estimate
+        marks = (Mark(before.success, "soft", filled=False, down=-0.35), *marks)
+        was = fixed(before.success.estimate)
+        loss = before.success.estimate - after.success.estimate
     return Line(
-        check.after.row,
-        check.after.cell if check.before is None else check.before.cell,
-        (check.after.row, check.after.cell),
-        tuple(marks),
+        after.row,
+        (before or after).cell,
+        (after.row, after.cell),
+        marks,
         fixed(loss, sign=True),
-        f"{was} → {fixed(after.estimate)}",
-        f"{check.after.row}: success {before or 'not known'} before, {after} on {check.after.cell}",
+        f"{was} → {fixed(after.success.estimate)}",
+        f"{after.row}: success {before.success if before else 'not known'} before, "
+        f"{after.success} on {after.cell}",
     )
 
 
-def alike(one: Cell, other: Cell) -> bool:
+def are_alike(one: Cell, other: Cell) -> bool:
     """Whether two cells are of the same discretization."""
-    names = (one.engine, one.integrator) == (other.engine, other.integrator)
-    return names and close(one.dt, other.dt) and close(one.control_period, other.control_period)
+    return (
+        (one.engine, one.integrator) == (other.engine, other.integrator)
+        and are_close(one.dt, other.dt)
+        and are_close(one.control_period, other.control_period)
+    )
 
 
-def close(one: float, other: float) -> bool:
+def are_close(one: float, other: float) -> bool:
     """Whether two times, s, are the same up to rounding."""
     return math.isclose(one, other, rel_tol=1e-9)
 
@@ -512,14 +460,12 @@ class Trust:
         return len(self.of("true_pass")) + len(self.of("true_fail"))
 
 
-def trust_of(panel: Panel) -> tuple[Trust, ...]:
+def trust_of(panel: Panel) -> list[Trust]:
     """Every cell of the matrix that has a class against the reference, in column order."""
-    found = []
+    trusts = []
     for cell in panel.columns:
-        if cell.reference:
-            continue
         entries = (panel.entry(row.name, cell.name) for row in panel.ordered_rows)
         judged = tuple(e for e in entries if e is not None and e.reference_class)
-        if judged:
-            found.append(Trust(cell, judged))
-    return tuple(found)
+        if judged and not cell.reference:
+            trusts.append(Trust(cell, judged))
+    return trusts

@@ -1,4 +1,4 @@
-"""Refinement ladders: success of one row as the step shrinks."""
+"""Success against one argument of the environment: the step on ladders, another one on sweeps."""
 
 from __future__ import annotations
 
@@ -14,35 +14,24 @@ from integ_gym.support.terminal import step
 from ..panel.cells import swept_name
 from ..panel.result import Cell, Entry, Estimate, Panel, Row
 from ..scheme_style import styles_of
-from .forests import alike, close
+from .forests import are_alike, are_close
 
 _LETTER: Final = 0.027  # width of a letter on the page, as a share of the axis
 
-
-@dataclass(frozen=True)
-class Rung:
-    """Success at one step of a refinement ladder."""
-
-    dt: float
-    entry: Entry
-
-
-Rungs: TypeAlias = Mapping[str, tuple[Rung, ...]]
-"""For every scheme, rungs from coarse to fine."""
+Rungs: TypeAlias = Mapping[str, Mapping[float, Entry]]
+"""Scheme to its entries by step, s, from coarse to fine."""
 
 
 @dataclass(frozen=True)
 class Ladder:
     """Success of one row under refinement.
 
-    Attributes
-    ----------
-    fixed
-        For every scheme, rungs from coarse to fine at the row's own control period.
-    following
-        The same where the control period is the step itself; empty where the panel has none.
-    truth
-        The row on the reference at its own control period, or None.
+    Attributes:
+        row: the row.
+        control_period: its own, s; None where it has none.
+        fixed: rungs at that control period.
+        following: rungs where the control period is the step itself; empty without any.
+        truth: the row on the reference at its own control period, or None.
     """
 
     row: Row
@@ -54,7 +43,7 @@ class Ladder:
 
 @dataclass(frozen=True)
 class Point:
-    """Success at one step; ``x`` is its place in [0, 1] from the coarsest step to the finest."""
+    """Success at one value; ``x`` is its place in [0, 1] on the axis."""
 
     x: float
     value: Estimate
@@ -63,7 +52,7 @@ class Point:
 
 @dataclass(frozen=True)
 class Series:
-    """One scheme's line; ``aside``: widths of a line by which it is moved, to stay visible."""
+    """One line; ``aside``: widths of a line by which it is moved, to stay visible."""
 
     name: str
     style: SeriesStyle
@@ -114,59 +103,24 @@ def ladder_plots(panel: Panel) -> LadderPlots | None:
     if not ladders:
         return None
     schemes = styles_of(name for one in ladders for name in (*one.fixed, *one.following))
-    rows = tuple((panel.called(ladder.row.name), _plots(ladder, schemes)) for ladder in ladders)
-    about = "success of the same policies as the step shrinks; finer to the right"
-    paired = any(ladder.following for ladder in ladders)
-    return LadderPlots("Refinement ladder", about, schemes, rows, paired)
-
-
-def _plots(ladder: Ladder, schemes: SeriesStyles) -> tuple[LadderPlot, ...]:
-    truth = None if ladder.truth is None else ladder.truth.success
-    period = "" if ladder.control_period is None else f" at {step(ladder.control_period)} s"
-    plots = []
-    if ladder.fixed:
-        plots.append(_plot(f"control period fixed{period}", ladder.fixed, schemes, truth))
-    if ladder.following:
-        plots.append(_plot("control period follows the step", ladder.following, schemes, None))
-    return tuple(plots)
-
-
-def _plot(about: str, rungs: Rungs, schemes: SeriesStyles, truth: Estimate | None) -> LadderPlot:
-    steps = sorted({rung.dt for line in rungs.values() for rung in line}, reverse=True)
-    span = math.log(steps[0] / steps[-1])
-    places = {dt: math.log(steps[0] / dt) / span for dt in steps}
-    ticks = thinned([(places[dt], step(dt)) for dt in steps], _LETTER)
-    order = list(schemes)
-    series = []
-    for name, line in rungs.items():
-        points = tuple(
-            Point(
-                places[rung.dt],
-                rung.entry.success,
-                f"{name}, step {step(rung.dt)} s: success {rung.entry.success}",
-            )
-            for rung in line
+    groups = []
+    for one in ladders:
+        period = "" if one.control_period is None else f" at {step(one.control_period)} s"
+        truth = one.truth.success if one.truth else None
+        shown = (
+            (f"control period fixed{period}", one.fixed, truth),
+            ("control period follows the step", one.following, None),
         )
-        aside = order.index(name) - (len(order) - 1) / 2.0
-        series.append(Series(name, schemes[name], aside, points))
-    return LadderPlot(about, ticks, tuple(series), truth)
+        plots = tuple(
+            _ladder_plot(about, rungs, schemes, at) for about, rungs, at in shown if rungs
+        )
+        groups.append((panel.called(one.row.name), plots))
+    about = "success of the same policies as the step shrinks; finer to the right"
+    paired = any(one.following for one in ladders)
+    return LadderPlots("Refinement ladder", about, schemes, tuple(groups), paired)
 
 
-def thinned(ticks: Iterable[tuple[float, str]], letter: float) -> tuple[tuple[float, str], ...]:
-    """Those of some ticks, in order, whose labels do not touch.
-
-    Args:
-        ticks: place in [0, 1] and label.
-        letter: width of a letter, as a share of the axis.
-    """
-    kept: list[tuple[float, str]] = []
-    for place, label in ticks:
-        if not kept or place - kept[-1][0] >= letter * (1 + 0.5 * len(label + kept[-1][1])):
-            kept.append((place, label))
-    return tuple(kept)
-
-
-def ladders_of(panel: Panel) -> tuple[Ladder, ...]:
+def ladders_of(panel: Panel) -> list[Ladder]:
     """Refinement ladders of the rows that have one.
 
     Rows that did not learn are left out if others did, and baselines if others are there.
@@ -174,120 +128,139 @@ def ladders_of(panel: Panel) -> tuple[Ladder, ...]:
     ladders = [ladder for row in panel.ordered_rows if (ladder := _ladder(panel, row))]
     others = [ladder for ladder in ladders if not ladder.row.baseline]
     learned = [ladder for ladder in others if ladder.row.learned is not False]
-    return tuple(learned or others or ladders)
+    return learned or others or ladders
 
 
 def _ladder(panel: Panel, row: Row) -> Ladder | None:
-    period = row.control_period if row.control_period is not None else _usual_period(panel)
-    fixed_period: dict[str, list[Rung]] = {}
-    following: dict[str, list[Rung]] = {}
+    """At the row's own control period, or the one that most columns have."""
+    period = row.control_period
+    if period is None and panel.columns:
+        period = Counter(cell.control_period for cell in panel.columns).most_common(1)[0][0]
+    at_period: dict[str, dict[float, Entry]] = {}
+    following: dict[str, dict[float, Entry]] = {}
     engines = {"native", *(cell.engine for cell in panel.cells if cell.name in row.shares)}
     for cell in panel.cells:
         entry = panel.entry(row.name, cell.name) if cell.engine in engines else None
         if entry is None or not cell.plain:
             continue
-        if close(cell.control_period, cell.dt):
-            following.setdefault(cell.scheme, []).append(Rung(cell.dt, entry))
-        if period is not None and close(cell.control_period, period) and not cell.reference:
-            fixed_period.setdefault(cell.scheme, []).append(Rung(cell.dt, entry))
-    at_fixed, along = _ladder_rungs(fixed_period), _ladder_rungs(following)
-    if not at_fixed and not along:
+        if are_close(cell.control_period, cell.dt):
+            following.setdefault(cell.scheme, {}).setdefault(cell.dt, entry)
+        if period is not None and are_close(cell.control_period, period) and not cell.reference:
+            at_period.setdefault(cell.scheme, {}).setdefault(cell.dt, entry)
+    own, along = (
+        {
+            scheme: dict(sorted(entries.items(), reverse=True))
+            for scheme, entries in schemes.items()
+            if len(entries) > 1
+        }
+        for schemes in (at_period, following)
+    )
+    if not own and not along:
         return None
-    same = (c for c in panel.cells if c.reference and period and close(c.control_period, period))
+    references = (c for c in panel.cells if c.reference and period)
+    same = (c for c in references if are_close(c.control_period, period or 0.0))
     truth = next(same, panel.truth)
-    on_truth = None if truth is None else panel.entry(row.name, truth.name)
-    return Ladder(row, period, at_fixed, along, on_truth)
+    on_truth = panel.entry(row.name, truth.name) if truth else None
+    return Ladder(row, period, own, along, on_truth)
 
 
-def _usual_period(panel: Panel) -> float | None:
-    periods = Counter(cell.control_period for cell in panel.columns)
-    return periods.most_common(1)[0][0] if periods else None
+def _ladder_plot(
+    about: str, rungs: Rungs, schemes: SeriesStyles, truth: Estimate | None
+) -> LadderPlot:
+    steps = sorted({dt for entries in rungs.values() for dt in entries}, reverse=True)
+    span = math.log(steps[0] / steps[-1])
+    places = {dt: math.log(steps[0] / dt) / span for dt in steps}
+    order = list(schemes)
+    series = []
+    for name, entries in rungs.items():
+        points = tuple(
+            Point(
+                places[dt],
+                entry.success,
+                f"{name}, step {step(dt)} s: success {entry.success}",
+            )
+            for dt, entry in entries.items()
+        )
+        aside = order.index(name) - (len(order) - 1) / 2.0
+        series.append(Series(name, schemes[name], aside, points))
+    ticks = thin_ticks([(places[dt], step(dt)) for dt in steps], _LETTER)
+    return LadderPlot(about, ticks, tuple(series), truth)
 
 
-def _ladder_rungs(found: Mapping[str, list[Rung]]) -> dict[str, tuple[Rung, ...]]:
-    """Ladders of at least two steps, each from coarse to fine."""
-    ladders = {}
-    for scheme, rungs in found.items():
-        unique = {rung.dt: rung for rung in reversed(rungs)}
-        if len(unique) > 1:
-            ladders[scheme] = tuple(unique[dt] for dt in sorted(unique, reverse=True))
-    return ladders
+def thin_ticks(ticks: Iterable[tuple[float, str]], letter: float) -> tuple[tuple[float, str], ...]:
+    """Those of some ticks, in order, whose labels do not touch.
+
+    Args:
+        ticks: place in [0, 1] and label.
+        letter: width of a letter, as a share of the axis.
+    """
+    thin: list[tuple[float, str]] = []
+    for place, label in ticks:
+        if not thin or place - thin[-1][0] >= letter * (1 + 0.5 * len(label + thin[-1][1])):
+            thin.append((place, label))
+    return tuple(thin)
 
 
 def sweep_plots(panel: Panel) -> LadderPlots | None:
     """Plots of all sweeps, on the truth and at home; None if the panel has none."""
+    if not panel.spec.get("sweeps"):
+        return None
     rows = [row for row in panel.ordered_rows if not row.baseline]
     rows = [row for row in rows if row.learned is not False] or rows
+    homes = {row.name: None if row.mixed else panel.cell(next(iter(row.shares))) for row in rows}
+    styles = _row_styles(homes)
     groups = []
-    for sweep in panel.spec.get("sweeps", ()):
-        plots = tuple(_sweep_plots(panel, sweep, rows))
+    for sweep in panel.spec["sweeps"]:
+        plots = tuple(_sweep_plots(panel, sweep, homes, styles))
         if plots:
             groups.append((str(sweep["argument"]), plots))
     if not groups:
         return None
     about = "success of the same policies as one argument of the environment changes"
     paired = any(len(plots) > 1 for _, plots in groups)
-    return LadderPlots("Sweeps", about, _styles(panel, rows), tuple(groups), paired)
+    return LadderPlots("Sweeps", about, styles, tuple(groups), paired)
 
 
-def _sweep_plots(panel: Panel, sweep: Mapping[str, Any], rows: list[Row]) -> Iterator[LadderPlot]:
+def _sweep_plots(
+    panel: Panel, sweep: Mapping[str, Any], homes: Mapping[str, Cell | None], styles: SeriesStyles
+) -> Iterator[LadderPlot]:
     """On the truth, if there is one, and every row at its own home."""
-    argument = str(sweep["argument"])
-    places: list[tuple[str, dict[str, Cell | None]]] = [
-        ("at home", {row.name: _home(panel, row) for row in rows})
-    ]
-    if panel.truth is not None:
-        places.insert(0, ("on the truth", {row.name: panel.truth for row in rows}))
     values = [float(value) for value in sweep["values"]]
-    ticks = tuple((_place(values, value), f"{value:g}") for value in values)
-    styles, along = _styles(panel, rows), ", ".join(filter(None, (argument, sweep["unit"])))
-    for about, cells in places:
+    places = {value: (value - values[0]) / (values[-1] - values[0]) for value in values}
+    ticks = tuple((place, f"{value:g}") for value, place in places.items())
+    along = ", ".join(filter(None, (str(sweep["argument"]), sweep["unit"])))
+    changed = {cell.perturbation for cell in panel.cells}
+
+    def points(row: str, home: Cell) -> Iterator[Point]:
+        """Success by value at a discretization; the value that no change has is undisturbed."""
+        here = {c.perturbation: c for c in panel.cells if c.perturbation and are_alike(c, home)}
+        for value, place in places.items():
+            name = swept_name(str(sweep["argument"]), value)
+            cell = here.get(name) if name in changed else home
+            entry = cell and panel.entry(row, cell.name)
+            if entry:
+                yield Point(place, entry.success, f"{row}, {name}: success {entry.success}")
+
+    for about, cells in (
+        ("on the truth", dict.fromkeys(homes, panel.truth)),
+        ("at home", homes),
+    ):
         series = []
-        for number, row in enumerate(rows):
-            points = tuple(_points(panel, argument, values, row, cells[row.name]))
-            if len(points) > 1:
-                aside = number - (len(rows) - 1) / 2.0
-                series.append(Series(row.name, styles[row.name], aside, points))
+        for number, (row, cell) in enumerate(cells.items()):
+            own = tuple(points(row, cell)) if cell else ()
+            if len(own) > 1:
+                series.append(Series(row, styles[row], number - (len(homes) - 1) / 2.0, own))
         if series:
             yield LadderPlot(about, ticks, tuple(series), None, along)
 
 
-def _place(values: list[float], value: float) -> float:
-    return (value - values[0]) / (values[-1] - values[0])
-
-
-def _points(
-    panel: Panel, argument: str, values: list[float], row: Row, home: Cell | None
-) -> Iterator[Point]:
-    """A row's success by value at a discretization; the value that no change has is undisturbed."""
-    if home is None:
-        return
-    changed = {cell.perturbation for cell in panel.cells}
-    here = {c.perturbation: c for c in panel.cells if c.perturbation and alike(c, home)}
-    for value in values:
-        name = swept_name(argument, value)
-        cell = here.get(name) if name in changed else home
-        entry = None if cell is None else panel.entry(row.name, cell.name)
-        if entry is not None:
-            words = f"{row.name}, {name}: success {entry.success}"
-            yield Point(_place(values, value), entry.success, words)
-
-
-def _home(panel: Panel, row: Row) -> Cell | None:
-    """Where a row was trained; None of a mixture."""
-    return None if row.mixed else panel.cell(next(iter(row.shares)))
-
-
-def _styles(panel: Panel, rows: list[Row]) -> SeriesStyles:
-    """Of rows: their integrator's, dashed where an earlier row has it already."""
-    schemes: dict[str, str] = {}
-    for row in rows:
-        home = _home(panel, row)
-        schemes[row.name] = row.name if home is None else home.scheme
-    of_scheme, found = styles_of(schemes.values()), dict[str, SeriesStyle]()
-    taken: dict[str, int] = {}
-    for name, scheme in schemes.items():
-        count = taken[scheme] = taken.get(scheme, -1) + 1
-        style = of_scheme[scheme]
-        found[name] = style if not count else replace(style, dashes=DASHES[count % len(DASHES)])
-    return found
+def _row_styles(homes: Mapping[str, Cell | None]) -> SeriesStyles:
+    """Of rows by their homes: their integrator's, dashed where an earlier row has it already."""
+    schemes = {row: row if home is None else home.scheme for row, home in homes.items()}
+    of_scheme, styles = styles_of(schemes.values()), dict[str, SeriesStyle]()
+    counts: Counter[str] = Counter()
+    for row, scheme in schemes.items():
+        style, count = of_scheme[scheme], counts[scheme]
+        styles[row] = replace(style, dashes=DASHES[count % len(DASHES)]) if count else style
+        counts[scheme] += 1
+    return styles

@@ -1,11 +1,12 @@
-"""Headline counts of a panel."""
+"""The page of a panel: one file that opens offline, with its films and a simulation in it."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections import Counter, defaultdict
+from collections.abc import Mapping, Sequence
 from datetime import UTC
-from functools import cache
+from functools import cache, partial
 from importlib import resources
 from os import PathLike
 from pathlib import Path
@@ -13,34 +14,27 @@ from typing import Any, Final
 from urllib.parse import quote
 
 from integ_gym.evidence.sealing import unbroken_seal
-from integ_gym.support.figures import VIRIDIS
+from integ_gym.support.figures import MARKERS, VIRIDIS
 from integ_gym.support.files import replace_file
+from integ_gym.support.optional import load
 from integ_gym.support.pages import page_environment, page_parts
-from integ_gym.support.terminal import plural, seconds, true_minus
+from integ_gym.support.terminal import fixed, nonbreaking, plural, seconds, true_minus
 
 from .. import verdict as rules
 from ..panel.conclusions import answer_lines, finding_of, next_step
-from ..panel.result import Panel
-from . import placing as drawing
-from .cards import (
-    LABEL_WORDS,
-    applied_of,
-    card_of,
-    carried_by,
-    comparison_of,
-    failure_table,
-    failures_of,
-    limits_of,
-    naming_filters,
-    settings_of,
-    tally_of,
-)
-from .episodes import Told, task_words, told_by
+from ..panel.result import Failure, Panel, PolicyComparison
+from .episodes import Episodes, read_episodes
 from .findings import findings_of
 from .forests import (
+    RATE_AXIS,
+    VERDICT_ORDER,
+    Axis,
+    Line,
+    Mark,
+    Tone,
     Trust,
     check_forest,
-    costs_of,
+    difference_axis,
     gap_forest,
     mixtures_of,
     ordered_verdicts,
@@ -48,48 +42,29 @@ from .forests import (
     paired_success,
     trust_of,
 )
-from .ladders import ladder_plots, sweep_plots
-from .matrices import RATE_AXIS, success_matrix
-
-
-def tiles_of(panel: Panel, trusts: Sequence[Trust]) -> list[tuple[str, str]]:
-    """Headline counts: (number, what it counts)."""
-    trained = [row for row in panel.rows if row.kind == "trained"]
-    policies = sum(row.seeds for row in panel.rows if row.kind != "baseline")
-    wrong = [e for t in trusts for e in t.judged if e.contradicted]
-    discretizations = sum(cell.kind in ("grid", "reference") for cell in panel.cells)
-    checks = len(panel.cells) - discretizations
-    more_cells = f", and {plural(checks, 'cell')} for checks" if checks else ""
-    tiles = []
-    if trained:
-        mixtures = sum(row.mixed for row in trained)
-        more = f" and {plural(mixtures, 'mixture')}" if mixtures else ""
-        tiles.append((f"{len(trained) - mixtures}", f"training discretizations{more}"))
-    tiles += [
-        (f"{policies}", "policies" if policies != 1 else "policy"),
-        (f"{discretizations}", f"evaluation discretizations{more_cells}"),
-        (f"{sum(e.episodes for e in panel.matrix):,}", "episodes, each on record"),
-    ]
-    if trusts:
-        tiles.append((f"{len(wrong)}", "answers the truth contradicts"))
-    tiles.append((seconds(panel.cost.wall_seconds), _work(panel, bool(trained))))
-    return tiles
-
-
-def _work(panel: Panel, trained: bool) -> str:
-    """What the run's time was spent on."""
-    if not trained:
-        return "to evaluate"
-    if not panel.cost.train_seconds:
-        return "to evaluate policies that another run trained"
-    return "to train and evaluate"
-
+from .ladders import Series, ladder_plots, sweep_plots
+from .matrices import shade_style, success_matrix
+from .payload import LABEL_WORDS, pack_payload, quote_command
+from .task import describe_task
 
 FILE_NAME: Final = "report.html"
 """Name of the report in a panel's directory."""
 
 SHOWN_FINDINGS: Final = 7
 """Conclusions that are shown at once; the others are one click away."""
+
+SIGNS: Final = {"fails": "✕", "transfers": "✓", "inconclusive": "?"}
+"""Signs of verdicts, whose names are those of their colours, too."""
+
+_OUTCOME_TONES: Final[dict[str, Tone]] = {
+    "accepted": "transfers", "rejected": "fails", "uninformative": "inconclusive",
+}  # fmt: skip
+_ROLES: Final = {"quarter_step": "dt/4", "reference": "truth"}
+_LEFT, _TOP, _RIGHT, _BOTTOM = 36.0, 12.0, 286.0, 176.0
+"""Edges of a ladder's axes, in a frame of 300 by 212."""
+
+_LINE, _MARKER = 2.6, 5.2
+"""Width of a line and radius of a marker there."""
 
 
 def write_report(panel: Panel, directory: str | PathLike[str]) -> Path:
@@ -111,19 +86,19 @@ def write_report(panel: Panel, directory: str | PathLike[str]) -> Path:
     ModuleNotFoundError
         If jinja2 is not installed, with the command that installs it.
     """
-    html = render(panel, told_by(panel, directory), unbroken_seal(Path(directory)))
+    html = render(panel, read_episodes(panel, directory), unbroken_seal(Path(directory)))
     return replace_file(Path(directory) / FILE_NAME, html.encode())
 
 
-def render(panel: Panel, told: Told | None = None, seal: str | None = None) -> str:
+def render(panel: Panel, episodes: Episodes | None = None, seal: str | None = None) -> str:
     """The report's HTML.
 
     Parameters
     ----------
     panel
         What ``panel.json`` holds.
-    told
-        What the evidence tells of single episodes, if there is any.
+    episodes
+        Single episodes from the evidence, if there is any.
     seal
         The hash that pins the run, which the page quotes and does not belong to.
 
@@ -132,104 +107,134 @@ def render(panel: Panel, told: Told | None = None, seal: str | None = None) -> s
     ModuleNotFoundError
         As `write_report`.
     """
-    text: str = _template().render(_context(panel, told), seal=seal)
+    trusts, task = trust_of(panel), describe_task(panel)
+    success, returns = paired_success(panel), paired_return(panel)
+    rows = [row for row in panel.rows if not row.baseline]
+    text: str = _template().render(
+        **page_parts("".join(_files("sheets").values()), _script(panel, episodes)),
+        panel=panel,
+        seal=seal,
+        created=f"{panel.created.astimezone(UTC):%Y-%m-%d %H:%M} UTC",
+        headline=_headline(panel),
+        details=answer_lines(panel)[1:],
+        next_step=next_step(panel),
+        task=task,
+        has_episodes=episodes is not None,
+        leads=episodes.leads if episodes else (),
+        watch_title=_watch_title(episodes),
+        watch_words=_watch_words(panel, episodes),
+        carried=pack_payload(panel, episodes, task, _href),
+        tiles=_tiles(panel, trusts),
+        success=success_matrix(panel),
+        verdicts=ordered_verdicts(panel),
+        gaps=gap_forest(panel),
+        paired=list(filter(None, (success, returns) if panel.truth else (returns, success))),
+        remedies=mixtures_of(panel),
+        engine_lines=sorted(panel.engine_agreement, key=lambda e: (e.map, e.engine, -e.dt)),
+        costs=[
+            (row, panel.training_costs[row.name], panel.on_truth(row.name))
+            for row in panel.ordered_rows
+            if row.name in panel.training_costs
+        ],
+        ladders=ladder_plots(panel),
+        sweeps=sweep_plots(panel),
+        checks=check_forest(panel),
+        trust=trusts,
+        rankings=sorted(panel.rankings, key=lambda one: -one.violation.estimate),
+        findings=findings_of(panel, trusts),
+        failed=_failed(panel),
+        failures=_failures(panel),
+        place_of=partial(_place_of_episode, panel),
+        comparisons=[(one, *_comparison(one)) for one in panel.policy_comparisons],
+        fewest=None if panel.given_alone or not rows else min(row.seeds for row in rows),
+        unlearned=[row.name for row in rows if row.learned is False],
+        settings=_settings(panel),
+        applied=Counter(cell.applied for cell in panel.cells if cell.applied).items(),
+        spec_json=json.dumps(panel.spec, indent=2, ensure_ascii=False),
+    )
     return text
 
 
 @cache
 def _template() -> Any:
-    own = resources.files(__package__)
-    parts = own.joinpath("parts").iterdir()
-    environment = page_environment({part.name: part.read_text("utf-8") for part in parts})
+    context, markup = load("jinja2", "report").pass_context, load("markupsafe", "report")
+
+    def breakable(text: str) -> Any:
+        return markup.Markup(str(markup.escape(text)).replace("_", "_<wbr>"))
+
+    environment = page_environment(_files("parts"))
     environment.filters.update(
+        called=context(lambda given, name: breakable(given["panel"].called(str(name)))),
+        said=context(lambda given, text: breakable(nonbreaking(given["panel"].said(str(text))))),
+        said_plain=context(lambda given, text: given["panel"].said(str(text))),
         href=_href,
-        along=drawing.along,
-        across=drawing.across,
-        up=drawing.up,
-        corners=drawing.corners,
-        shading=drawing.shading,
+        along=_along,
+        across=_across,
+        up=_up,
+        corners=_corners,
+        shading=shade_style,
         true_minus=true_minus,
-        **naming_filters(),
+        p_text=rules.p_text,
+    )
+    environment.globals.update(
+        rules=rules,
+        frame={"LEFT": _LEFT, "TOP": _TOP, "RIGHT": _RIGHT, "BOTTOM": _BOTTOM},
+        rate_axis=RATE_AXIS,
+        signs=SIGNS,
+        outcome_tones=_OUTCOME_TONES,
+        verdict_order=VERDICT_ORDER,
+        label_words=LABEL_WORDS,
+        shown_findings=SHOWN_FINDINGS,
+        ramp=", ".join(f"#{stop}" for stop in VIRIDIS),
+        mark=Mark,
+        plural=plural,
+        quote_command=quote_command,
     )
     return environment.get_template("report.html.j2")
 
 
-def _own_parts(panel: Panel, told: Told | None) -> dict[str, Any]:
-    """Style and script of this page; the steps that it takes come first, and `main.js` last."""
-    scripts = dict(_texts("script"))
-    main = scripts.pop("main.js")
-    script = "\n".join((_steps(panel, told), *scripts.values(), main))
-    return page_parts("".join(_texts("sheets").values()), f"(() => {{\n{script}}})();\n")
-
-
-def _steps(panel: Panel, told: Told | None) -> str:
-    """Start and step of every cell that is simulated, by its place."""
-    scripts = told.live.scripts if told and told.live else {}
-    places = {cell.name: place for place, cell in enumerate(panel.cells)}
-    lines = [f"{places[name]}: [{start},\n{step}],\n" for name, (start, step) in scripts.items()]
-    return f"const STEPS = {{\n{''.join(lines)}}};"
-
-
 @cache
-def _texts(folder: str) -> dict[str, str]:
-    """Files by name, those of folders within first."""
-    entries = sorted(resources.files(__package__).joinpath(folder).iterdir(), key=lambda e: e.name)
-    inner: dict[str, str] = {}
-    for entry in entries:
-        inner |= _texts(f"{folder}/{entry.name}") if entry.is_dir() else {}
-    return inner | {entry.name: entry.read_text("utf-8") for entry in entries if entry.is_file()}
+def _files(folder: str) -> dict[str, str]:
+    """Text of the files in a folder beside this module, by name."""
+    files = sorted(resources.files(__package__).joinpath(folder).iterdir(), key=lambda f: f.name)
+    return {file.name: file.read_text("utf-8") for file in files}
 
 
-def _context(panel: Panel, told: Told | None) -> dict[str, Any]:
-    trusts = trust_of(panel)
-    task = task_words(panel)
-    leads = told.leads if told else ()
-    cards = [card_of(panel, judged) for judged in ordered_verdicts(panel)]
-    return {
-        **_own_parts(panel, told),
-        "panel": panel,
-        "created": f"{panel.created.astimezone(UTC):%Y-%m-%d %H:%M} UTC",
-        "headline": _headline(panel),
-        "details": answer_lines(panel)[1:],
-        "next_step": next_step(panel),
-        "task": task,
-        "leads": leads,
-        "watch_title": _watch_title(told),
-        "watch_words": _watch_words(panel, told),
-        "carried": carried_by(panel, told, task, _href),
-        "tiles": tiles_of(panel, trusts),
-        "success": success_matrix(panel),
-        "cards": cards,
-        "tally": tally_of(cards),
-        "gaps": gap_forest(panel),
-        "paired": _paired(panel),
-        "remedies": mixtures_of(panel),
-        "engine_lines": sorted(
-            panel.engine_agreement, key=lambda one: (one.map, one.engine, -one.dt)
-        ),
-        "costs": costs_of(panel),
-        "rate_axis": RATE_AXIS,
-        "ladders": ladder_plots(panel),
-        "sweeps": sweep_plots(panel),
-        "checks": check_forest(panel),
-        "frame": drawing,
-        "trust": trusts,
-        "rankings": sorted(panel.rankings, key=lambda one: -one.violation.estimate),
-        "findings": findings_of(panel, trusts),
-        "failure_table": failure_table(panel),
-        "failures": failures_of(panel, told),
-        "comparisons": [comparison_of(one) for one in panel.policy_comparisons],
-        "limits": limits_of(panel),
-        "settings": settings_of(panel),
-        "applied": applied_of(panel),
-        "spec_json": json.dumps(panel.spec, indent=2, ensure_ascii=False),
-        "rules": rules,
-        "pass_line": rules.PASS,
-        "label_words": LABEL_WORDS,
-        "shown_findings": SHOWN_FINDINGS,
-        "ramp": ", ".join(f"#{stop}" for stop in VIRIDIS),
-        "plural": plural,
-    }
+def _script(panel: Panel, episodes: Episodes | None) -> str:
+    """Start and step of every simulated cell, by its place; then all files, `main.js` last."""
+    scripts = episodes.live.scripts if episodes and episodes.live else {}
+    places = {cell.name: place for place, cell in enumerate(panel.cells)}
+    steps = [f"{places[name]}: [{start},\n{step}],\n" for name, (start, step) in scripts.items()]
+    files = dict(_files("script"))
+    main = files.pop("main.js")
+    whole = (f"const STEPS = {{\n{''.join(steps)}}};", *files.values(), main)
+    return "(() => {{\n{}}})();\n".format("\n".join(whole))
+
+
+def _href(path: str) -> str:
+    """A link to a file of the panel, always relative to the report."""
+    return "./" + quote(path.replace("\\", "/").lstrip("/"), safe="/=")
+
+
+def _along(axis: Axis, value: float) -> float:
+    """Place of a value on an axis, in percent of the width."""
+    return round(100.0 * axis.share(value), 2)
+
+
+def _across(share: float, series: Series | None = None) -> float:
+    """Place of a step in a ladder's plot, moved aside as its series is."""
+    aside = 0.0 if series is None else series.aside * _LINE
+    return round(_LEFT + 22.0 + share * (_RIGHT - _LEFT - 40.0) + aside, 1)
+
+
+def _up(rate: float) -> float:
+    """Place of a rate in a ladder's plot."""
+    return round(_BOTTOM - min(max(rate, 0.0), 1.0) * (_BOTTOM - _TOP), 1)
+
+
+def _corners(marker: str) -> str:
+    """A marker about the origin, as the points of a polygon."""
+    return " ".join(f"{_MARKER * x:.1f},{-_MARKER * y:.1f}" for x, y in MARKERS[marker])
 
 
 def _headline(panel: Panel) -> tuple[str, str]:
@@ -239,37 +244,126 @@ def _headline(panel: Panel) -> tuple[str, str]:
     return (numbers + colon, conclusion) if finding_of(panel) and colon else (line, "")
 
 
-def _paired(panel: Panel) -> list[Any]:
-    """Given policies held against themselves, what tells more first."""
-    success, earned = paired_success(panel), paired_return(panel)
-    both = (success, earned) if panel.truth is not None else (earned, success)
-    return [forest for forest in both if forest is not None]
-
-
-def _watch_title(told: Told | None) -> str:
+def _watch_title(episodes: Episodes | None) -> str:
     """Whether a policy is seen to hold first, or to fail elsewhere from a start of its success."""
-    if told and told.leads and told.leads[0].kind == "held":
+    if episodes and episodes.leads and episodes.leads[0].kind == "held":
         return "Watch it hold"
-    ends: dict[tuple[str, int, int], set[bool]] = {}
-    for trace in told.traces if told else ():
+    ends = defaultdict(set)
+    for trace in episodes.traces if episodes else ():
         row, _, seed, episode = trace.key
-        ends.setdefault((row, seed, episode), set()).add(trace.fields["failure_label"] == "none")
+        ends[row, seed, episode].add(trace.fields["failure_label"] == "none")
     return "Watch it fail" if {True, False} in ends.values() else "Watch it"
 
 
-def _watch_words(panel: Panel, told: Told | None) -> str:
+def _watch_words(panel: Panel, episodes: Episodes | None) -> str:
     """What of the motions is recorded, and what is recomputed."""
-    if told is None or told.live is None:
+    if episodes is None or episodes.live is None:
         return "These are recorded episodes."
-    left_out = [cell.name for cell in panel.columns if cell.name not in told.live.scripts]
-    policies = plural(len(told.live.policies), "policy", "policies")
-    words = (
+    scripts = episodes.live.scripts
+    left_out = [cell.name for cell in panel.columns if cell.name not in scripts]
+    policies = plural(len(episodes.live.policies), "policy", "policies")
+    only = f"; recorded only: {', '.join(left_out)}" if left_out else ""
+    return (
         "Episodes are recorded; move the start, and this browser recomputes them by the equations "
-        f"that made the records ({policies}, {plural(len(told.live.scripts), 'discretization')})"
+        f"that made the records ({policies}, {plural(len(scripts), 'discretization')}){only}."
     )
-    return f"{words}; recorded only: {', '.join(left_out)}." if left_out else f"{words}."
 
 
-def _href(path: str) -> str:
-    """A link to a file of the panel, always relative to the report."""
-    return "./" + quote(path.replace("\\", "/").lstrip("/"), safe="/=")
+def _tiles(panel: Panel, trusts: Sequence[Trust]) -> list[tuple[str, str]]:
+    """Headline counts: (number, what it counts)."""
+    trained = [row for row in panel.rows if row.kind == "trained"]
+    mixtures = sum(row.mixed for row in trained)
+    policies = sum(row.seeds for row in panel.rows if row.kind != "baseline")
+    grid = sum(cell.kind in ("grid", "reference") for cell in panel.cells)
+    checks = len(panel.cells) - grid
+    work = "to train and evaluate" if trained else "to evaluate"
+    if trained and not panel.cost.train_seconds:
+        work = "to evaluate policies that another run trained"
+    tiles = []
+    if trained:
+        more = f" and {plural(mixtures, 'mixture')}" if mixtures else ""
+        tiles.append((f"{len(trained) - mixtures}", f"training discretizations{more}"))
+    more = f", and {plural(checks, 'cell')} for checks" if checks else ""
+    tiles += [
+        (f"{policies}", "policies" if policies != 1 else "policy"),
+        (f"{grid}", f"evaluation discretizations{more}"),
+        (f"{sum(e.episodes for e in panel.matrix):,}", "episodes, each on record"),
+    ]
+    if trusts:
+        wrong = sum(entry.contradicted for trust in trusts for entry in trust.judged)
+        tiles.append((f"{wrong}", "answers the truth contradicts"))
+    return [*tiles, (seconds(panel.cost.wall_seconds), work)]
+
+
+def _place_of_episode(
+    panel: Panel, row: str, cell: str, policy: str | None, episode: int
+) -> str | None:
+    """Where the page shows an episode; None if it does not."""
+    anchor, policies = panel.anchor(row, cell), [one.id for one in panel.row(row).policies]
+    if anchor is None or policy not in policies:
+        return None
+    return f"{anchor}s{policies.index(policy)}e{episode}"
+
+
+def _failed(panel: Panel) -> dict[str, Any] | None:
+    """Failures of policies that are no baselines: their labels, and counts of those by row."""
+    counts = {row.name: Counter[str]() for row in panel.ordered_rows if not row.baseline}
+    for entry in panel.matrix:
+        if entry.row in counts:
+            counts[entry.row].update({k: n for k, n in entry.labels.items() if k != "none"})
+    counts = {row: own for row, own in counts.items() if own.total()}
+    found = {label for own in counts.values() for label in own}
+    labels = [*(label for label in LABEL_WORDS if label in found), *sorted(found - {*LABEL_WORDS})]
+    total = sum(own.total() for own in counts.values())
+    return {"labels": labels, "rows": counts, "total": total} if counts else None
+
+
+def _failures(panel: Panel) -> list[tuple[str, list[Failure]]]:
+    """The sample of failing episodes by label, those that are most first."""
+    by_label = defaultdict(list)
+    for failure in panel.failures:
+        by_label[failure.label].append(failure)
+    return sorted(by_label.items(), key=lambda pair: -len(pair[1]))
+
+
+def _comparison(compared: PolicyComparison) -> tuple[list[Line], Axis]:
+    """Success of one policy minus that of another in every cell."""
+    lines = [
+        Line(
+            "",
+            cell.name,
+            (compared.a, cell.name),
+            (Mark(cell.difference, _OUTCOME_TONES[compared.outcome]),),
+            fixed(cell.difference.estimate, 2, True),
+            cell.status.replace("_", " "),
+            f"A − B {cell.difference}",
+            _ROLES.get(cell.role or "", ""),
+        )
+        for cell in compared.cells
+    ]
+    return lines, difference_axis([cell.difference for cell in compared.cells], 0.5)
+
+
+def _settings(panel: Panel) -> list[tuple[str, str]]:
+    """Entries of the spec that are plain values, and the arguments of environment and training."""
+
+    def plain(value: Any) -> str:
+        if isinstance(value, list):
+            return ", ".join(map(plain, value))
+        if isinstance(value, bool | Mapping):
+            return json.dumps(value)
+        return "none" if value is None else str(value)
+
+    entries = {
+        str(name): value
+        for name, value in panel.spec.items()
+        if not isinstance(value, Mapping | list)
+        or (
+            isinstance(value, list)
+            and value
+            and not any(isinstance(x, list | Mapping) for x in value)
+        )
+    }
+    inner = [panel.spec.get(group, {}) for group in ("environment", "training")]
+    pairs = [*entries.items(), *(pair for group in inner for pair in group.items())]
+    return [(str(name), plain(value)) for name, value in pairs]

@@ -1,4 +1,4 @@
-"""Episodes as a page carries them: JSON and numbers, deflated.
+"""What a page carries for its script: entries of the matrix and single episodes, deflated.
 
 The page's `unpack.js` is the other half. Numbers of 16 or 32 bits are stored as planes of bytes,
 the lowest first, which deflate well; samples of a trace as differences from the one before.
@@ -9,18 +9,34 @@ from __future__ import annotations
 import base64
 import json
 import math
+import re
+import shlex
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Sequence
 from typing import Any, Final
 
 import numpy as np
 from gymnasium import spaces
 
 from integ_gym.evidence.labels import failure_sentence
+from integ_gym.support.terminal import compact, fixed, nonbreaking, percent, step
 from integ_gym.train.policy import MlpPolicy
 
-from ..panel.result import Panel
-from .episodes import LEDGER, Array, Live, Told, Trace
+from ..film import LEAST_START
+from ..panel.result import Entry, Estimate, Panel
+from .episodes import LEDGER, Array, Episodes, Trace, choice_words
+from .matrices import (
+    Shade,
+    energy_matrix,
+    loss_matrix,
+    mean_words,
+    return_matrix,
+    shade_style,
+    solved_words,
+    success_matrix,
+    time_matrix,
+)
+from .task import Task
 
 UNKNOWN: Final = -32768
 """Stands for a ledger that is not known."""
@@ -28,96 +44,244 @@ UNKNOWN: Final = -32768
 MOST_LEDGERS: Final = 250_000
 """Episodes whose ledger a page carries; of more, only those of the declared family's cells."""
 
+LABEL_WORDS: Final = {
+    "evaluation_error": "simulator or metric broke",
+    "unachievable": "a search over controls misses the goal's energy from most starts",
+    "not_learned": "the policy fails at home, too",
+    "too_slow": "succeeds from the same start in twice the time",
+    "discretization_error": "succeeds from the same start at home",
+    "perception_error": "succeeds without sensor noise",
+    "state_error": "succeeds without delay or staleness",
+    "control_error": "saturated, or left the goal after reaching it",
+    "planning_error": "never reached the goal, unsaturated",
+    "unattributed": "a needed replay was not run",
+}
+"""Failure labels in words, in the order in which their rules are tried."""
+
+_MEASURES: Final = {
+    "success": success_matrix,
+    "loss": loss_matrix,
+    "return": return_matrix,
+    "energy": energy_matrix,
+    "time to success": time_matrix,
+}
 _LEVELS: Final = 65535
+_PLAIN = re.compile(r"[\w@%+=:,./-]+", re.ASCII)
 
 
-class Blob:
-    """JSON and numbers, put together."""
-
-    def __init__(self) -> None:
-        self._parts: list[bytes] = []
-        self._size = 0
-
-    def add(self, values: Array) -> int:
-        """Add bytes, or wider numbers as planes of bytes; returns where they begin."""
-        if values.dtype.itemsize == 1:
-            data = values.astype(np.uint8).tobytes()
-        else:
-            size = values.dtype.itemsize
-            little = np.ascontiguousarray(values, values.dtype.newbyteorder("<"))
-            data = np.ascontiguousarray(little.view(np.uint8).reshape(-1, size).T).tobytes()
-        place, self._size = self._size, self._size + len(data)
-        self._parts.append(data)
-        return place
-
-    def packed(self, head: Mapping[str, Any]) -> str:
-        """Length of the JSON in four bytes, little-endian, JSON, numbers; deflated, in Base64."""
-        text = json.dumps(head, ensure_ascii=False, separators=(",", ":"), allow_nan=False).encode()
-        content = len(text).to_bytes(4, "little") + text + b"".join(self._parts)
-        return base64.b64encode(_deflated(content)).decode()
-
-
-def packed(
-    panel: Panel, told: Told | None, head: Mapping[str, Any], said: Callable[[str], str]
+def pack_payload(
+    panel: Panel, episodes: Episodes | None, task: Task | None, href: Callable[[str], str]
 ) -> str:
-    """The text that a page carries: what it says of entries, and all that is told of episodes.
+    """Length of a JSON text in four bytes, little-endian, the text, and numbers; as Base64.
 
-    ``said`` puts a sentence as the page puts it.
+    Args:
+        panel: what the page is about.
+        episodes: single ones; None where no evidence is beside the panel.
+        task: what is asked; None where that is not known.
+        href: from a file of the panel to a link.
     """
-    blob = Blob()
-    more = {} if told is None else _told(panel, told, blob, said)
-    return blob.packed({**head, **more})
+    cells = {cell.name: place for place, cell in enumerate(panel.cells)}
+    files = {name for entry in panel.matrix for name in entry.file}
+    head = {
+        "directory": panel.directory,
+        "scene": task.scene if task else None,
+        "choice": choice_words(panel),
+        "leastStart": LEAST_START,
+        "labelWords": LABEL_WORDS,
+        "files": {name: href(name) for name in sorted(files)},
+        "cells": [{"name": c.name, "shown": panel.called(c.name)} for c in panel.cells],
+        "rows": [
+            {
+                "shown": panel.called(row.name),
+                "homes": [cells[name] for name in row.shares if name in cells],
+                "policies": [
+                    {
+                        "id": policy.id,
+                        "seed": policy.seed,
+                        "hash": policy.hash and policy.hash[:16],
+                        "file": policy.file and href(policy.file),
+                    }
+                    for policy in row.policies
+                ],
+            }
+            for row in panel.rows
+        ],
+        "groups": [
+            {
+                "name": group.label,
+                "truth": group.reference,
+                "steps": [step(cell.dt) for cell in group.cells],
+            }
+            for group in panel.groups
+        ],
+        "entries": {
+            (panel.anchor(e.row, e.cell) or "").removeprefix("r").replace("c", "/"): _entry(
+                panel, e
+            )
+            for e in panel.matrix
+        },
+        "measures": _measures(panel),
+    }
+    numbers = bytearray()
+    if episodes is not None:
+        head |= _episodes(panel, episodes, numbers)
+    text = json.dumps(head, ensure_ascii=False, separators=(",", ":"), allow_nan=False).encode()
+    press = zlib.compressobj(9, zlib.DEFLATED, -zlib.MAX_WBITS)
+    data = press.compress(len(text).to_bytes(4, "little") + text + numbers) + press.flush()
+    return base64.b64encode(data).decode()
 
 
-def _told(panel: Panel, told: Told, blob: Blob, said: Callable[[str], str]) -> dict[str, Any]:
+def quote_command(words: Sequence[str]) -> str:
+    """A command line of these words, in double quotes where a word holds single ones."""
+
+    def quote(word: str) -> str:
+        if _PLAIN.fullmatch(word):
+            return word
+        double = "'" in word and not re.search(r'["$`\\!]', word)
+        return f'"{word}"' if double else shlex.quote(word)
+
+    return " ".join(map(quote, words))
+
+
+def _measures(panel: Panel) -> list[dict[str, Any]]:
+    """The matrices that a reader can choose from, each cell as its script shows it."""
+
+    def shown(shade: Shade) -> list[str]:
+        words = panel.said(shade.words)
+        return [shade.text, shade_style(shade), " ".join(shade.marks), words, shade.tone]
+
+    return [
+        {
+            "name": name,
+            "about": matrix.about,
+            "ends": matrix.ends,
+            "notes": [panel.said(note) for note in matrix.notes],
+            "signed": matrix.signed,
+            "cells": {
+                panel.anchor(line.row.name, cell): shown(shade)
+                for block in matrix.blocks
+                for line in block.lines
+                for cell, shade in line.shades.items()
+                if shade is not None
+            },
+        }
+        for name, describe in _MEASURES.items()
+        if (matrix := describe(panel)) is not None
+    ]
+
+
+def _entry(panel: Panel, entry: Entry) -> dict[str, Any]:
+    """The numbers of one entry as (name, text) pairs, and where its records are."""
+
+    def three(value: float | None) -> str:
+        return compact(value, 3)
+
+    time = _interval(entry.time_to_success, three, " s")
+    facts = {
+        "success": _interval(entry.success),
+        f"return, {mean_words(panel)}": _interval(entry.returns, three),
+        "time to success": time
+        and f"{time}, {entry.time_to_success_episodes} of {entry.episodes} episodes",
+        "energy residual": _interval(
+            entry.energy_residual, lambda value: compact(value, 3, True), " J"
+        ),
+        "energy residual, size": _interval(entry.energy_residual_abs, three, " J"),
+        "within two horizons": _interval(entry.recovered),
+        "loss against home": _interval(entry.home_drop),
+        "of it difficulty": _interval(entry.difficulty),
+        "of it deadline": _interval(entry.deadline),
+        "of it overfitting": _interval(entry.overfitting),
+        "seeds that lose more than half": _interval(entry.tail),
+        "worst seed": entry.worst_policy and f"{entry.worst_policy}, {fixed(entry.worst_loss)}",
+        "energy from the numerics": _interval(entry.numerics_share, percent),
+        "transfer gap": _interval(entry.transfer_gap),
+        "against the truth": (entry.reference_class or "").replace("_", " "),
+        "the cell": solved_words(panel.cell(entry.cell)),
+        "episodes": f"{entry.episodes:,}",
+        "diverged": entry.diverged and str(entry.diverged),
+        "solver not converged": entry.not_converged and str(entry.not_converged),
+    }
+    try:
+        query = quote_command(shlex.split(entry.query))
+    except ValueError:
+        query = entry.query
+    shown = [[name, nonbreaking(panel.said(text))] for name, text in facts.items() if text]
+    return {"facts": shown, "file": entry.file, "query": query}
+
+
+def _interval(
+    value: Estimate | None, show: Callable[[float | None], str] = fixed, unit: str = ""
+) -> str | None:
+    if value is None:
+        return None
+    if not value.bounded:
+        return f"{show(value.estimate)}{unit}"
+    return f"{show(value.estimate)} ({show(value.low)} to {show(value.high)}){unit}"
+
+
+def _episodes(panel: Panel, episodes: Episodes, numbers: bytearray) -> dict[str, Any]:
     rows = {row.name: place for place, row in enumerate(panel.rows)}
     cells = {cell.name: place for place, cell in enumerate(panel.cells)}
-    names = sorted({str(x) for own in told.outcomes.values() for x in np.unique(own.label)})
-    unit = _unit(told)
-    total = sum(own.label.size for own in told.outcomes.values())
+    outcomes, live = episodes.outcomes, episodes.live
+    names = sorted({str(x) for own in outcomes.values() for x in np.unique(own.label)})
+    unit = _ledger_unit(episodes)
+    small = sum(own.label.size for own in outcomes.values()) <= MOST_LEDGERS
     family = {(judged.row, judged.cell) for judged in panel.verdicts}
-    entries = {}
-    for (row, cell), own in told.outcomes.items():
-        labels = blob.add(np.searchsorted(names, own.label).astype(np.uint8))
-        entries[f"{rows[row]}/{cells[cell]}"] = {"n": own.label.shape[1], "label": labels}
-    for (row, cell), own in told.outcomes.items():
-        if total <= MOST_LEDGERS or (row, cell) in family:
-            places = [blob.add(_rounded(values, unit)) for values in own.ledger]
-            entries[f"{rows[row]}/{cells[cell]}"]["ledger"] = places
+    entries: dict[tuple[str, str], dict[str, Any]] = {}
+    for pair, own in outcomes.items():
+        labels = _add(numbers, np.searchsorted(names, own.label).astype(np.uint8))
+        entries[pair] = {"n": own.label.shape[1], "label": labels}
+    for pair, own in outcomes.items():
+        if small or pair in family:
+            known = np.isfinite(own.ledger)
+            multiples = np.round(np.where(known, own.ledger, 0.0) / unit).clip(-32767, 32767)
+            ledger = np.where(known, multiples, UNKNOWN).astype(np.int16)
+            entries[pair]["ledger"] = [_add(numbers, values) for values in ledger]
+    traces = [
+        {"at": [rows[row], cells[cell], seed, episode], **_trace(panel, trace, numbers)}
+        for trace in episodes.traces
+        for row, cell, seed, episode in [trace.key]
+    ]
     return {
         "labels": names,
         "unit": unit,
-        "outcomes": entries,
-        "traces": [_trace(trace, rows, cells, blob, said) for trace in told.traces],
+        "outcomes": {f"{rows[row]}/{cells[cell]}": own for (row, cell), own in entries.items()},
+        "traces": traces,
         "leads": [
             {
                 "at": [rows[lead.row], cells[lead.cell], lead.seed, lead.episode],
                 "kind": lead.kind,
                 "cells": [cells[name] for name in lead.cells],
             }
-            for lead in told.leads
+            for lead in episodes.leads
         ],
-        "live": None if told.live is None else _live(told.live, rows, cells, blob),
+        "live": live
+        and {
+            "periods": {cells[name]: period for name, period in live.periods.items()},
+            "coordinate": live.coordinate,
+            "reach": round(live.reach, 4),
+            "policies": [
+                {"at": [rows[row], seed], **_network(policy, numbers)}
+                for (row, seed), policy in live.policies.items()
+            ],
+        },
     }
 
 
-def _live(
-    live: Live, rows: Mapping[str, int], cells: Mapping[str, int], blob: Blob
-) -> dict[str, Any]:
-    return {
-        "periods": {cells[name]: period for name, period in live.periods.items()},
-        "coordinate": live.coordinate,
-        "reach": round(live.reach, 4),
-        "policies": [
-            {"at": [rows[row], seed], **_network(policy, blob)}
-            for (row, seed), policy in live.policies.items()
-        ],
-    }
+def _ledger_unit(episodes: Episodes) -> float:
+    """A power of ten, J, in which the ledgers have three digits or so."""
+    sizes = [np.abs(own.ledger[np.isfinite(own.ledger)]) for own in episodes.outcomes.values()]
+    joined = np.concatenate(sizes) if sizes else np.zeros(0)
+    typical = float(np.quantile(joined, 0.98)) if joined.size else 0.0
+    return 10.0 ** (math.floor(math.log10(typical)) - 2) if typical > 0.0 else 1.0
 
 
-def _network(policy: MlpPolicy, blob: Blob) -> dict[str, Any]:
+def _network(policy: MlpPolicy, numbers: bytearray) -> dict[str, Any]:
     """Weights, and how outputs become an action; `low` is missing where it is a choice."""
-    layers = [[*weight.shape, blob.add(weight), blob.add(bias)] for weight, bias in policy.layers]
+    layers = [
+        [*weight.shape, _add(numbers, weight), _add(numbers, bias)]
+        for weight, bias in policy.layers
+    ]
     actions, scaling = policy.actions, policy.statistics
     bounds = {} if isinstance(actions.space, spaces.Discrete) else {
         "low": actions.space.low.tolist(), "high": actions.space.high.tolist(),
@@ -130,72 +294,47 @@ def _network(policy: MlpPolicy, blob: Blob) -> dict[str, Any]:
     return {"layers": layers, "activation": policy.activation, "statistics": statistics, **bounds}
 
 
-def _unit(told: Told) -> float:
-    """A power of ten, J, in which the ledgers have three digits or so."""
-    sizes = [np.abs(own.ledger[np.isfinite(own.ledger)]) for own in told.outcomes.values()]
-    joined = np.concatenate(sizes) if sizes else np.zeros(1)
-    typical = float(np.quantile(joined, 0.98)) if joined.size else 0.0
-    return 10.0 ** (math.floor(math.log10(typical)) - 2) if typical > 0.0 else 1.0
-
-
-def _rounded(values: Array, unit: float) -> Array:
-    """Multiples of the unit, 16 bits each."""
-    known = np.isfinite(values)
-    multiples = np.clip(np.round(np.where(known, values, 0.0) / unit), -32767, 32767)
-    return np.where(known, multiples, UNKNOWN).astype(np.int16)
-
-
-def _trace(
-    trace: Trace,
-    rows: Mapping[str, int],
-    cells: Mapping[str, int],
-    blob: Blob,
-    said: Callable[[str], str],
-) -> dict[str, Any]:
-    row, cell, seed, episode = trace.key
+def _trace(panel: Panel, trace: Trace, numbers: bytearray) -> dict[str, Any]:
     fields = trace.fields
     parts = ("contact_loss_total", "clip_loss_total", "dissipated_total")
-    totals = (
-        fields["work_total"],
-        fields["energy_residual_total"],
-        None if fields["dissipated_total"] is None else sum(fields[name] or 0.0 for name in parts),
-    )
+    lost = None if fields["dissipated_total"] is None else sum(fields[p] or 0.0 for p in parts)
+    totals = (fields["work_total"], fields["energy_residual_total"], lost)
+
+    def column(values: Array) -> list[float]:
+        """[least value, step, place] of samples that are stored as steps from the least."""
+        low, high = float(values.min()), float(values.max())
+        size = (high - low) / _LEVELS or 1.0
+        levels = np.round((values - low) / size).astype(np.int64)
+        differences = np.diff(levels, prepend=0) & 0xFFFF
+        return [low, size, _add(numbers, differences.astype(np.uint16))]
+
     return {
-        "at": [rows[row], cells[cell], seed, episode],
         "id": fields["record_id"],
         "period": trace.period,
         "seconds": fields["length"] * fields["control_period"],
         "n": trace.ledger.shape[1],
         "success": fields["success"],
         "label": fields["failure_label"],
-        "reason": said(failure_sentence(fields)),
+        "reason": nonbreaking(panel.said(failure_sentence(fields))),
         "since": fields["time_to_success"],
         "return": _finite(fields["return"]),
         "state": fields["initial_state"],
         "start": _finite(fields["energy_start"]),
         "end": _finite(fields["energy_end"]),
         "totals": [_finite(total) for total in totals],
-        "motion": {name: _column(values, blob) for name, values in trace.motion.items()},
-        "control": {name: _column(values, blob) for name, values in trace.control.items()},
-        "ledger": {
-            name: _column(values, blob) for name, values in zip(LEDGER, trace.ledger, strict=True)
-        },
+        "motion": {name: column(values) for name, values in trace.motion.items()},
+        "control": {name: column(values) for name, values in trace.control.items()},
+        "ledger": {name: column(values) for name, values in zip(LEDGER, trace.ledger, strict=True)},
     }
 
 
-def _column(values: Array, blob: Blob) -> list[float]:
-    """[least value, step, place] of samples that are stored as steps from the least."""
-    low, high = float(values.min()), float(values.max())
-    step = (high - low) / _LEVELS or 1.0
-    levels = np.round((values - low) / step).astype(np.int64)
-    differences = np.diff(levels, prepend=0) & 0xFFFF
-    return [low, step, blob.add(differences.astype(np.uint16))]
+def _add(numbers: bytearray, values: Array) -> int:
+    """Add numbers as planes of bytes; returns where they begin."""
+    place, size = len(numbers), values.dtype.itemsize
+    little = np.ascontiguousarray(values, values.dtype.newbyteorder("<"))
+    numbers += little.view(np.uint8).reshape(-1, size).T.tobytes()
+    return place
 
 
 def _finite(value: float | None) -> float | None:
     return value if value is not None and math.isfinite(value) else None
-
-
-def _deflated(data: bytes) -> bytes:
-    press = zlib.compressobj(9, zlib.DEFLATED, -zlib.MAX_WBITS)
-    return press.compress(data) + press.flush()

@@ -15,13 +15,8 @@ from integ_gym.eval.census.page import render_census, row
 from integ_gym.eval.census.subjects import PUBLISHED
 from integ_gym.support.files import make_folder, replace_file
 from integ_gym.support.optional import require
-from integ_gym.support.options import CommandParser, told_command
-from integ_gym.support.terminal import (
-    FITS,
-    print_columns,
-    print_wrapped,
-    unbroken,
-)
+from integ_gym.support.options import CommandParser, display_command
+from integ_gym.support.terminal import FITS, print_columns, print_wrapped, unbroken
 
 from .engines import chosen_engines
 
@@ -66,7 +61,7 @@ def main(argv: Sequence[str]) -> int:
     libraries = PUBLISHED.names() if everything else given.published or ()
     engines = chosen_engines(given.engine) if everything or given.engine else ()
     census = take_census(libraries, engines, _tell)
-    document = census.to_json(told_command(["integ-gym", "census", *argv]))
+    document = census.to_json(display_command(["integ-gym", "census", *argv]))
     text = json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False)
     replace_file(given.out / "census.json", text.encode())
     page = replace_file(given.out / "census.html", render_census(document).encode())

@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from integ_gym.envs.catalogue.lookup import OTHER_TESTBEDS
+from integ_gym.envs.environment import OTHER_TESTBEDS
 from integ_gym.envs.registries import ENVIRONMENTS
 from integ_gym.eval.loss_check import Check, check
 from integ_gym.eval.panel.spec import TRAINERS
@@ -14,7 +14,7 @@ from integ_gym.support.options import (
     CommandParser,
     add_named_values,
     by_name,
-    told_command,
+    display_command,
     whole_number,
 )
 from integ_gym.support.terminal import (
@@ -103,7 +103,7 @@ def main(argv: Sequence[str]) -> int:
         out=given.out,
         workers=workers_of(given),
         progress=not given.no_progress,
-        command=told_command(["integ-gym", "check", *argv]),
+        command=display_command(["integ-gym", "check", *argv]),
     )
     print_wrapped(str(found))
     print_wrapped(_cost(found))

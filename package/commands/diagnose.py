@@ -13,7 +13,7 @@ from integ_gym.eval.diagnosis.page import DIAGNOSIS_PAGE, print_diagnosis
 from integ_gym.eval.diagnosis.run import Request, diagnose
 from integ_gym.support.errors import InputError
 from integ_gym.support.optional import require
-from integ_gym.support.options import CommandParser, refuse_unused, told_command
+from integ_gym.support.options import CommandParser, display_command, refuse_unused
 from integ_gym.support.processes import cores
 from integ_gym.support.terminal import FITS, print_columns, print_wrapped
 
@@ -85,7 +85,7 @@ def main(argv: Sequence[str]) -> int:
     result = diagnose(
         request,
         given.out,
-        told_command(["integ-gym", "diagnose", *argv]),
+        display_command(["integ-gym", "diagnose", *argv]),
         workers_of(given) or cores(),
         progress=not given.no_progress,
     )

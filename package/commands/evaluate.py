@@ -7,7 +7,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from integ_gym.envs.catalogue.lookup import OTHER_TESTBEDS, is_integ_environment
+from integ_gym.envs.environment import OTHER_TESTBEDS, is_integ_environment
 from integ_gym.envs.registries import ENVIRONMENTS
 from integ_gym.eval.panel.existing import evaluate
 from integ_gym.support.errors import InputError
@@ -15,14 +15,14 @@ from integ_gym.support.options import (
     CommandParser,
     add_named_values,
     by_name,
+    display_command,
     run_place,
-    told_command,
     whole_number,
 )
 from integ_gym.support.terminal import print_wrapped
 
 from .printed import print_details, print_headline, print_next
-from .work_options import add_engine, add_work, resources_of, told_page, workers_of
+from .work_options import add_engine, add_work, page_location, resources_of, workers_of
 
 EXAMPLES = """\
 examples:
@@ -139,7 +139,7 @@ def main(argv: Sequence[str]) -> int:
         workers=workers_of(given),
         progress=not given.no_progress,
         on_home=lambda line: print_wrapped(line, sys.stderr),
-        command=told_command(["integ-gym", "evaluate", *argv]),
+        command=display_command(["integ-gym", "evaluate", *argv]),
         executor=given.executor,
         address=given.address,
         resources=resources_of(given),
@@ -147,5 +147,5 @@ def main(argv: Sequence[str]) -> int:
     print_headline(panel)
     print_details(panel)
     print_next(panel)
-    print(f"Page: {told_page(given.out)}")
+    print(f"Page: {page_location(given.out)}")
     return 0

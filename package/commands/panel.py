@@ -17,9 +17,9 @@ from integ_gym.evidence.sealing import check_key, read_seal, sign
 from integ_gym.support.errors import InputError
 from integ_gym.support.options import (
     CommandParser,
+    display_command,
     refuse_unused,
     run_place,
-    told_command,
     whole_number,
 )
 from integ_gym.support.storage import is_remote
@@ -33,7 +33,7 @@ from .printed import (
     print_power,
     print_verdicts,
 )
-from .work_options import add_engine, add_work, resources_of, told_page, workers_of
+from .work_options import add_engine, add_work, page_location, resources_of, workers_of
 
 EXAMPLES = """\
 examples:
@@ -174,7 +174,7 @@ def main(argv: Sequence[str]) -> int:
         )
     if arguments.sign is not None:
         check_key(arguments.sign)
-    command = told_command([*words, "--out", str(arguments.out)])
+    command = display_command([*words, "--out", str(arguments.out)])
     panel = run_panel(
         spec,
         arguments.out,
@@ -202,7 +202,7 @@ def main(argv: Sequence[str]) -> int:
                 )
             )
     print_next(panel)
-    print(f"Page: {told_page(arguments.out)}")
+    print(f"Page: {page_location(arguments.out)}")
     if is_remote(arguments.out):
         return 0
     sealed = read_seal(arguments.out)

@@ -13,13 +13,7 @@ from integ_gym.eval.panel.result import FILE_NAME, Estimate, Look, Panel, Verdic
 from integ_gym.eval.panel.spec import PanelSpec
 from integ_gym.eval.report.forests import ordered_verdicts
 from integ_gym.support.processes import cores
-from integ_gym.support.terminal import (
-    NONE,
-    fixed,
-    plural,
-    print_columns,
-    print_wrapped,
-)
+from integ_gym.support.terminal import NONE, fixed, plural, print_columns, print_wrapped
 
 
 def print_headline(panel: Panel) -> None:

@@ -66,6 +66,6 @@ def resources_of(arguments: argparse.Namespace) -> Resources:
     return Resources(cores=arguments.cores_per_worker, gpus=arguments.gpus_per_worker)
 
 
-def told_page(out: str | Path) -> str:
+def page_location(out: str | Path) -> str:
     """Where a run's page is."""
     return str((out / "report.html").resolve()) if isinstance(out, Path) else f"{out}/report.html"

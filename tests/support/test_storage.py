@@ -14,23 +14,23 @@ import pytest
 
 from integ_gym.cli import main
 from integ_gym.support import storage
-from integ_gym.support.files import told_path
+from integ_gym.support.files import display_path
 from integ_gym.support.storage import (
     LOCK,
-    Busy,
+    BusyError,
     Storage,
     StorageError,
     is_remote,
-    named_place,
     open_storage,
+    resolve_place,
 )
 
 
 @pytest.mark.parametrize("url", ["s3://bucket/run", "gs://bucket/a/run/", "az://box/run"])
 def test_places_in_object_stores(url):
     assert is_remote(url)
-    assert named_place(url) == url.rstrip("/")
-    assert told_path(url) == url
+    assert resolve_place(url) == url.rstrip("/")
+    assert display_path(url) == url
 
 
 @pytest.mark.parametrize(
@@ -44,7 +44,7 @@ def test_places_in_object_stores(url):
 )
 def test_folders(named, path):
     assert not is_remote(named)
-    assert named_place(named) == Path(path)
+    assert resolve_place(named) == Path(path)
 
 
 @pytest.mark.parametrize(
@@ -52,7 +52,7 @@ def test_folders(named, path):
 )
 def test_other_urls_are_refused(url):
     with pytest.raises(ValueError, match="is no place for a run; give a folder") as refused:
-        named_place(url)
+        resolve_place(url)
     assert url in str(refused.value)
 
 
@@ -151,7 +151,9 @@ def test_another_process_works_in_the_folder_alone(place):
 def test_one_driver_at_a_time(place, bucket):
     """The lock of a killed process of this machine is taken over; any other must be removed."""
     with open_storage(bucket) as other:
-        busy = pytest.raises(Busy, match=rf"process {os.getpid()} on .* is running the panel in")
+        busy = pytest.raises(
+            BusyError, match=rf"process {os.getpid()} on .* is running the panel in"
+        )
         with place.locked(), busy:
             other.locked().__enter__()
         with other.locked():
@@ -163,7 +165,9 @@ def test_one_driver_at_a_time(place, bucket):
         with other.locked():
             pass
         _put_lock(place, {**holder, "host": "elsewhere"})
-        with pytest.raises(Busy, match=rf"if it was killed, remove {bucket}/{LOCK} and run this"):
+        with pytest.raises(
+            BusyError, match=rf"if it was killed, remove {bucket}/{LOCK} and run this"
+        ):
             other.locked().__enter__()
 
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from integ_gym.envs.ops.jax_ops import jax, jnp
 from integ_gym.envs.ops.ops import Components
 from integ_gym.envs.transition import EnvState
-from integ_gym.support.optional import absent
+from integ_gym.support.optional import not_installed
 
 from ..ppo import model_to_bytes, reproducible
 
@@ -98,7 +98,7 @@ def state_dict(stack: Stack, policy: int) -> dict[str, Weights]:
 
 def can_save() -> bool:
     """Whether what :func:`zip_of_weights` needs is installed."""
-    return not absent(("stable_baselines3", "torch"))
+    return not not_installed(("stable_baselines3", "torch"))
 
 
 @cache

@@ -17,7 +17,7 @@ from ..policy import (
     Layer,
     MlpPolicy,
     ObservationStatistics,
-    spread,
+    expand_bound,
 )
 from .card import MAX_WEIGHTS_BYTES, PolicyFileError
 from .onnx import OnnxPolicy, read_onnx
@@ -132,7 +132,7 @@ def _actions(
     if network.get("actions") is not None:
         return DiscreteActions(int(network["actions"]))
     if network.get("action_bounds") is not None:
-        low, high = (spread(side, outputs) for side in network["action_bounds"])
+        low, high = (expand_bound(side, outputs) for side in network["action_bounds"])
         return BoxActions(low, high, squash)
     if {"action_scale", "action_bias"} <= set(tensors):
         scale, middle = (tensors[f"action_{x}"].numpy().ravel() for x in ("scale", "bias"))

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from integ_gym.support.files import check_regular
-from integ_gym.support.optional import missing
+from integ_gym.support.optional import missing_package
 
 from ..policy import BoxActions, DiscreteActions, MlpPolicy, ObservationStatistics
 from .card import PolicyFileError
@@ -29,7 +29,7 @@ try:
     from safetensors import SafetensorError, safe_open
     from safetensors.numpy import save
 except ModuleNotFoundError as error:
-    raise missing(str(error.name), "report") from error
+    raise missing_package(str(error.name), "report") from error
 
 _TYPES = ("F16", "F32", "F64")
 """Types of tensors that are read; all but observation statistics become 32 bits wide."""

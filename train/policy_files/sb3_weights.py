@@ -15,7 +15,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from integ_gym.support.optional import missing
+from integ_gym.support.optional import missing_package
 
 from ..policy import ACTIVATIONS, Layer
 from . import card
@@ -257,7 +257,7 @@ def load_tensors(
     try:
         import torch
     except ImportError:
-        raise missing("torch", "train") from None
+        raise missing_package("torch", "train") from None
     if content.startswith(_OLD_FORMAT):
         _check_old_format(content, what)
     else:

@@ -27,7 +27,7 @@ from ..policy import (
     FloatArray,
     MlpPolicy,
     ObservationStatistics,
-    spread,
+    expand_bound,
 )
 from . import card
 from .card import DAMAGED, PolicyFileError
@@ -97,7 +97,7 @@ def decoding(
     if action_bounds is None:
         low, high = (_printed_bound(space, name, size) for name in ("low", "high"))
     else:
-        low, high = (spread(bound, size) for bound in action_bounds)
+        low, high = (expand_bound(bound, size) for bound in action_bounds)
     actions = BoxActions(low, high, squash, limit)
     if actions.size != size:
         raise PolicyFileError(

@@ -15,7 +15,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from integ_gym.envs.catalogue.lookup import is_integ_environment
+from integ_gym.envs.environment import is_integ_environment
 from integ_gym.envs.settings import DISCRETIZATION, Discretization
 from integ_gym.envs.testbeds.making import find_testbed
 from integ_gym.support.errors import InputError

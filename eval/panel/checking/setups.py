@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import gymnasium as gym
 from gymnasium import spaces
 
-from integ_gym.envs.catalogue.lookup import is_integ_environment
+from integ_gym.envs.environment import is_integ_environment
 from integ_gym.envs.settings import DISCRETIZATION, NATIVE, Mixture
 from integ_gym.evidence.schema import EvidenceError, Finding, argument_values, parse_field
 from integ_gym.evidence.store import EvidenceStore

@@ -10,14 +10,14 @@ import pytest
 from integ_gym.envs.numerics.stepping import critical_step
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.plants.pendulum import Pendulum
-from integ_gym.train.controllers import linearized, lqr_gain
+from integ_gym.train.controllers import linearize, lqr_gain
 
 COLUMNS = ("explicit_euler", "symplectic_euler", "rk4", "implicit_euler", "reference")
 
 
 def _gain(plant, dt, state_cost, control_cost):
     """LQR designed on the explicit Euler model of the plant."""
-    a, b = linearized(plant)
+    a, b = linearize(plant)
     cost = np.diag(np.array(state_cost, dtype=float))
     return lqr_gain(np.eye(len(a)) + dt * a, dt * b, cost, np.array([[control_cost]]))
 

@@ -10,7 +10,7 @@ import pytest
 from small_panel import small_data
 
 import integ_gym.eval
-from integ_gym.envs.engines.native import NativeEngine
+from integ_gym.envs.engines.stepping import NativeEngine
 from integ_gym.eval.panel.cells import SpecError
 from integ_gym.eval.panel.plan import inputs, planned_spec
 from integ_gym.eval.panel.run import check_spec

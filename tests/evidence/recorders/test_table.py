@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pyarrow as pa
 
-from integ_gym.envs.catalogue.lookup import environment_setup
+from integ_gym.envs.environment import environment_setup
 from integ_gym.evidence.episodes import EpisodeHead, EpisodeHeads, EpisodeLog, Layout
 from integ_gym.evidence.labels import EpisodeContext
 from integ_gym.evidence.table import unhashed_table

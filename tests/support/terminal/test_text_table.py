@@ -50,7 +50,7 @@ def test_a_table_that_fits_is_printed_in_full(narrow):
     rows = [["rk4", "-1.5"], ["explicit_euler", "10"]]
     assert _printed(["integrator", "energy"], rows, right=[False, True]) == [
         "integrator      energy",
-        "--------------- ------",
+        "--------------  ------",
         "rk4               -1.5",
         "explicit_euler      10",
     ]

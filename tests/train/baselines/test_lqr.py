@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from playing import CART_POLE, PENDULUM, TIGHT, setup_of
 
-from integ_gym.train.controllers import held, linearized, lqr_gain
+from integ_gym.train.controllers import discretize_zoh, linearize, lqr_gain
 
 pytest.importorskip("scipy")
 
 
 def test_linearization_of_the_pendulum() -> None:
     plant = setup_of(PENDULUM, mass=2.0, length=0.5, damping=0.3).plant
-    a, b = linearized(plant)
+    a, b = linearize(plant)
     np.testing.assert_allclose(
         a, [[0.0, 1.0], [1.5 * 10.0 / 0.5, -0.3 / plant.inertia]], rtol=1e-8, atol=1e-9
     )
@@ -29,7 +29,7 @@ def test_linearization_of_the_cart_pole() -> None:
     mass_matrix = np.array([[1.1, 0.05], [0.05, 4.0 / 3.0 * 0.1 * 0.25]])
     stiffness = np.linalg.solve(mass_matrix, np.diag([0.0, 0.1 * 9.8 * 0.5]))
     push = np.linalg.solve(mass_matrix, [1.0, 0.0])
-    a, b = linearized(plant)
+    a, b = linearize(plant)
     np.testing.assert_allclose(a[[1, 3]][:, [0, 2]], stiffness, rtol=1e-8, atol=1e-8)
     np.testing.assert_allclose(a[[0, 2]], [[0, 1, 0, 0], [0, 0, 0, 1]], atol=1e-12)
     np.testing.assert_allclose(b.ravel(), [0.0, push[0], 0.0, push[1]], rtol=1e-8, atol=1e-9)
@@ -37,7 +37,7 @@ def test_linearization_of_the_cart_pole() -> None:
 
 def test_held_is_the_environment_s_own_map_near_upright() -> None:
     env = gym.make(PENDULUM, **TIGHT, damping=0.2)
-    a, b = held(*linearized(env.unwrapped.setup.plant), 0.05)  # type: ignore[attr-defined]
+    a, b = discretize_zoh(*linearize(env.unwrapped.setup.plant), 0.05)  # type: ignore[attr-defined]
     state, torque = np.array([1e-4, -2e-4]), 1e-4
     env.reset(options={"state": state})
     env.step(np.array([torque]))

@@ -134,14 +134,6 @@ def test_the_script_writes_what_the_command_writes(small: TrainedPolicy, tmp_pat
     assert "PPO, 1 policy: 100%" in done.stderr
 
 
-def test_the_script_s_help_has_its_own_examples() -> None:
-    done = subprocess.run(
-        [sys.executable, str(SCRIPT), "--help"], capture_output=True, text=True, check=True
-    )
-    assert "examples:\n  python train/ppo.py --integrator rk4 --dt 0.05" in done.stdout
-    assert "integ-gym train" not in done.stdout
-
-
 @pytest.mark.parametrize(("env_id", "actions"), [("InvertedPendulum-v5", 1), ("Hopper-v5", 3)])
 def test_environments_of_another_kind_are_trained_too(
     env_id: str, actions: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

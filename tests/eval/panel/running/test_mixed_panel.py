@@ -14,7 +14,7 @@ from engine_cases import needs
 from mixed_panel import TOML
 
 from integ_gym.cli import main
-from integ_gym.envs.catalogue.lookup import environment_setup
+from integ_gym.envs.environment import environment_setup
 from integ_gym.envs.settings import Discretization
 from integ_gym.eval.panel.cells import Cell, DiscretizationMixture, SpecError, training_arguments
 from integ_gym.eval.panel.episodes import Subject, evaluate

@@ -7,7 +7,7 @@ import pytest
 from shared_panel import assert_equal_records, ended, kill_group, started, until, words
 
 from integ_gym.cli import main
-from integ_gym.support.storage import fetched
+from integ_gym.support.storage import local_copy
 
 pytestmark = pytest.mark.slow
 
@@ -34,7 +34,7 @@ def test_a_driver_is_killed_and_another_goes_on_from_what_was_sent(
     assert ended(again) == 0
     assert kept < names()
     assert not [name for name in names() if name.startswith(".")]
-    with fetched(bucket) as run:
+    with local_copy(bucket) as run:
         assert_equal_records(run, undisturbed)
         assert (run / "seal.json").exists()
     sql = "SELECT record_id, content_hash FROM records ORDER BY ALL"

@@ -9,8 +9,7 @@ import pytest
 from engine_cases import needs, setup_of
 
 from integ_gym.envs.engines.rigid import HeldForce
-from integ_gym.envs.integrators.interface import along
-from integ_gym.envs.ops.ops import SCALAR
+from integ_gym.envs.ops.ops import SCALAR, along
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.plants.pendulum import Pendulum
 from integ_gym.envs.registries import INTEGRATORS

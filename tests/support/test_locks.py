@@ -5,12 +5,12 @@ from __future__ import annotations
 import subprocess
 import sys
 
-from integ_gym.support.locks import FileLock
+from integ_gym.support.storage import FileLock
 
 HOLDER = """
 import sys, time
 from pathlib import Path
-from integ_gym.support.locks import FileLock
+from integ_gym.support.storage import FileLock
 assert FileLock(Path(sys.argv[1])).acquire()
 print("held", flush=True)
 time.sleep(600.0)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from integ_gym.support.isolated import APART, Apart, Worker, WorkerError
+from integ_gym.support.isolated import ISOLATED, IsolatedEnvironment, Worker, WorkerError
 from integ_gym.support.optional import running_version
 
 SERVED = """
@@ -52,7 +52,7 @@ def worker(tmp_path, monkeypatch):
     served = tmp_path / "served.py"
     served.write_text(SERVED, encoding="utf-8")
     monkeypatch.setenv("INTEG_GYM_EXAMPLE_PYTHON", sys.executable)
-    return Apart("example").start(served)
+    return IsolatedEnvironment("example").start(served)
 
 
 def test_calls_are_answered_whatever_the_library_prints(worker):
@@ -112,9 +112,9 @@ def test_a_process_ends_when_it_is_dropped():
     assert process.poll() is not None
 
 
-@pytest.mark.parametrize("name", APART)
+@pytest.mark.parametrize("name", ISOLATED)
 def test_one_that_is_not_set_up_is_named_with_what_does_it(name, tmp_path, monkeypatch):
-    apart = APART[name]
+    apart = ISOLATED[name]
     monkeypatch.setenv(apart.variable, str(tmp_path / "python"))
     assert not apart.installed
     assert running_version(name) == "unknown"
@@ -125,7 +125,7 @@ def test_one_that_is_not_set_up_is_named_with_what_does_it(name, tmp_path, monke
 
 def test_its_version_is_that_of_its_interpreter(monkeypatch):
     monkeypatch.setenv("INTEG_GYM_PYTEST_PYTHON", sys.executable)
-    assert Apart("pytest").version() == pytest.__version__
+    assert IsolatedEnvironment("pytest").version() == pytest.__version__
     monkeypatch.delenv("INTEG_GYM_PYTEST_PYTHON")
-    assert Apart("pytest").python.parts[-3:] == (".pytest", "bin", "python")
-    assert Apart("pytest").version() is None
+    assert IsolatedEnvironment("pytest").python.parts[-3:] == (".pytest", "bin", "python")
+    assert IsolatedEnvironment("pytest").version() is None

@@ -1,0 +1,129 @@
+"""The task of a panel in words and as a picture, from what plant and task say of themselves."""
+
+from __future__ import annotations
+
+import inspect
+import math
+from typing import Any, Final, NamedTuple
+
+import gymnasium as gym
+import numpy as np
+
+from integ_gym.envs.environment import environment_setup, is_integ_environment
+from integ_gym.envs.ops.ops import SCALAR
+from integ_gym.envs.settings import Setup
+from integ_gym.envs.testbeds.making import find_testbed
+
+from ..panel.result import Panel
+
+_FARTHEST: Final = {"rad": math.pi, "m": 10.0}
+"""How far from zero the edge of the goal is sought, by a coordinate's unit."""
+
+
+class Task(NamedTuple):
+    """What a policy is asked to do.
+
+    Attributes:
+        lead: the task in a sentence.
+        facts: (name, words) of goal, motor, decisions and episode.
+        scene: links, goal and limits to draw, fit for JSON; None where the plant does not tell
+            its shape.
+    """
+
+    lead: str
+    facts: list[tuple[str, str]]
+    scene: dict[str, Any] | None
+
+
+def describe_task(panel: Panel) -> Task | None:
+    """The task of a panel; None of one that only code of a user's own can tell of."""
+    env_id, given = str(panel.spec.get("env_id")), panel.spec.get("environment", {})
+    periods = [cell.control_period for cell in panel.columns]
+    decisions = "one every {:g} s, held in between"
+    if is_integ_environment(env_id):
+        same = {"dt": periods[0], "control_period": periods[0]} if periods else {}
+        setup = environment_setup(env_id, {**given, **same})
+        plant, duration = setup.plant, f"{setup.settings.duration:g} s"
+        goal = setup.task.goal.replace("theta", "θ").replace("`duration`", duration)
+        motor = f"{plant.control_name} up to ±{_limit(setup):g} {plant.control_unit}"
+        gravity = getattr(plant, "gravity_torque", None)
+        if gravity is not None:
+            motor += f"; gravity pulls with up to {float(np.max(gravity)):g} {plant.control_unit}"
+        facts = [
+            ("goal", goal),
+            ("motor", motor),
+            ("decisions", decisions.format(setup.timing.control_period)),
+            ("episode", f"{duration}, start: {setup.settings.start}"),
+        ]
+        lead = (inspect.getdoc(type(setup.task)) or setup.task.goal).splitlines()[0]
+        return Task(lead, facts, _scene(setup))
+    if env_id not in gym.registry:
+        return None
+    try:
+        facts = [("goal", find_testbed(env_id, given).success.goal)]
+    except ModuleNotFoundError:  # the simulator of one of Gymnasium's own
+        return None
+    if periods and not panel.mixed_periods:
+        facts.append(("decisions", decisions.format(periods[0])))
+    return Task(f"{env_id} of Gymnasium.", facts, None)
+
+
+def _limit(setup: Setup) -> float:
+    return float(np.max(setup.task.control_limit))
+
+
+def _scene(setup: Setup) -> dict[str, Any] | None:
+    """Links of a mechanism, or a point that moves in a plane below the pivot of its spring."""
+    plant, task = setup.plant, setup.task
+    mechanism = getattr(plant, "mechanism", None)
+    links = [
+        {
+            "joint": link.joint,
+            "point": float(np.max(link.inertia)) == 0.0,
+            # A uniform link is twice as long as its centre is far.
+            "length": float(np.max(link.centre)) * (2.0 if np.max(link.inertia) else 1.0),
+        }
+        for link in (mechanism.links if mechanism else ())
+    ]
+    swings = tuple(plant.coordinate_units) == ("m", "m") and hasattr(plant, "hanging_length")
+    if not links and not swings:
+        return None
+    rest = (0.0,) * len(plant.coordinates)
+    goal = [_half_goal(setup, place) for place in range(len(rest))]
+    angles = [unit == "rad" for unit in plant.coordinate_units]
+    pose = [2.2 if angle else 0.0 for angle in angles]
+    if task.terminated(SCALAR, tuple(pose), rest):
+        pose = [
+            0.5 * (half or 0.2) if angle else 0.0 for half, angle in zip(goal, angles, strict=True)
+        ]
+    return {
+        "coordinates": list(plant.coordinates),
+        "units": list(plant.coordinate_units),
+        "links": links,
+        "bob": None if links else {"pivot": float(np.max(getattr(plant, "hanging_length", 0.0)))},
+        "clockwise": "counter-clockwise" not in plant.frame,
+        "goal": goal,
+        "pose": pose,
+        "control": plant.control_name,
+        "unit": plant.control_unit,
+        "actuated": plant.actuated,
+        "limit": _limit(setup),
+        "upright": round(float(np.max(plant.energy(SCALAR, rest, rest))), 6),
+    }
+
+
+def _half_goal(setup: Setup, place: int) -> float | None:
+    """How far one coordinate may be from zero at the goal, at rest; None: as far as it likes."""
+    at_goal: Any = getattr(setup.task, "at_goal", None)
+    rest = (0.0,) * len(setup.plant.coordinates)
+
+    def is_there(distance: float) -> bool:
+        return bool(at_goal(SCALAR, (*rest[:place], distance, *rest[place + 1 :]), rest))
+
+    inside, outside = 0.0, _FARTHEST.get(setup.plant.coordinate_units[place], 10.0)
+    if at_goal is None or not is_there(inside) or is_there(outside):
+        return None
+    while outside - inside > 1e-9:
+        middle = 0.5 * (inside + outside)
+        inside, outside = (middle, outside) if is_there(middle) else (inside, middle)
+    return round(inside, 6)

@@ -1,0 +1,151 @@
+"""The figures of a panel, beside its page and for papers."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+import pytest
+import report_example as example
+from matplotlib.text import Text
+from report_pages import panel_from, panel_of, pixels
+from small_panel import FORMATS, every_format, pictures_alone
+
+from integ_gym.eval.report.figures import COLUMN, FIGURES, PAGE, SIZE, write_figures
+from integ_gym.support import figures as style
+
+FIGURES_OF = {
+    "full": [
+        "success_matrix", "transfer_gaps", "energy_residual", "refinement_ladder", "perturbations",
+        "remedy",
+    ],
+    "given": [
+        "success_matrix", "paired_success", "paired_return", "energy_residual", "refinement_ladder",
+    ],
+    "nothing learned": ["success_matrix", "energy_residual", "refinement_ladder"],
+    "none": ["success_matrix", "transfer_gaps", "refinement_ladder", "perturbations"],
+}  # fmt: skip
+FIGURES_OF["hostile"] = FIGURES_OF["full"]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def all_formats() -> Iterator[None]:
+    with every_format():
+        yield
+
+
+def names_of(written: list[Path]) -> list[str]:
+    """Names of figures, each of which is there in every format."""
+    names = list(dict.fromkeys(path.stem for path in written))
+    assert [path.name for path in written] == [
+        n + suffix for n in names for suffix in style.FORMATS
+    ]
+    assert all(path.exists() for path in written)
+    return names
+
+
+@pytest.fixture(scope="module")
+def drawn(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[Path]]:
+    """Figures of the full panel; and of a given policy's, where an earlier panel's were."""
+    before = dict(matplotlib.rcParams)
+    folder = tmp_path_factory.mktemp("figures")
+    (folder / "given").mkdir()
+    for name in (*(f"transfer_gaps{suffix}" for suffix in FORMATS), "mine.png"):
+        (folder / "given" / name).write_bytes(b"old")
+    written = {name: write_figures(panel_of(name), folder / name) for name in ("full", "given")}
+    assert dict(matplotlib.rcParams) == before
+    return written
+
+
+def test_figures_are_sharp_whole_and_of_what_a_panel_has(drawn: dict[str, list[Path]]) -> None:
+    for name, written in drawn.items():
+        assert names_of(written) == FIGURES_OF[name]
+    assert sorted(drawn["full"][0].parent.iterdir()) == sorted(drawn["full"])
+    for path in drawn["full"]:
+        content = path.read_bytes()
+        if path.suffix == ".png":
+            image = pixels(path)
+            assert min(image.shape[:2]) > 500
+            assert 0.02 < np.mean(np.any(image < 0.95, axis=-1)) < 0.8
+        if path.suffix == ".svg":
+            assert xml.etree.ElementTree.fromstring(content).tag.endswith("svg")
+            assert b"<image" not in content
+        if path.suffix == ".pdf":
+            assert content.startswith(b"%PDF")
+            assert b"/Type3" not in content
+    folder = drawn["given"][0].parent
+    assert not list(folder.glob("transfer_gaps*"))
+    assert (folder / "mine.png").read_bytes() == b"old"
+
+
+def test_figures_show_the_data(drawn: dict[str, list[Path]], tmp_path: Path) -> None:
+    with pictures_alone():  # all that is compared
+        others = write_figures(panel_from(example.full_panel(seed=9)), tmp_path)
+    for path in others:
+        a, b = pixels(path), pixels(drawn["full"][0].with_name(path.name))
+        assert a.shape != b.shape or np.any(a != b, axis=-1).mean() > 0.001
+
+
+@pytest.mark.parametrize("name", ["given", pytest.param("full", marks=pytest.mark.slow)])
+def test_the_same_panel_gives_the_same_figures(
+    name: str, tmp_path: Path, drawn: dict[str, list[Path]]
+) -> None:
+    again = write_figures(panel_of(name), tmp_path)
+    assert [path.read_bytes() for path in again] == [path.read_bytes() for path in drawn[name]]
+
+
+@pytest.mark.parametrize(
+    ("name", "look", "form"),
+    [
+        *((name, "page", "png") for name in ("nothing learned", "none", "hostile")),
+        *(
+            pytest.param(name, look, "all", marks=pytest.mark.slow)
+            for name in FIGURES_OF
+            for look in ("page", "paper")
+        ),
+    ],
+)
+def test_figures_take_whatever_a_panel_lacks(
+    name: str, look: str, form: str, tmp_path: Path
+) -> None:
+    with pictures_alone() if form == "png" else every_format():
+        assert names_of(write_figures(panel_of(name), tmp_path, look)) == FIGURES_OF[name]
+
+
+@pytest.mark.slow
+def test_figures_of_a_large_panel(tmp_path: Path) -> None:
+    assert len(names_of(write_figures(panel_of("large"), tmp_path))) == 4
+
+
+@pytest.mark.parametrize("name", ["success_matrix", "transfer_gaps", "refinement_ladder"])
+def test_papers_get_one_size_of_type_and_the_numbers_of_the_page(name: str) -> None:
+    describe, (_, draw) = FIGURES[name]
+    described: Any = describe(panel_of("full"))
+    figure = draw(described)
+    assert figure.get_size_inches()[0] in (COLUMN, PAGE)
+    bare = {id(text) for axes in figure.axes if not axes.axison for text in axes.findobj(Text)}
+    bare -= {id(text) for axes in figure.axes for text in axes.texts}
+    found = [
+        t for t in figure.findobj(Text) if t.get_text() and t.get_visible() and id(t) not in bare
+    ]
+    assert {text.get_size() for text in found} == {SIZE}
+    shown = [text.get_text().split("\n")[0] for text in found]
+    assert described.title not in " ".join(shown)
+    if name == "success_matrix":
+        assert "trained on" in shown
+        for block in described.blocks:
+            for line in block.lines:
+                assert all(s is None or s.text in shown for s in line.shades.values())
+    elif name == "transfer_gaps":
+        assert described.along in shown
+        assert {tick for _, tick in described.axis.ticks} <= set(shown)
+        assert {line.number for block in described.blocks for line in block.lines} <= set(shown)
+    else:
+        plots = [axes for axes in figure.axes if axes.get_xlabel()]
+        assert len(plots) == sum(len(own) for _, own in described.rows)
+        assert {axes.get_xlabel() for axes in plots} == {"step, s"}
+        assert plots[0].get_ylabel() == "success"
