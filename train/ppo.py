@@ -49,6 +49,7 @@ from integ_gym.train.config import (
     translate_training_errors,
     whole,
 )
+from integ_gym.train.policy import ACTIVATIONS
 from integ_gym.train.policy_files.card import (
     episode_summary,
     format_episode_stats,
@@ -56,8 +57,6 @@ from integ_gym.train.policy_files.card import (
     mixture_of,
 )
 from integ_gym.train.policy_files.sidecar import TrainedPolicy, write_policy
-
-from .policy import ACTIVATIONS
 
 # ---------------------------------------------------------------------------------- hyperparameters
 

@@ -150,7 +150,7 @@ class Successes:
         """Whether the perturbation changes these arguments alone, from their undisturbed values."""
         if cell.perturbation is None or not set(cell.perturbation.environment) <= names:
             return False
-        plain = replace(cell, perturbation=None).arguments(self._environment)
+        plain = Cell.of(cell.discretization, "grid").arguments(self._environment)
         return all(plain.get(n, getattr(Settings, n)) == getattr(Settings, n) for n in names)
 
 

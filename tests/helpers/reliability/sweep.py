@@ -41,7 +41,7 @@ from victim import PICTURES, Task, write_spec
 from integ_gym.eval.panel.artefact import differences
 from integ_gym.eval.panel.checking.page import against_plan
 from integ_gym.eval.panel.existing import given_panel
-from integ_gym.eval.panel.outputs import noted_call, panel_of
+from integ_gym.eval.panel.outputs import panel_of, read_call
 from integ_gym.eval.panel.plan import planned_spec
 from integ_gym.eval.panel.policies import acting_in
 from integ_gym.eval.panel.result import FILE_NAME, Panel, read_panel, write_panel
@@ -426,7 +426,7 @@ def remade(run: Path) -> Panel:
     """What ``panel.json`` has to say of plan and records as they are."""
     directory = RunDirectory(run, {})
     plan = directory.manifest()["specification"]
-    spec, called = planned_spec(plan), noted_call(directory)
+    spec, called = planned_spec(plan), read_call(directory)
     return (given_panel if "policy" in plan else panel_of)(spec, directory, called)
 
 

@@ -128,7 +128,7 @@ def _doubts(policy, folder: Path, **arguments) -> list[str]:
         policy, PENDULUM, folder, home=HOME, integrators=["rk4"], dts=[0.05], episodes=2,
         environment={"duration": 0.5}, workers=1, progress=False, on_doubt=said.append, **arguments,
     )  # fmt: skip
-    written = json.loads((folder / "panel.json").read_text(encoding="utf-8"))["warnings"]
+    written = json.loads((folder / "panel.json").read_text(encoding="utf-8"))["doubts"]
     assert written == said == list(panel.warnings)
     return [one for one in said if "trained inside VecNormalize" in one]
 
