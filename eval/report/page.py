@@ -21,8 +21,15 @@ from integ_gym.support.pages import page_environment, page_parts
 from integ_gym.support.terminal import fixed, nonbreaking, plural, seconds, true_minus
 
 from .. import verdict as rules
-from ..panel.conclusions import answer_lines, finding_of, next_step
-from ..panel.result import Failure, Panel, PolicyComparison
+from ..panel.conclusions import (
+    answer_lines,
+    comparison_reason,
+    finding_of,
+    next_step,
+    verdict_reason,
+)
+from ..panel.result import Failure, Panel
+from ..verdict import PolicyComparison
 from .episodes import Episodes, read_episodes
 from .findings import findings_of
 from .forests import (
@@ -147,7 +154,7 @@ def render(panel: Panel, episodes: Episodes | None = None, seal: str | None = No
         place_of=partial(_place_of_episode, panel),
         comparisons=[(one, *_comparison(one)) for one in panel.policy_comparisons],
         fewest=None if panel.given_alone or not rows else min(row.seeds for row in rows),
-        unlearned=[row.name for row in rows if row.learned is False],
+        unlearned=[panel.in_words(row.name) for row in rows if row.learned is False],
         settings=_settings(panel),
         applied=Counter(cell.applied for cell in panel.cells if cell.applied).items(),
         spec_json=json.dumps(panel.spec, indent=2, ensure_ascii=False),
@@ -164,9 +171,8 @@ def _template() -> Any:
 
     environment = page_environment(_files("parts"))
     environment.filters.update(
-        called=context(lambda given, name: breakable(given["panel"].called(str(name)))),
-        said=context(lambda given, text: breakable(nonbreaking(given["panel"].said(str(text))))),
-        said_plain=context(lambda given, text: given["panel"].said(str(text))),
+        called=context(lambda given, name: breakable(given["panel"].label(str(name)))),
+        said=lambda text: breakable(nonbreaking(str(text))),
         href=_href,
         along=_along,
         across=_across,
@@ -187,6 +193,8 @@ def _template() -> Any:
         shown_findings=SHOWN_FINDINGS,
         ramp=", ".join(f"#{stop}" for stop in VIRIDIS),
         mark=Mark,
+        verdict_reason=verdict_reason,
+        comparison_reason=comparison_reason,
         plural=plural,
         quote_command=quote_command,
     )
