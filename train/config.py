@@ -15,7 +15,7 @@ import numpy as np
 from integ_gym.envs.environment import OTHER_TESTBEDS
 from integ_gym.envs.registries import ENVIRONMENTS, INTEGRATORS
 from integ_gym.envs.settings import Mixture
-from integ_gym.evidence.context import EpisodeContext
+from integ_gym.evidence.labels import EpisodeContext
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.evidence.vector_recorder import RecordVectorEvidence
 from integ_gym.support.errors import InputError, InputTypeError, IntegGymError, is_raised_under

@@ -190,6 +190,11 @@ def _softplus(x: FloatArray) -> FloatArray:
     return np.logaddexp(np.float32(0.0), x)
 
 
+def _softsign(x: FloatArray) -> FloatArray:
+    size: FloatArray = np.abs(x)
+    return x / (1.0 + size)
+
+
 def _gelu(x: FloatArray) -> FloatArray:
     erf = np.vectorize(math.erf, otypes=[np.float32])
     half_cdf: FloatArray = 0.5 * (1.0 + erf(x * math.sqrt(0.5)))
@@ -209,7 +214,7 @@ ACTIVATIONS: dict[str, Callable[[FloatArray], FloatArray]] = {
     "Mish": lambda x: x * np.tanh(_softplus(x)),
     "Sigmoid": _sigmoid,
     "Softplus": _softplus,
-    "Softsign": lambda x: x / (1.0 + np.abs(x)),
+    "Softsign": _softsign,
 }
 
 

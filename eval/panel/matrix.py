@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from integ_gym.envs.foreign import ASSUMED_RATE
+from integ_gym.evidence.labels import SENTENCE_COLUMNS, failure_sentence
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.support.errors import InputError
 
@@ -49,7 +50,7 @@ Array = npt.NDArray[Any]
 COLUMNS = (
     "policy_id", "cell", "episode_index", "record_id", "success", '"return"', "time_to_success",
     "energy_residual_total", "energy_residual_abs_total", "solver_status", "failure_label",
-    "failure_reason", "replay_second_horizon", "arrival_energy", "arrival_residual",
+    "replay_second_horizon", "arrival_energy", "arrival_residual", *SENTENCE_COLUMNS,
 )  # fmt: skip
 """Columns of the records that the matrix is made of."""
 
@@ -199,7 +200,7 @@ class Matrix:
                 episode_index=record["episode_index"],
                 record_id=record["record_id"],
                 label=record["failure_label"],
-                reason=record["failure_reason"],
+                reason=failure_sentence(record),
             )
             for group in self.records(row, cell)
             for record in group

@@ -18,6 +18,7 @@ from typing import Any, Final
 import numpy as np
 from gymnasium import spaces
 
+from integ_gym.evidence.labels import failure_sentence
 from integ_gym.support.terminal import compact, fixed, nonbreaking, percent, step
 from integ_gym.train.policy import MlpPolicy
 
@@ -314,7 +315,7 @@ def _trace(panel: Panel, trace: Trace, numbers: bytearray) -> dict[str, Any]:
         "n": trace.ledger.shape[1],
         "success": fields["success"],
         "label": fields["failure_label"],
-        "reason": nonbreaking(fields["failure_reason"] or ""),
+        "reason": nonbreaking(failure_sentence(fields)),
         "since": fields["time_to_success"],
         "return": _finite(fields["return"]),
         "state": fields["initial_state"],

@@ -12,13 +12,25 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from integ_gym.evidence.exchange.exporting import EXPORT_FORMATS, TEXT_FORMATS, export
-from integ_gym.evidence.exchange.parquet_dataset import changed_since_export, read_export
+from integ_gym.evidence.exporting import (
+    EXPORT_FORMATS,
+    TEXT_FORMATS,
+    changed_since_export,
+    export,
+    read_export,
+)
 from integ_gym.evidence.fields import SCHEMA_VERSION
+from integ_gym.evidence.parquet_file import query_in_place
 from integ_gym.evidence.printing import ASCII_BARS, BARS, TABLE_FORMATS, print_table, show
 from integ_gym.evidence.recomputing import recompute
 from integ_gym.evidence.record import EvidenceRecord
-from integ_gym.evidence.replaying import ELSEWHERE, Acting
+from integ_gym.evidence.replaying import (
+    ELSEWHERE,
+    Acting,
+    missing_episodes,
+    other_columns,
+    replay_some,
+)
 from integ_gym.evidence.schema import EvidenceError, Finding
 from integ_gym.evidence.sealing import (
     SEAL_FILE,
@@ -32,9 +44,9 @@ from integ_gym.evidence.sealing import (
     seal,
     sign,
 )
-from integ_gym.evidence.store import EvidenceStore, merge, open_run, query_in_place
-from integ_gym.evidence.verification import missing_episodes, other_columns, replay_some
+from integ_gym.evidence.store import EvidenceStore, merge, open_run
 from integ_gym.support.files import make_folder
+from integ_gym.support.optional import require
 from integ_gym.support.options import CommandParser, whole_number
 from integ_gym.support.storage import is_remote, local_copy
 from integ_gym.support.terminal import FITS, WorkBar, plural, width_of
@@ -284,7 +296,7 @@ _EXAMPLES = """\
 examples:
   integ-gym evidence query runs/panel "SELECT policy_id, cell, avg(success::INT) AS success
                                        FROM records WHERE phase = 'evaluation' GROUP BY ALL"
-  integ-gym evidence query runs/panel "SELECT record_id, failure_reason FROM records
+  integ-gym evidence query runs/panel "SELECT record_id, failure_numbers FROM records
                                        WHERE failure_label = 'discretization_error' LIMIT 5"
   integ-gym evidence query s3://bucket/panel "SELECT count(*) FROM records"
   integ-gym evidence show runs/panel 3f9a
@@ -310,6 +322,7 @@ def main(argv: Sequence[str]) -> int:
         EvidenceError: on bad input, in one sentence.
     """
     given = parser().parse_args(argv)
+    require("evidence")
     if given.run_command is _query and is_remote(given.run):
         print_table(query_in_place(given.run, given.sql), sys.stdout, given.format)
         return 0

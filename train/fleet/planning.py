@@ -17,7 +17,7 @@ import numpy as np
 
 from integ_gym.envs.ops.jax_ops import jax
 from integ_gym.envs.registries import ENGINES
-from integ_gym.evidence.record import Layout
+from integ_gym.evidence.episodes import Layout
 from integ_gym.support.errors import InputError
 from integ_gym.support.executors import Cluster
 from integ_gym.support.processes import cores

@@ -49,11 +49,10 @@ from integ_gym.eval.panel.run_directory import MANIFEST, RunDirectory
 from integ_gym.evidence.fields import PHASES
 from integ_gym.evidence.recomputing import recompute
 from integ_gym.evidence.record import EvidenceRecord, records_of
-from integ_gym.evidence.replaying import replay
+from integ_gym.evidence.replaying import missing_episodes, other_columns, replay, replay_some
 from integ_gym.evidence.schema import Finding
 from integ_gym.evidence.sealing import broken_seals, seal
 from integ_gym.evidence.store import EvidenceStore
-from integ_gym.evidence.verification import missing_episodes, other_columns, replay_some
 
 T = TypeVar("T")
 

@@ -22,7 +22,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
 import integ_gym
 from integ_gym.eval.panel.policies import read_existing
-from integ_gym.train.policy_files.limits import PolicyFileError
+from integ_gym.train.policy_files.card import PolicyFileError
 from integ_gym.train.policy_files.reading import unscaled
 from integ_gym.train.policy_files.sidecar import read_trained
 from integ_gym.train.policy_files.writing import save_policy, write_sidecar

@@ -321,7 +321,7 @@ def test_a_failure_is_the_discretizations_where_any_member_succeeds(tmp_path):
         count = labels[record["cell"]]
         count[record["failure_label"]] = count.get(record["failure_label"], 0) + 1
         if record["failure_label"] == "discretization_error":
-            assert "on a training discretization of it" in record["failure_reason"]
+            assert "on a training discretization of it" in record.reason
     assert labels[rk4.name] == {"none": 20}
     assert labels[fine.name] == {"too_slow": 20}
     assert labels[coarse.name] == {"discretization_error": 20}
