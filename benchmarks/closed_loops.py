@@ -27,9 +27,9 @@ from tqdm import tqdm
 
 from integ_gym.envs.settings import Discretization
 from integ_gym.envs.testbeds.making import find_testbed
+from integ_gym.eval.panel.cells import Cell, environments_of
 from integ_gym.eval.panel.cells import Cell as Place
-from integ_gym.eval.panel.cells import environments_of
-from integ_gym.eval.panel.result import FILE_NAME, Cell, Panel, Row, read_panel
+from integ_gym.eval.panel.result import FILE_NAME, Panel, Row, read_panel
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.train.policy import PolicyStack
 from integ_gym.train.policy_files.sidecar import read_trained, readable_file

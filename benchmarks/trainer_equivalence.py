@@ -34,7 +34,7 @@ from scipy import stats
 import integ_gym  # noqa: F401
 from integ_gym.eval.panel.spec import built_in_spec
 from integ_gym.eval.statistics import iqm_interval, p_equivalent, rate_interval
-from integ_gym.evidence.context import EpisodeContext
+from integ_gym.evidence.labels import EpisodeContext
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.train.config import TrainingEvidence
 from integ_gym.train.fleet.training import train_fleet

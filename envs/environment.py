@@ -50,13 +50,9 @@ def at_bounds(control: Array, low: Array, high: Array) -> bool:
         low: least of each, infinite without a bound.
         high: most of each.
     """
-    below = low + FLOAT32_ROUNDING * _finite(low)
-    above = high - FLOAT32_ROUNDING * _finite(high)
+    sizes = [np.where(np.isfinite(end), np.abs(end), 0.0) for end in (low, high)]
+    below, above = low + FLOAT32_ROUNDING * sizes[0], high - FLOAT32_ROUNDING * sizes[1]
     return bool(((control <= below) | (control >= above)).any())
-
-
-def _finite(bound: Array) -> Array:
-    return np.where(np.isfinite(bound), np.abs(bound), 0.0)
 
 
 Observation = npt.NDArray[np.float32]
@@ -101,7 +97,8 @@ class IntegEnv(gym.Env[Observation, Any]):
         self._discrete = self.setup.task.discrete
         self._choices = {choice: float(choice) for choice in range(self._discrete or 0)}
         self._noise = self.setup.settings.observation_noise
-        self._in_order = _interleaved(len(self.setup.plant.coordinates))
+        count = len(self.setup.plant.coordinates)
+        self._in_order = itemgetter(*(place for k in range(count) for place in (k, count + k)))
         self.episode = -1
         """How many episodes have begun since the last seed, before this one."""
         self._state: EnvState | None = None
@@ -216,7 +213,14 @@ class IntegEnv(gym.Env[Observation, Any]):
         self.status_code = info["solver_status"]
         info["solver_status"] = STATUS_NAMES[self.status_code]
         if terminated and self._terminated:
-            reward = self._reward_after_the_end()
+            if not self._warned:
+                gym.logger.warn(
+                    "the episode has terminated; call reset(), further steps pay the least of a "
+                    "step"
+                )
+            self._warned, setup = True, self.setup
+            period = setup.timing.control_period
+            reward = float(setup.task.worst_return(SCALAR, 1, period, top_speed(setup)))
         self._terminated = self._terminated or terminated
         if self.render_mode == "human":
             self.render()
@@ -247,17 +251,6 @@ class IntegEnv(gym.Env[Observation, Any]):
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None
-
-    def _reward_after_the_end(self) -> float:
-        """The least that a step can pay; the first time with a warning."""
-        if not self._warned:
-            self._warned = True
-            gym.logger.warn(
-                "the episode has terminated; call reset(), further steps pay the least of a step"
-            )
-        setup = self.setup
-        period = setup.timing.control_period
-        return float(setup.task.worst_return(SCALAR, 1, period, top_speed(setup)))
 
     def _current(self) -> EnvState:
         if self._state is None:
@@ -401,12 +394,6 @@ def observation_space(setup: Setup) -> spaces.Box:
     limits = setup.task.observation_limits(setup.settings.max_speed)
     high = np.array([np.max(limit) for limit in limits], dtype=np.float32)
     return spaces.Box(-high, high, dtype=np.float32)
-
-
-def _interleaved(count: int) -> Callable[[Components], Components]:
-    """From (q0, q1, …, v0, v1, …) to state order."""
-    order = [place for k in range(count) for place in (k, count + k)]
-    return itemgetter(*order)
 
 
 _NO_ACTIONS = (str, bytes, bytearray, set, frozenset, dict)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from math import nan
-from typing import Any, Final, Literal, Protocol, cast
+from typing import Any, Final, Literal, cast
 
 import gymnasium as gym
 import numpy as np
@@ -491,33 +491,17 @@ _MAYBE_UNKNOWN = (
 )
 
 
-class Lane(Protocol):
-    """What an environment tells beside what Gymnasium asks, to be one of such a vector.
-
-    Attributes:
-        setup: timing, names and units, for evidence.
-        state_components: the true state, SI units.
-        final_state: the same, before the last reset.
-        status_code: the solver's status in the last control step.
-        final_status: the same, before the last reset.
-        fresh: whether no step has been taken since the last reset.
-    """
-
-    setup: Any
-    state_components: tuple[float, ...]
-    final_state: tuple[float, ...]
-    status_code: int
-    final_status: int
-    fresh: bool
-
-
 class SequentialVectorEnv(SyncVectorEnv[Any, Any], DiscretizedVectorEnv):
     """Environments of one kind, advanced one after the other.
 
-    What one leaves out of ``info`` because it is not known is NaN here, and masked.
+    What one leaves out of ``info`` because it is not known is NaN here, and masked. Each has a
+    ``setup`` (timing, names and units, for evidence), ``state_components`` (the true state, SI
+    units), ``status_code`` (the solver's, of the last control step), both as they were before the
+    last reset in ``final_state`` and ``final_status``, and ``fresh``: whether no step has been
+    taken since the last reset. :class:`StatedEnv` is one.
 
     Args:
-        make: makes one of them, which is a :class:`Lane`.
+        make: makes one of them.
         num_envs: how many.
         autoreset_mode: an `AutoresetMode` or its value.
     """
@@ -529,7 +513,7 @@ class SequentialVectorEnv(SyncVectorEnv[Any, Any], DiscretizedVectorEnv):
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
     ) -> None:
         super().__init__([make] * num_envs, autoreset_mode=autoreset_mode)
-        self._tasks = cast("list[Lane]", self.envs)
+        self._tasks: list[Any] = list(self.envs)
         self.spec = self.envs[0].spec
         self.mixture = Mixture((self._tasks[0].setup,))
         self.setups = self.mixture.setups
@@ -549,12 +533,8 @@ class SequentialVectorEnv(SyncVectorEnv[Any, Any], DiscretizedVectorEnv):
     def status_codes(self) -> npt.NDArray[np.int64]:  # type: ignore[override]
         """See :class:`DiscretizedVectorEnv`."""
         same_step = self.autoreset_mode is AutoresetMode.SAME_STEP
-        return np.array(
-            [
-                task.final_status if same_step and task.fresh else task.status_code
-                for task in self._tasks
-            ]
-        )
+        codes = [t.final_status if same_step and t.fresh else t.status_code for t in self._tasks]
+        return np.array(codes)
 
     @property
     def final_state(self) -> npt.NDArray[np.float64]:  # type: ignore[override]

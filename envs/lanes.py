@@ -222,22 +222,17 @@ class LaneInfo:
             info: of all lanes.
             mask: lanes that are told about; one array for all keys.
         """
-        words = self._words(info["solver_status"])
+        codes, names = info["solver_status"], tuple(info)
+        if codes.flags.writeable:
+            words = _WORDS[codes]
+        else:
+            words = self._one_for_all("solver_status", STATUS_NAMES[codes[0]], str)
         if mask is not self.everyone:
             words = np.where(mask, words, _UNTOLD)
-        return {**info, "solver_status": words, **self._masks(tuple(info), mask)}
-
-    def _masks(self, names: tuple[str, ...], mask: Array) -> Info:
-        if mask is not self.everyone:
-            return dict.fromkeys(_mask_names(names), mask)
+            return {**info, "solver_status": words, **dict.fromkeys(_mask_names(names), mask)}
         if names not in self._masks_of_everyone:
             self._masks_of_everyone[names] = dict.fromkeys(_mask_names(names), mask)
-        return self._masks_of_everyone[names]
-
-    def _words(self, codes: Array) -> Array:
-        if codes.flags.writeable:
-            return _WORDS[codes]
-        return self._one_for_all("solver_status", STATUS_NAMES[codes[0]], str)
+        return {**info, "solver_status": words, **self._masks_of_everyone[names]}
 
     def _one_for_all(self, name: str, value: Any, kind: type) -> Array:
         dtype = _DTYPES[kind]

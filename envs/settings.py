@@ -295,14 +295,14 @@ class Setup:
 
     def __getstate__(self) -> dict[str, Any]:
         """Without a simulator, which is made anew of the rest."""
-        kept = self.engine if self.settings.engine == NATIVE else type(self.engine)
-        return {**vars(self), "engine": kept}
+        engine = self.engine if self.settings.engine == NATIVE else type(self.engine)
+        return {**vars(self), "engine": engine}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)
         if isinstance(self.engine, type):
-            made = _engine(self.engine, self.system, self.settings, self.timing)
-            vars(self)["engine"] = made
+            engine = self.engine(self.system, self.settings.integrator, self.timing.dt)
+            vars(self)["engine"] = engine
 
     @property
     def fingerprinted(self) -> str:
@@ -357,11 +357,12 @@ class Setup:
             timing: rates.
             max_speed: clip on every velocity, rad/s or m/s, or None.
         """
-        system = _system(plant, self.settings, max_speed)
+        system = PlantSystem(plant, max_speed, self.settings.contact == "engine")
         if self.engine.batched:
             engine = self.engine.at(system, timing.dt)
         else:
-            engine = _engine(type(self.engine), system, self.settings, timing)
+            kind: Any = type(self.engine)
+            engine = kind(system, self.settings.integrator, timing.dt)
         return replace(self, plant=plant, task=task, timing=timing, system=system, engine=engine)
 
 
@@ -393,7 +394,9 @@ def build_setup(
                 f"{suggestion(name, names)}"
             )
     values = {
-        name: value.item() if isinstance(value, np.generic) or _is_scalar(value) else value
+        name: value.item()
+        if isinstance(value, np.generic | np.ndarray) and not value.ndim
+        else value
         for name, value in {**defaults, **arguments}.items()
     }
     given = _parse(Settings, values)
@@ -411,28 +414,14 @@ def build_setup(
         raise InputError(
             f"`contact`='engine' needs stops, and this {the_plant.name} has none; give its limit"
         )
-    system = _system(the_plant, settings, settings.max_speed)
+    system = PlantSystem(the_plant, settings.max_speed, settings.contact == "engine")
     engine = make_engine(settings.engine, system, settings.integrator, timing.dt)
     return Setup(settings, timing, the_plant, _parse(task, values), system, engine)
 
 
 def _timing(settings: Settings) -> Timing:
-    return Timing.of(
-        settings.dt,
-        settings.control_period,
-        settings.action_latency,
-        settings.sensor_period,
-        settings.duration,
-    )
-
-
-def _is_scalar(value: Any) -> bool:
-    return isinstance(value, np.ndarray) and value.ndim == 0
-
-
-def _engine(kind: type[Any], system: PlantSystem, settings: Settings, timing: Timing) -> Engine:
-    engine: Engine = kind(system, settings.integrator, timing.dt)
-    return engine
+    names = ("dt", "control_period", "action_latency", "sensor_period", "duration")
+    return Timing.of(*(getattr(settings, name) for name in names))
 
 
 def _parse(owner: type[Any], values: Mapping[str, Any]) -> Any:
@@ -455,10 +444,6 @@ def _as_float(value: Any) -> Any:
     if isinstance(value, np.ndarray):
         return value.astype(np.float64)
     return float(value) if isinstance(value, int) and not isinstance(value, bool) else value
-
-
-def _system(plant: Plant, settings: Settings, max_speed: Component | None) -> PlantSystem:
-    return PlantSystem(plant, max_speed, engine_stops=settings.contact == "engine")
 
 
 WEIGHT = "weight"

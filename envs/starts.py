@@ -352,7 +352,7 @@ class _Ready:
             array.reshape(len(array) // size, size, *array.shape[1:])
             for array in (self._numbers, self._table, self._fine)
         )
-        _, prepared, fine_ones = self._prepare(_in_a_row(numbers[banks]))
+        _, prepared, fine_ones = self._prepare(numbers[banks].reshape(-1, numbers.shape[2]))
         table[banks] = prepared.reshape(len(banks), *table.shape[1:])
         fine[banks] = fine_ones.reshape(len(banks), size)
         self._all_fine = bool(self._fine.all())
@@ -373,12 +373,6 @@ class _Ready:
 def _starts_of(setup: Setup, numbers: Array, options: Mapping[str, Any]) -> Array:
     """Starts in state order, shape (starts, n), of uniform numbers, shape (starts, size)."""
     return rows_of(draw_with(setup, GivenNumbers(iter(numbers.T)), options), len(numbers))
-
-
-def _in_a_row(numbers: Array) -> Array:
-    """Numbers of the starts of all banks, bank by bank."""
-    banks, starts, size = numbers.shape
-    return numbers.reshape(banks * starts, size)
 
 
 def _distinct(tree: Any) -> tuple[list[Array], list[Component]]:

@@ -157,7 +157,10 @@ NEAR_UPRIGHT = 0.2
 
 @dataclass(frozen=True)
 class PendulumSwingUp(BoxTask):
-    """Reward rate -(θ² + 0.1 θ̇² + 0.001 τ²) / 0.05 s with θ wrapped, as in ``Pendulum-v1``."""
+    """Swing a torque-limited pendulum up and keep it there.
+
+    Reward rate -(θ² + 0.1 θ̇² + 0.001 τ²) / 0.05 s with θ wrapped, as in ``Pendulum-v1``.
+    """
 
     max_torque: float = parameter(2.0, "N m", "torque limit of the motor", positive)
 
@@ -229,7 +232,10 @@ def wrap_angle(ops: Ops, angle: Component) -> Component:
 
 @dataclass(frozen=True)
 class CartPoleBalance:
-    """Reward rate 1 / 0.02 s while the pole stands, as in ``CartPole-v1``."""
+    """Keep the pole of a cart-pole upright.
+
+    Reward rate 1 / 0.02 s while the pole stands, as in ``CartPole-v1``.
+    """
 
     force_mag: float = parameter(10.0, "N", "magnitude of the force", positive)
     x_threshold: float = parameter(2.4, "m", "the episode ends beyond ±`x_threshold`", positive)
@@ -307,8 +313,11 @@ class CartPoleBalance:
 
 @dataclass(frozen=True)
 class CartPoleSwingUp(BoxTask):
-    """Reward rate up to 1 / 0.02 s, the more the higher the pole, the nearer to the middle and the
-    smaller the force."""
+    """Swing the pole of a cart-pole up on a bounded track and keep it there.
+
+    Reward rate up to 1 / 0.02 s, the more the higher the pole, the nearer to the middle and the
+    smaller the force.
+    """
 
     max_force: float = parameter(10.0, "N", "force limit of the motor", positive)
     track_limit: float = parameter(2.4, "m", "stops at ±`track_limit`", positive)
@@ -375,7 +384,10 @@ SWING_TIME = 0.3
 
 @dataclass(frozen=True)
 class ElasticPendulumQuiet(BoxTask):
-    """Reward rate up to 1 / 0.02 s, the more the nearer the bob is to rest below its pivot."""
+    """Bring the swinging bob of an elastic pendulum to rest.
+
+    Reward rate up to 1 / 0.02 s, the more the nearer the bob is to rest below its pivot.
+    """
 
     max_force: float = parameter(2.0, "N", "limit of the horizontal force", positive)
 

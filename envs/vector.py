@@ -288,10 +288,10 @@ class IntegVectorEnv(DiscretizedVectorEnv):
     def _seed(self, seed: int | Sequence[int | None] | None, mask: Array) -> None:
         seeds = lane_seeds(seed, self.num_envs)
         if not self._rngs:
-            made = [seeding.np_random(s) for s in seeds]
-            self._rngs = [rng for rng, _ in made]
-            self._seeds = [int(s) for _, s in made]
-            self._starts = self._starts_ahead()
+            pairs = [seeding.np_random(s) for s in seeds]
+            self._rngs, self._seeds = [rng for rng, _ in pairs], [int(s) for _, s in pairs]
+            size = numbers_per_start(self.setup)  # starts are drawn ahead where they are uniform
+            self._starts = None if size is None else LaneStarts(self.setup, self._rngs, size)
             return
         for lane in np.flatnonzero(mask).tolist():
             if seeds[lane] is not None:
@@ -299,11 +299,6 @@ class IntegVectorEnv(DiscretizedVectorEnv):
                 self._rngs[lane], self._seeds[lane] = seeding.np_random(seeds[lane])
                 if self._starts is not None:
                     self._starts.forget(lane)
-
-    def _starts_ahead(self) -> LaneStarts | None:
-        """Starts drawn ahead, where they are made of uniform numbers."""
-        size = numbers_per_start(self.setup)
-        return None if size is None else LaneStarts(self.setup, self._rngs, size)
 
     def _reset_mask(self, mask: Any) -> Array:
         if mask is None:
@@ -349,7 +344,10 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         """The same after a step, whose arrays and observation, without noise, are written into."""
         if self._starts is None or self._lanes_differ or self.mixed:
             self._begin(lanes, {}, info)
-            self._look_anew(observation, lanes)
+            state, task = self._current(), self._for_lanes(self.setup, lanes).task
+            q, v = take(state.sensed_q, lanes), take(state.sensed_v, lanes)
+            for column, values in enumerate(task.observe(ARRAY, q, v)):
+                observation[lanes, column] = values
             return
         self._count_episodes(lanes, {})
         step = self._steps[0]
@@ -460,13 +458,6 @@ class IntegVectorEnv(DiscretizedVectorEnv):
     def _table(self, observed: Components) -> Array:
         """Observations as float32, shape (num_envs, n)."""
         return rows_of(observed, self.num_envs, np.float32)
-
-    def _look_anew(self, observation: Array, lanes: Array) -> None:
-        """Fill in the observations, without noise, of lanes that have just been reset."""
-        state, task = self._current(), self._for_lanes(self.setup, lanes).task
-        q, v = take(state.sensed_q, lanes), take(state.sensed_v, lanes)
-        for column, values in enumerate(task.observe(ARRAY, q, v)):
-            observation[lanes, column] = values
 
     def _with_noise(self, observation: Array, sampled: Array) -> Array:
         """Observations with noise, drawn anew where the sensor has just sampled."""

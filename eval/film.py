@@ -80,7 +80,7 @@ def parse_discretization(asked: Asked, like: Discretization, env_id: str) -> Dis
 
 def arguments_on(cell: Discretization, arguments: Mapping[str, Any]) -> dict[str, Any]:
     """Constructor arguments of an environment on another discretization."""
-    return Cell(cell, "grid").arguments(arguments)
+    return Cell.of(cell, "grid").arguments(arguments)
 
 
 def check_filmed(env_id: str) -> None:

@@ -13,7 +13,8 @@ import numpy as np
 from integ_gym.envs.environment import environment_setup
 from integ_gym.envs.registries import TRUTH
 from integ_gym.envs.settings import DISCRETIZATION, Discretization
-from integ_gym.evidence.record import EvidenceRecord, told_perturbation, told_training
+from integ_gym.evidence.record import EvidenceRecord
+from integ_gym.evidence.schema import parse_field
 from integ_gym.evidence.store import EvidenceStore, open_run
 from integ_gym.support.errors import InputError
 from integ_gym.support.optional import require
@@ -171,7 +172,7 @@ def watch(
         cells = (parse_discretization(one, own, record["env_id"]) for one in asked)
         return list(dict.fromkeys(cells))
 
-    trained = told_training(record.fields) or []
+    trained = parse_field("training_discretization", record["training_discretization"]) or []
     homes = parse([trained] if isinstance(trained, dict) else trained)
     cells = parse(on or ((*homes, own, TRUTH) if record["policy_hash"] else (own,)))
     twins = _twins(record, own, store)
@@ -181,7 +182,7 @@ def watch(
     for cell in cells:  # what cannot be is refused before any episode is played
         environment_setup(record["env_id"], arguments_on(cell, record.arguments()))
     episodes = [_episode(cell, record, twins.get(cell), policy, on_doubt) for cell in cells]
-    changed = told_perturbation(record.fields) or {}
+    changed = parse_field("perturbation", record["perturbation"]) or {}
     start = [f"start {record['episode_index']}", *(f"{k} {value}" for k, value in changed.items())]
     seed = record["training_seed"]
     note = describe_episodes(record["policy_id"], homes, seed, episodes, ", ".join(start))

@@ -28,7 +28,7 @@ _MODULES = {
     "DiscretizationCallback": "integ_gym.train.sb3_callback",
     "Engine": "integ_gym.envs.engines.stepping",
     "ENVIRONMENTS": "integ_gym.envs.registries",
-    "EpisodeContext": "integ_gym.evidence.context",
+    "EpisodeContext": "integ_gym.evidence.labels",
     "evaluate": "integ_gym.eval.panel.existing",
     "EvidenceStore": "integ_gym.evidence.store",
     "GymTestbed": "integ_gym.envs.testbeds.gym_testbed",

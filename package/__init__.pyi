@@ -21,7 +21,7 @@ from integ_gym.eval.panel.existing import evaluate as evaluate
 from integ_gym.eval.panel.result import read_panel as read_panel
 from integ_gym.eval.panel.run import run_panel as run_panel
 from integ_gym.eval.watch import side_by_side as side_by_side
-from integ_gym.evidence.context import EpisodeContext as EpisodeContext
+from integ_gym.evidence.labels import EpisodeContext as EpisodeContext
 from integ_gym.evidence.recorder import RecordEvidence as RecordEvidence
 from integ_gym.evidence.store import EvidenceStore as EvidenceStore
 from integ_gym.evidence.vector_recorder import (

@@ -301,10 +301,13 @@ class WorkBar:
             self._terminal = console.is_terminal and not console.is_dumb_terminal
             columns = ("{task.description}", rich.BarColumn(24), "{task.fields[words]}")
             self._progress = rich.Progress(
-                *columns, console=console, auto_refresh=False, disable=not self._terminal
+                *columns,
+                console=console,
+                auto_refresh=False,
+                redirect_stdout=False,  # which may go somewhere else
+                disable=not self._terminal,
             )
             self._task = self._progress.add_task(label, total=total or 1.0, words="")
-            self._progress.start()
 
     def __enter__(self) -> Self:
         return self
@@ -340,9 +343,9 @@ class WorkBar:
 
     def fill(self) -> None:
         """Show that the work is done."""
-        self._filled = True
-        self.update(self.total - self.n)
+        self.n, self._filled = self.total, True
         if self._progress is not None:
+            self._progress.update(self._task, completed=self.n)
             self._draw(at_once=True)
 
     def close(self) -> None:
@@ -362,11 +365,11 @@ class WorkBar:
         parts = [f"{self._shown / (self.total or 1.0):.0%}"]
         if self.unit:
             parts.append(f"{self._shown:,.0f} of {self.total:,.0f}{self.unit}")
-        parts.append(f"{_clock(task.elapsed or 0.0)} so far")
+        parts.append(f"{seconds(round(task.elapsed or 0.0))} so far")
         if not self._filled and self.n > MOST_BEFORE_END * self.total:
             parts.append("nearly done")
         elif not self._filled and task.time_remaining is not None:
-            parts.append(f"about {_clock(task.time_remaining)} left")
+            parts.append(f"about {seconds(round(task.time_remaining))} left")
         return ", ".join([*parts, self._phase] if self._phase else parts)
 
     def _draw(self, at_once: bool = False) -> None:
@@ -375,16 +378,11 @@ class WorkBar:
             return
         self._drawn = now
         if self._terminal:
+            self._progress.start()  # nothing, once it is
             self._progress.update(self._task, words=self._words())
             self._progress.refresh()
         else:
             print(f"{self.label}: {self._words()}", file=sys.stderr, flush=True)
-
-
-def _clock(duration: float) -> str:
-    minutes, rest = divmod(int(duration), 60)
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours}:{minutes:02}:{rest:02}" if hours else f"{minutes}:{rest:02}"
 
 
 INTERRUPTED = 130

@@ -196,5 +196,5 @@ def _config(owner: type[TrainingConfig], given: dict[str, Any]) -> TrainingConfi
     arguments = {f.name: given.pop(f.name) for f in _ENV_FIELDS if f.name in given}
     flags = {name: _flag(name) for name in arguments}
     arguments.update(by_name(given.pop("env_arg"), "--env-arg", flags))
-    env_id = given.pop("env_id", owner.env_id)
+    env_id = given.pop("env_id", "IntegPendulum-v0")
     return owner.of(env_id, env_arguments=arguments, **given)

@@ -180,10 +180,6 @@ def _sigmoid(x: FloatArray) -> FloatArray:
     return numerator / (1.0 + decay)
 
 
-def _elu(x: FloatArray) -> FloatArray:
-    return np.where(x > 0, x, np.expm1(np.minimum(x, 0.0)))
-
-
 def _selu(x: FloatArray) -> FloatArray:
     alpha, scale = 1.6732632423543772, 1.0507009873554805
     unscaled: FloatArray = np.where(x > 0, x, alpha * np.expm1(np.minimum(x, 0.0)))
@@ -211,7 +207,7 @@ ACTIVATIONS: dict[str, Callable[[FloatArray], FloatArray]] = {
     "ReLU": lambda x: np.maximum(x, 0.0),
     "ReLU6": lambda x: np.clip(x, 0.0, 6.0),
     "LeakyReLU": lambda x: np.where(x > 0, x, 0.01 * x),
-    "ELU": _elu,
+    "ELU": lambda x: np.where(x > 0, x, np.expm1(np.minimum(x, 0.0))),
     "SELU": _selu,
     "SiLU": lambda x: x * _sigmoid(x),
     "GELU": _gelu,

@@ -49,6 +49,7 @@ from integ_gym.train.config import (
     translate_training_errors,
     whole,
 )
+from integ_gym.train.policy import ACTIVATIONS
 from integ_gym.train.policy_files.card import (
     episode_summary,
     format_episode_stats,
@@ -56,8 +57,6 @@ from integ_gym.train.policy_files.card import (
     mixture_of,
 )
 from integ_gym.train.policy_files.sidecar import TrainedPolicy, write_policy
-
-from .policy import ACTIVATIONS
 
 # ---------------------------------------------------------------------------------- hyperparameters
 
@@ -233,7 +232,7 @@ def train_run(
             model = make_model(config, scaled, mixture.setups[0].timing.control_period)
             episodes.seed(config.first_lane_seed)
             logs = folder / "tensorboard"
-            outputs = [TensorBoardOutputFormat(str(logs))] if tensorboard else []
+            outputs: list[Any] = [TensorBoardOutputFormat(str(logs))] if tensorboard else []
             model.set_logger(Logger(str(logs) if tensorboard else None, outputs))
             start = time.perf_counter()
             with translate_training_errors(config, mixture):

@@ -25,8 +25,7 @@ from integ_gym.train.config import (
     layer_sizes,
     whole,
 )
-
-from .policy import ACTIVATIONS
+from integ_gym.train.policy import ACTIVATIONS
 
 
 @dataclass(frozen=True)

@@ -42,7 +42,7 @@ class PybulletEngine(RigidBodyEngine):
 
     def build(self) -> None:
         """Load the model into a world of its own."""
-        bullet = load_undisturbed("pybullet", "pybullet", banner="pybullet build time")
+        bullet = load_undisturbed("pybullet", "pybullet")
         self._bullet = bullet
         self._client = client = _connect(bullet)
         weakref.finalize(self, bullet.disconnect, client)

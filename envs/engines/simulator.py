@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import os
 import sys
-import tempfile
 import warnings
 from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext, redirect_stderr, redirect_stdout
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from functools import cache
 from math import hypot, nan
 from typing import Any, ClassVar
@@ -219,21 +218,24 @@ def is_astray(values: Sequence[float]) -> bool:
     return not hypot(*values) < ASTRAY
 
 
-def load_undisturbed(module: str, extra: str, banner: str | None = None) -> Any:
+def load_undisturbed(module: str, extra: str) -> Any:
     """Import a module as :func:`load` does; its first import leaves no trace but the module.
 
-    Environment variables stay as they were, warnings of the import are not shown, and lines of
-    standard error that begin with ``banner`` are left out.
+    Environment variables stay as they were; what the import writes and warns of is not shown.
 
     Raises:
         ModuleNotFoundError: if its package is not installed.
     """
     if module in sys.modules:
         return load(module, extra)
-    heard = nullcontext() if banner is None else _standard_error_without(banner.encode())
-    with _same_environment(), warnings.catch_warnings(), heard:
-        warnings.simplefilter("ignore")
-        return load(module, extra)
+    before = dict(os.environ)
+    try:
+        with silence_output():
+            return load(module, extra)
+    finally:
+        for name in os.environ.keys() - before.keys():
+            del os.environ[name]
+        os.environ.update(before)
 
 
 @contextmanager
@@ -244,7 +246,7 @@ def silence_output() -> Iterator[None]:
     """
     with (
         open(os.devnull, "w", encoding="utf-8") as nothing,
-        _written_to(nothing.fileno(), 1, 2),
+        _redirect(nothing.fileno(), 1, 2),
         redirect_stdout(nothing),
         redirect_stderr(nothing),
         warnings.catch_warnings(),
@@ -254,32 +256,7 @@ def silence_output() -> Iterator[None]:
 
 
 @contextmanager
-def _same_environment() -> Iterator[None]:
-    before = dict(os.environ)
-    try:
-        yield
-    finally:
-        for name in os.environ.keys() - before.keys():
-            del os.environ[name]
-        os.environ.update(before)
-
-
-@contextmanager
-def _standard_error_without(banner: bytes) -> Iterator[None]:
-    """Hold back what is written to file descriptor 2; then pass on all lines but the banner."""
-    with tempfile.TemporaryFile() as held:
-        try:
-            with _written_to(held.fileno(), 2):
-                yield
-        finally:
-            held.seek(0)
-            for line in held:
-                if not line.startswith(banner):
-                    os.write(2, line)
-
-
-@contextmanager
-def _written_to(target: int, *streams: int) -> Iterator[None]:
+def _redirect(target: int, *streams: int) -> Iterator[None]:
     """Let one file descriptor stand for others of the process."""
     sys.stdout.flush()
     sys.stderr.flush()

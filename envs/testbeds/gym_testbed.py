@@ -176,7 +176,7 @@ class SequentialTestbed:
         return
 
     def lane(self, discretization: Discretization, arguments: dict[str, Any]) -> gym.Env[Any, Any]:
-        """One environment, a :class:`~integ_gym.envs.foreign.Lane`.
+        """One environment, as :class:`~integ_gym.envs.foreign.SequentialVectorEnv` takes it.
 
         Args:
             discretization: on this engine.

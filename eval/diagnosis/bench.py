@@ -20,7 +20,7 @@ from integ_gym.envs.plants.interface import state_names, state_units
 from integ_gym.envs.registries import PLANTS
 from integ_gym.envs.tasks import BoxTask
 from integ_gym.envs.vector import IntegVectorEnv
-from integ_gym.evidence.context import EpisodeContext
+from integ_gym.evidence.labels import EpisodeContext
 from integ_gym.evidence.recorder import RecordEvidence
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.evidence.vector_recorder import RecordVectorEvidence

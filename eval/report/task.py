@@ -55,8 +55,7 @@ def describe_task(panel: Panel) -> Task | None:
             ("decisions", decisions.format(setup.timing.control_period)),
             ("episode", f"{duration}, start: {setup.settings.start}"),
         ]
-        module = inspect.getmodule(type(setup.task))
-        lead = (inspect.getdoc(module) or setup.task.goal).splitlines()[0]
+        lead = (inspect.getdoc(type(setup.task)) or setup.task.goal).splitlines()[0]
         return Task(lead, facts, _scene(setup))
     if env_id not in gym.registry:
         return None

@@ -137,6 +137,7 @@ def _rows(found: Check) -> Iterator[tuple[str, ...]]:
         told = f"{name} ({cell.name})" if name == "home" else name or cell.name
         lost = ("", "")
         if cell.loss is not None:
-            ends = f"{cell.loss.low:z.2f} to {cell.loss.high:z.2f}"
+            low, high = cell.loss.ends
+            ends = f"{low:z.2f} to {high:z.2f}"
             lost = (f"{cell.loss.estimate:z.2f}", ends)
         yield (told, fixed(cell.success), fixed(cell.recovered), *lost)

@@ -17,7 +17,7 @@ from integ_gym.envs.functional import FunctionalEnv, Params
 from integ_gym.envs.ops.jax_ops import jax, jnp
 from integ_gym.envs.ops.ops import Components, join_state
 from integ_gym.envs.transition import EnvState, Outcome, reset_info, step_info
-from integ_gym.evidence.record import Layout
+from integ_gym.evidence.episodes import Layout
 
 from .learning import (
     Adam,

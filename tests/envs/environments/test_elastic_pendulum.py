@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import cos, pi, sin
+from math import cos, pi, sin, sqrt
 
 import gymnasium as gym
 import numpy as np
@@ -12,6 +12,31 @@ from checks import POINT
 from integ_gym.envs.engines.stepping import NativeEngine, PlantSystem
 from integ_gym.envs.ops.ops import SCALAR
 from integ_gym.envs.plants.elastic_pendulum import ElasticPendulum
+
+STIFF = ElasticPendulum(stiffness=1000.0)
+BOUNCE = sqrt(STIFF.stiffness / STIFF.mass)
+LIMITS = {"symplectic_euler": 2.0, "stormer_verlet": 2.0, "rk4": 2.0 * sqrt(2.0)}
+"""Largest stable product of step and frequency."""
+
+
+def _bounce(integrator: str, product: float, steps: int = 400):
+    """Motion after a small vertical bounce in steps of ``product`` over the bounce's frequency."""
+    engine = NativeEngine(PlantSystem(STIFF), integrator, product / BOUNCE)
+    return engine.advance(SCALAR, (0.0, 1e-3), (0.0, 0.0), ((0.0, steps),), None)
+
+
+@pytest.mark.parametrize("integrator", LIMITS)
+def test_explicit_methods_blow_up_beyond_their_limit(integrator):
+    limit = LIMITS[integrator]
+    held, lost = _bounce(integrator, 0.98 * limit), _bounce(integrator, 1.02 * limit)
+    assert held.finite
+    assert abs(held.q[1]) < 0.02
+    assert not lost.finite or abs(lost.q[1]) > 1.0
+
+
+def test_explicit_euler_has_no_limit():
+    motion = _bounce("explicit_euler", 0.2, 600)
+    assert abs(motion.q[1]) > 0.5
 
 
 @pytest.mark.parametrize(

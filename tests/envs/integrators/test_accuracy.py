@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from math import pi
+from pathlib import Path
+from time import process_time
 
 import gymnasium as gym
 import numpy as np
@@ -12,11 +15,14 @@ from motions import DRIVEN_PLANTS, STARTS
 from stated import stated
 
 import integ_gym
+from integ_gym.envs.engines.stepping import NativeEngine, PlantSystem
 from integ_gym.envs.numerics.accuracy import slope
 from integ_gym.envs.numerics.energy import ledger
 from integ_gym.envs.numerics.identity import declared
-from integ_gym.envs.ops.ops import join_state
+from integ_gym.envs.numerics.stepping import fastest_rate
+from integ_gym.envs.ops.ops import SCALAR, join_state
 from integ_gym.envs.plants.pendulum import Pendulum
+from integ_gym.envs.registries import PLANTS
 
 PERIOD = 0.05
 CONTROLS = np.random.default_rng(3).uniform(-2.0, 2.0, 200)
@@ -56,6 +62,69 @@ def test_reference_agrees_with_dop853(plant, spin):
     assert np.abs(np.array([found.work_j, found.losses_j]) - terms).max() < 1e-10
 
 
+class Counting(PlantSystem):
+    """Counts evaluations of the equations of motion."""
+
+    evaluations = 0
+
+    def rates(self, *arguments):
+        self.evaluations += 1
+        return super().rates(*arguments)
+
+
+STAGES = 12
+"""Evaluations of one inner step of the reference: those of its method, and none besides."""
+
+
+@pytest.mark.parametrize("plant", DRIVEN_PLANTS)
+def test_reference_takes_one_inner_step_where_that_is_enough(plant):
+    """Beside one step of RK4: 12 evaluations for 4, and in time no more than 20 of its steps."""
+    q, v = STARTS[plant]
+    period = 0.05 / fastest_rate(DRIVEN_PLANTS[plant], join_state(q, v))
+    evaluations, seconds = {}, {}
+    for integrator in ("rk4", "reference"):
+        system = Counting(DRIVEN_PLANTS[plant])
+        engine = NativeEngine(system, integrator, period)
+        motion = engine.advance(SCALAR, q, v, ((1.7, 1),), None)
+        evaluations[integrator] = system.evaluations
+        seconds[integrator] = min(_seconds(engine, q, v) for _ in range(7))
+    assert motion.iterations == 1
+    assert evaluations == {"rk4": 4, "reference": STAGES}
+    assert seconds["reference"] <= 20.0 * seconds["rk4"]
+
+
+def _seconds(engine, q, v) -> float:
+    """Processor time of 40 steps."""
+    start = process_time()
+    for _ in range(40):
+        engine.advance(SCALAR, q, v, ((1.7, 1),), None)
+    return process_time() - start
+
+
+COSTS = re.findall(
+    r"^\| `(\w+)`, q = \((.*?)\), v = \((.*?)\) \| (\S+) s \| (\d+) \| (\d+) \|",
+    (Path(__file__).parents[3] / "docs" / "explanation" / "verification.md").read_text(
+        encoding="utf-8"
+    ),
+    re.MULTILINE,
+)
+
+
+def test_costs_are_stated_for_every_plant():
+    assert {plant for plant, *_ in COSTS} == set(PLANTS.names())
+
+
+@pytest.mark.parametrize(("plant", "q", "v", "period", "inner", "evaluations"), COSTS)
+def test_inner_steps_of_the_reference_are_as_stated(plant, q, v, period, inner, evaluations):
+    """The table of docs/explanation/verification.md: control periods of the environments' own."""
+    system = Counting(PLANTS.load(plant)())
+    engine = NativeEngine(system, "reference", float(period))
+    q, v = (tuple(float(x) for x in values.split(",")) for values in (q, v))
+    motion = engine.advance(SCALAR, q, v, ((0.5, 1),), None)
+    assert motion.iterations == int(inner)
+    assert system.evaluations == int(evaluations) == STAGES * int(inner)
+
+
 @pytest.mark.parametrize(
     ("integrator", "coarse", "fine"),
     [
@@ -89,6 +158,23 @@ def test_reference_residual_with_damping_drive_and_fast_spin(env_id):
         assert abs(info["energy_residual"]) < 1e-9
         assert info["solver_status"] == "ok"
     assert info["energy"] > 0.0
+
+
+def test_ledger_terms_agree_with_an_independent_integral():
+    """Work and dissipation in `info` over 200 control periods against `solve_ivp`, in each."""
+    env = gym.make(
+        "IntegPendulum-v0", integrator="rk4", dt=0.0125, control_period=PERIOD, damping=0.4,
+        duration=11.0,
+    )  # fmt: skip
+    plant = env.unwrapped.setup.plant
+    env.reset(options={"state": (pi - 1.0, 4.0)})
+    for torque in CONTROLS:
+        before = env.unwrapped.state
+        *_, info = env.step(np.array([torque]))
+        _, (work, dissipated) = solved(plant, before, PERIOD, float(torque))
+        assert info["actuator_work"] == pytest.approx(work, abs=1e-6)
+        assert info["dissipated"] == pytest.approx(dissipated, abs=1e-6)
+        assert abs(info["energy_residual"]) < 1e-6
 
 
 @pytest.mark.parametrize("integrator", ["rk4", "symplectic_euler", "reference"])

@@ -12,6 +12,7 @@ from checks import (
     APPROXIMATE,
     LINEAR_MAPS,
     NEWTON,
+    POINT,
     ROD,
     check_ledger,
     check_linear_map,
@@ -34,6 +35,7 @@ from integ_gym.envs.numerics.accuracy import (
 )
 from integ_gym.envs.numerics.stepping import advance, linear_map, stability_limit
 from integ_gym.envs.plants.cart_pole import CartPole
+from integ_gym.envs.plants.elastic_pendulum import ElasticPendulum
 from integ_gym.envs.registries import INTEGRATORS
 
 CART_POLE_STATE = (0.1, 0.3, 2.0, 3.0)
@@ -173,6 +175,11 @@ def test_reversibility(integrator):
     check_reversibility(integrator)
 
 
+def test_symplectic_euler_does_not_come_back():
+    defect = reversibility_errors("symplectic_euler", POINT, (math.pi / 2, 0.0), 0.05).max()
+    assert defect == stated("0.337")
+
+
 @pytest.mark.parametrize("integrator", ["stormer_verlet", "implicit_midpoint"])
 def test_reversible_on_the_cart_pole_too(integrator):
     start = (0.0, 0.0, math.pi - 0.5, 0.0)
@@ -253,3 +260,19 @@ def test_solver_at_its_cap(integrator, monkeypatch):
 @pytest.mark.parametrize("integrator", APPROXIMATE)
 def test_ledger(integrator, plant):
     check_ledger(integrator, plant)
+
+
+@pytest.mark.parametrize(
+    ("integrator", "defect"),
+    [
+        ("symplectic_euler", "1.058"),
+        ("stormer_verlet", "0.117"),
+        ("implicit_midpoint", "1.64e-3"),
+    ],
+)
+def test_polar_coordinates_spoil_canonicity(integrator, defect):
+    """The elastic pendulum passes in Cartesian coordinates and fails in polar ones."""
+    polar = symplecticity_defect(integrator, PolarElasticPendulum(), POLAR_STATE, 0.05)
+    assert polar == stated(defect)
+    cartesian = symplecticity_defect(integrator, ElasticPendulum(), (0.3, 0.5, 0.1, 2.0), 0.02)
+    assert cartesian < 1e-11

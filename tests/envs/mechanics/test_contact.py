@@ -17,6 +17,7 @@ from scipy.optimize import brentq
 
 from integ_gym.envs.engines.stepping import NativeEngine, PlantSystem
 from integ_gym.envs.mechanics import Stops
+from integ_gym.envs.numerics.energy import ledger
 from integ_gym.envs.numerics.identity import declared
 from integ_gym.envs.ops.jax_ops import JaxOps
 from integ_gym.envs.ops.ops import ARRAY, SCALAR
@@ -169,6 +170,34 @@ def test_reference_sees_a_grazing_touch(depth, when):
     np.testing.assert_allclose(got, truth, rtol=0, atol=1e-9)
 
 
+def _bounces(integrator: str, substeps: int) -> tuple[np.ndarray, float]:
+    """States and Σ|residual| after 1 s between soft stops, from 8 places; shape (2, 8) and J."""
+    plant = Pendulum(gravity=0.0, joint_limit=0.5, stop_stiffness=20.0, stop_damping=0.3)
+    system = PlantSystem(plant)
+    engine = NativeEngine(system, integrator, 0.05 / substeps)
+    q, v, residual = (np.linspace(-0.4, 0.4, 8),), (np.full(8, 2.0),), 0.0
+    for _ in range(20):
+        before = system.energy(ARRAY, q, v)
+        motion = engine.advance(ARRAY, q, v, ((0.0, substeps),), None)
+        q, v = motion.q, motion.v
+        change = system.energy(ARRAY, q, v) - before
+        residual += float(np.abs(change + sum(motion.losses)).sum())
+    return np.array([*q, *v]), residual
+
+
+@pytest.mark.parametrize("integrator", [name for name in ALL if name != "reference"])
+def test_contact_converges_as_far_as_it_is_smooth(integrator):
+    """The force has a kink, so no method is better than order 2 across it."""
+    order = 1 if integrator.endswith("euler") else 2
+    truth, exactly = _bounces("reference", 1)
+    assert exactly < 1e-9
+    runs = [_bounces(integrator, n) for n in (8, 16, 32, 64)]
+    errors = [float(np.abs(state - truth).sum()) for state, _ in runs]
+    residuals = [residual for _, residual in runs]
+    for values in (errors, residuals):
+        assert values[-1] < values[0] / 2 ** (3 * (order - 0.3))
+
+
 @pytest.mark.parametrize(
     ("case", "integrator"),
     [*(("pendulum", name) for name in ALL), ("cart_pole", "rk4"), ("cart_pole", "implicit_euler")],
@@ -259,9 +288,52 @@ def test_impossible_stops_and_friction_are_refused(env_id, arguments, message):
         gym.make(env_id, **arguments)
 
 
+@pytest.mark.parametrize(
+    ("integrator", "left", "made_up"),
+    [
+        ("explicit_euler", (2.69, 7.58), (21.61, 31.66)),
+        ("symplectic_euler", (1.19, 4.48), (1.50, 10.63)),
+        ("implicit_midpoint", (1.55, 1.74), (-0.01, 0.63)),
+        ("stormer_verlet", (1.29, 1.71), (-0.89, 0.24)),
+        ("reference", (1.44, 1.44), (0.0, 0.0)),
+        ("rk4", (1.38, 1.52), (-0.06, 0.43)),
+        ("implicit_euler", (0.47, 0.52), (-3.38, -3.10)),
+    ],
+)
+def test_energy_that_a_rebound_leaves(integrator, left, made_up):
+    """The table of docs/reference/environments.md: touched at 25 places within a step."""
+    starts = np.tile([2.33, 3.0, pi, 0.0], (25, 1))
+    starts[:, 0] -= 3.0 * 0.02 * np.arange(25) / 25
+    env = gym.make_vec("IntegCartPoleSwingUp-v0", num_envs=25, integrator=integrator)
+    _, info = env.reset(options={"state": starts})
+    np.testing.assert_allclose(info["energy"], 4.95)
+    residual = np.zeros(25)
+    for _ in range(10):
+        *_, info = env.step(np.zeros((25, 1)))
+        residual += info["energy_residual"]
+    assert (info["energy"].min(), info["energy"].max()) == pytest.approx(left, abs=0.006)
+    assert (residual.min(), residual.max()) == pytest.approx(made_up, abs=0.006)
+
+
 DRIVEN = CartPole(
     damping=0.02, cart_damping=0.4, track_limit=0.3, stop_stiffness=500.0, stop_damping=0.5
 )
+CONTROLS = np.random.default_rng(4).uniform(-8.0, 8.0, 30)
+START = (0.0, 3.0, pi - 0.3, 0.0)
+"""Thrown from stop to stop by random controls."""
+
+
+def test_the_reference_books_contact_as_an_independent_integral_does():
+    state, touched = START, 0
+    for control in CONTROLS:
+        truth = exact(DRIVEN, state[0::2], state[1::2], control, 0.05)
+        found = ledger("reference", DRIVEN, state, [control], 0.05, 1)
+        state = tuple(truth[[0, 2, 1, 3]])
+        np.testing.assert_allclose(found.state, state, rtol=0, atol=1e-8)
+        assert found.losses_j == pytest.approx(truth[4] + truth[5], abs=1e-8)
+        assert found.total_residual_j < 1e-9
+        touched += truth[5] > 1e-6
+    assert touched > 3
 
 
 def _driven(integrator: str, substeps: int) -> dict[str, np.ndarray]:

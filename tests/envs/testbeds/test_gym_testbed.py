@@ -18,7 +18,7 @@ from integ_gym.envs.foreign import Repeated, StatedEnv, time_limit, wrappers_of
 from integ_gym.envs.settings import Discretization
 from integ_gym.envs.testbeds.gym_testbed import CLASSIC, GymTestbed
 from integ_gym.envs.testbeds.making import find_testbed, make_checked
-from integ_gym.evidence.context import EpisodeContext
+from integ_gym.evidence.labels import EpisodeContext
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.evidence.vector_recorder import RecordVectorEvidence
 

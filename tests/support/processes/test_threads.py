@@ -49,7 +49,7 @@ def test_no_item_is_lost_where_threads_end_in_between():
     """The main thread ends while another goes on: the second item can be given to no thread."""
     program = """
 import threading
-from integ_gym.support.processes import ahead
+from integ_gym.support.processes import prefetch
 
 def use():
     following = ahead(iter(range(4)))

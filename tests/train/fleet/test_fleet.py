@@ -22,7 +22,7 @@ from stable_baselines3.common.logger import Logger
 
 from integ_gym.envs.environment import environment_setup
 from integ_gym.envs.registries import ENVIRONMENTS
-from integ_gym.evidence.context import EpisodeContext
+from integ_gym.evidence.labels import EpisodeContext
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.train.command import training_command as main
 from integ_gym.train.config import TrainingEvidence
@@ -43,14 +43,9 @@ from integ_gym.train.fleet.learning import (
 )
 from integ_gym.train.fleet.planning import kind_of
 from integ_gym.train.fleet.program import FleetProgram
-from integ_gym.train.fleet.training import (
-    train_chunk,
-    train_fleet,
-    train_in_stages,
-    write_outcome,
-)
+from integ_gym.train.fleet.training import train_chunk, train_fleet, train_in_stages, write_outcome
 from integ_gym.train.policy import ACTIVATIONS as POLICY_ACTIVATIONS
-from integ_gym.train.policy_files.limits import PolicyFileError
+from integ_gym.train.policy_files.card import PolicyFileError
 from integ_gym.train.policy_files.safetensors_file import FORMAT, read_safetensors
 from integ_gym.train.policy_files.sidecar import read_trained
 from integ_gym.train.ppo import make_training_envs, model_arguments

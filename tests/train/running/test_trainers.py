@@ -18,7 +18,7 @@ from small_ppo import FLAGS, SMALL, files_of, looked_on, trained
 
 import integ_gym
 from integ_gym.envs.rediscretized import rediscretize
-from integ_gym.evidence.context import EpisodeContext
+from integ_gym.evidence.labels import EpisodeContext
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.train.config import TrainingError, TrainingEvidence
 from integ_gym.train.fleet.training import train_fleet

@@ -13,12 +13,8 @@ from small_ppo import FLAGS, SMALL, WRITTEN, Recorder, files_of, looked_on, trai
 
 from integ_gym.train.command import training_command as main
 from integ_gym.train.policy_files import sidecar
-from integ_gym.train.policy_files.card import hashed
-from integ_gym.train.policy_files.limits import PolicyFileError
-from integ_gym.train.policy_files.sidecar import (
-    TrainedPolicy,
-    read_trained,
-)
+from integ_gym.train.policy_files.card import PolicyFileError, hashed
+from integ_gym.train.policy_files.sidecar import TrainedPolicy, read_trained
 
 torch = pytest.importorskip("torch")
 sb3 = pytest.importorskip("stable_baselines3")

@@ -22,7 +22,7 @@ def _setup(env_id="IntegPendulum-v0", **arguments):
 @pytest.fixture
 def bullet():
     needs("pybullet")
-    return load_undisturbed("pybullet", "pybullet", banner="pybullet build time")
+    return load_undisturbed("pybullet", "pybullet")
 
 
 def test_the_stop_is_bullets_own_law(bullet):

@@ -18,8 +18,8 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
 from integ_gym.cli import main
-from integ_gym.evidence.context import EpisodeContext
-from integ_gym.evidence.exchange.exporting import EXPORT_FORMATS, TEXT_FORMATS, export
+from integ_gym.evidence.exporting import EXPORT_FORMATS, TEXT_FORMATS, export
+from integ_gym.evidence.labels import EpisodeContext
 from integ_gym.evidence.parquet_file import parts
 from integ_gym.evidence.recorder import RecordEvidence
 from integ_gym.evidence.schema import EvidenceError
@@ -177,8 +177,8 @@ def test_nothing_is_replaced_and_nothing_half_written(run, form, tmp_path, monke
         yield from list(parts(*read))[:1]
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("integ_gym.evidence.exchange.selection.parts", broken)
-    monkeypatch.setattr("integ_gym.evidence.exchange.selection.read", lambda *x, **y: 1 // 0)
+    monkeypatch.setattr("integ_gym.evidence.selection.parts", broken)
+    monkeypatch.setattr("integ_gym.evidence.selection.read", lambda *x, **y: 1 // 0)
     with pytest.raises((KeyboardInterrupt, ZeroDivisionError)):
         export(run, form, out)
     assert list(tmp_path.iterdir()) == []
@@ -268,7 +268,7 @@ STRANGE = {
 
 
 @pytest.mark.parametrize(("actions", "taken"), STRANGE.values(), ids=STRANGE)
-def test_minari_gets_a_stranger_s_actions_as_they_were(actions, taken, tmp_path, monkeypatch):
+def test_minari_gets_foreign_actions_as_they_were(actions, taken, tmp_path, monkeypatch):
     run = _counted(actions, taken, tmp_path / "run")
     export(run, "minari", tmp_path / "out")
     (path,) = (tmp_path / "out").glob("*/*/data")

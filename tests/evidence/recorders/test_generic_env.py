@@ -11,9 +11,9 @@ import pytest
 from engine_cases import needs
 from gymnasium import spaces
 
-from integ_gym.evidence.context import EpisodeContext
+from integ_gym.evidence.labels import EpisodeContext
 from integ_gym.evidence.recomputing import recompute
-from integ_gym.evidence.recorder import RecordEvidence, Stranger
+from integ_gym.evidence.recorder import GenericEnv, RecordEvidence
 from integ_gym.evidence.replaying import replay
 from integ_gym.evidence.schema import json_schema
 from integ_gym.evidence.store import EvidenceStore
@@ -30,7 +30,7 @@ STOCK = ("CartPole-v1", "Pendulum-v1", "Taxi-v4", "Blackjack-v1", "Acrobot-v1")
 
 
 class Odd(gym.Env):
-    """A stranger's environment with spaces and arguments of all kinds."""
+    """An environment with spaces and arguments of all kinds."""
 
     observation_space = spaces.Dict(
         {"image": spaces.Box(0, 255, (2, 2, 3), np.uint8), "mode": spaces.Discrete(3)}
@@ -74,7 +74,7 @@ def _check(records, tmp_path, *wrappers):
         assert said["known"] is False
         assert said["wrappers"][: len(wrappers)] == list(wrappers)
         assert record["failure_label"] == "unattributed"
-        assert "not known" in record["failure_reason"]
+        assert "not known" in record.reason
         jsonschema.validate(json.loads(record.to_json()), json_schema())
         assert list(recompute(record, "file")) == []
     store = EvidenceStore(tmp_path)
@@ -107,7 +107,7 @@ def test_wrappers_are_listed_and_their_view_is_recorded(tmp_path):
     assert (records[0]["reward"] == 2.0).all()
 
 
-def test_a_strangers_environment_of_odd_spaces(tmp_path):
+def test_an_environment_of_odd_spaces(tmp_path):
     records = _record(Odd(), tmp_path)
     _check(records, tmp_path)
     assert records[0]["env_id"] == "Odd"
@@ -141,4 +141,4 @@ def test_all_kinds_stand_in_one_store(tmp_path, play):
 
 def test_the_limit_of_a_class_made_directly_is_read_from_its_wrapper():
     env = gym.wrappers.TimeLimit(gym.envs.classic_control.CartPoleEnv(), 12)
-    assert Stranger(env).setup.timing.horizon == 12
+    assert GenericEnv(env).setup.timing.horizon == 12

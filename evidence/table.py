@@ -1,30 +1,105 @@
-"""Episodes as columns: the logs of several lanes, one after the other."""
+"""Episodes as a table of records: columns of what is known of them, their labels and traces."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from .attribution import ReplayLookups, SetupOfLane, attributed
-from .context import EpisodeContext
-from .episode_log import Array, EpisodeHeads, EpisodeLog, Episodes
-from .fields import SUMMARY_FIELDS, Field
-from .hashing import with_hashes
-from .record import Layout
+from integ_gym.envs.settings import DISCRETIZATION, Setup
+from integ_gym.envs.transition import STATUS_NAMES
+
+from .episodes import Array, EpisodeLog, Episodes, Layout
+from .fields import SUMMARY_FIELDS, Field, staleness
+from .labels import EpisodeContext, EpisodeFacts, Replays, failure_label
 from .schema import arrow_schema, arrow_type, pyarrow
 
+SetupOfLane = tuple[Setup, int]
 
-def record_table(
-    log: EpisodeLog,
-    env_id: str,
+
+ReplayLookup = Replays | Mapping[int, Replays]
+
+
+ReplayLookups = ReplayLookup | Sequence[ReplayLookup]
+"""What replays said, for all episodes or by episode index; or such for each context."""
+
+
+_NOT_RUN = Replays()
+
+_COURSE = {
+    "episode_return": "return",
+    **{name: name for name in ("success", "time", "solver_status", "saturated_share")},
+    **{name: name for name in ("goal_reached", "goal_left", "goal_since")},
+}
+"""Facts of :class:`EpisodeFacts` that are summaries, to the summaries' names."""
+
+_CIRCUMSTANCES = {
+    field.name: field.origin.value
+    for field in SUMMARY_FIELDS
+    if field.origin is not None and field.name in (*DISCRETIZATION, "observation_noise")
+}
+"""What labels look at that is the same in all episodes of a setup."""
+
+
+def _attribute(
+    contexts: Sequence[EpisodeContext],
+    episodes: Episodes,
     setups: Sequence[SetupOfLane],
-    replays: ReplayLookups | None = None,
-) -> Any:
-    """The records of a log's episodes; see :func:`unhashed_table`."""
-    return with_hashes(unhashed_table(log, env_id, setups, replays))
+    replays: ReplayLookups | None,
+) -> dict[str, list[Any]]:
+    """Label, reason and what they rest on, by field name; of equal episodes they are found once."""
+    lookups: Sequence[ReplayLookup] = [context.replays for context in contexts]
+    if replays is not None:
+        alone = isinstance(replays, Replays | Mapping)
+        lookups = [replays] * len(contexts) if alone else replays  # type: ignore[list-item,assignment]
+    heads = episodes.heads
+    own = {
+        place: {name: value(*setups[place]) for name, value in _CIRCUMSTANCES.items()}
+        for place in set(heads.setup)
+    }
+    courses = {fact: _values(episodes.summary[name]) for fact, name in _COURSE.items()}
+    bits, rows = _bits(episodes), []
+    homes: dict[Any, tuple[Replays, Replays]] = {}  # what was said, kept so that its id stays
+    known: dict[Any, dict[str, Any]] = {}
+    cases = zip(heads.context, heads.index, heads.setup, strict=True)
+    for episode, (context, index, place) in enumerate(cases):
+        lookup = lookups[context]
+        said = lookup if isinstance(lookup, Replays) else lookup.get(index, _NOT_RUN)
+        case = context, place, id(said)
+        same = bits[episode], case
+        if same not in known:
+            if case not in homes:
+                home = contexts[context].home(own[place]) if said.home is None else said.home
+                homes[case] = said, replace(said, home=home)
+            said = homes[case][1]
+            course = {fact: values[episode] for fact, values in courses.items()}
+            course["solver_status"] = STATUS_NAMES[course["solver_status"]]
+            facts = EpisodeFacts(
+                **course,
+                observation_noise=own[place]["observation_noise"],
+                staleness=staleness(setups[place][0]),
+                homes=len(contexts[context].homes),
+            )
+            known[same] = {**failure_label(facts, said).columns(), **said.columns()}
+        rows.append(known[same])
+    return {name: [row[name] for row in rows] for name in rows[0]}
+
+
+def _values(column: Array) -> list[Any]:
+    """Python values; None for what is not finite."""
+    values: list[Any] = column.tolist()
+    if column.dtype.kind != "f" or np.isfinite(column).all():
+        return values
+    return [x if y else None for x, y in zip(values, np.isfinite(column).tolist(), strict=True)]
+
+
+def _bits(episodes: Episodes) -> list[bytes]:
+    """The courses of the episodes, of which those that are alike to the last bit are equal."""
+    table = np.array([episodes.summary[name] for name in _COURSE.values()], dtype=np.float64)
+    rows: list[bytes] = table.T.copy().view(f"V{table.itemsize * len(table)}").ravel().tolist()
+    return rows
 
 
 def unhashed_table(
@@ -47,30 +122,23 @@ def unhashed_table(
     """
     pa = pyarrow()
     episodes, fields = log.episodes(), log.layout.fields
-    width = setups[0][0].engine.width
-    contexts = [replace(c, float_width=_narrower(c.float_width, width)) for c in log.contexts]
+    width, contexts = setups[0][0].engine.width, []
+    for context in log.contexts:
+        known = [bits for bits in (context.float_width, width) if bits is not None]
+        contexts.append(replace(context, float_width=min(known) if len(known) == 2 else None))
     columns = _summary_columns(contexts, episodes, setups)
     columns["env_id"] = pa.array([env_id] * len(episodes.heads))
     columns["content_hash"] = pa.array([""] * len(episodes.heads))
-    for name, values in attributed(contexts, episodes, setups, replays).items():
+    for name, values in _attribute(contexts, episodes, setups, replays).items():
         columns[name] = pa.array(values, arrow_type(_KINDS[name]))
     trace = _Trace(log.layout, episodes)
     arrays = [trace.column(field) if field.at else columns[field.name] for field in fields]
     table = pa.Table.from_arrays(arrays, schema=arrow_schema(fields, env_id))
-    return _in_order(table, episodes.heads)
+    order = np.lexsort((episodes.heads.index, episodes.heads.context))
+    return table if (np.diff(order) > 0).all() else table.take(order)
 
 
 _KINDS = {field.name: field.kind for field in SUMMARY_FIELDS}
-
-
-def _narrower(told: int | None, width: int | None) -> int | None:
-    """Bits of the numbers that were computed with; None where the engine's are not known."""
-    return None if told is None or width is None else min(told, width)
-
-
-def _in_order(table: Any, heads: EpisodeHeads) -> Any:
-    order = np.lexsort((heads.index, heads.context))
-    return table if (np.diff(order) > 0).all() else table.take(order)
 
 
 def _summary_columns(

@@ -6,10 +6,9 @@ import numpy as np
 import pyarrow as pa
 
 from integ_gym.envs.environment import environment_setup
-from integ_gym.evidence.context import EpisodeContext
-from integ_gym.evidence.episode_log import EpisodeHead, EpisodeHeads, EpisodeLog
-from integ_gym.evidence.episode_table import unhashed_table
-from integ_gym.evidence.record import Layout
+from integ_gym.evidence.episodes import EpisodeHead, EpisodeHeads, EpisodeLog, Layout
+from integ_gym.evidence.labels import EpisodeContext
+from integ_gym.evidence.table import unhashed_table
 
 
 def test_no_zero_is_negative():

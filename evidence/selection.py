@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import csv
 import json
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from pathlib import Path
 from typing import Any, TextIO
 
 import numpy as np
@@ -16,12 +16,17 @@ import numpy.typing as npt
 from integ_gym.envs.registries import ENVIRONMENTS
 from integ_gym.support.terminal import plural
 
-from ..episode_log import choices, told_setup
-from ..fields import SUMMARY_FIELDS
-from ..parquet_file import check_schema, parts, read
-from ..record import EvidenceRecord, records_of
-from ..schema import EvidenceError, described, is_trace, pyarrow
-from ..store import EvidenceStore
+from .episodes import choices, told_setup
+from .fields import SUMMARY_FIELDS
+from .parquet_file import check_schema, parts, read
+from .record import EvidenceRecord, records_of
+from .schema import (
+    EvidenceError,
+    described,
+    is_trace,
+    pyarrow,
+)
+from .store import EvidenceStore
 
 Array = npt.NDArray[Any]
 
@@ -113,39 +118,30 @@ class Selection:
 
     def distinct(self, column: str) -> list[Any]:
         """Values of a column, each once, in order."""
-        return sorted(set(self.values(column)), key=lambda x: (x is None, str(x)))
+        return sorted(set(self._values(column)), key=lambda x: (x is None, str(x)))
 
-    def values(self, *columns: str) -> list[Any]:
-        """Values of a column, or tuples of some, record by record."""
-        rows = self.store.query(f"SELECT record_id, {', '.join(columns)} FROM records").to_pylist()
-        told = [tuple(row.values())[1:] for row in rows if row["record_id"] in self.ids]
-        return [row[0] for row in told] if len(columns) == 1 else told
+    def _values(self, columns: str) -> list[Any]:
+        """Values of columns, record by record."""
+        rows = self.store.query(f"SELECT record_id, ({columns}) AS it FROM records").to_pylist()
+        return [row["it"] for row in rows if row["record_id"] in self.ids]
 
     @cached_property
     def columns(self) -> dict[str, dict[str, str]]:
         """What is said of each trace column that some record has, by name in their order."""
-        told = {
-            one.name: described(one)
-            for file in self._files()
-            for one in check_schema(file)
-            if is_trace(one.name)
-        }
+        told: dict[str, dict[str, str]] = {}
+        for file in self.store.files():
+            env_ids = read(file, columns=["env_id"]).column(0).unique().to_pylist()
+            if set(self.env_ids) & set(env_ids):
+                told |= {x.name: described(x) for x in check_schema(file) if is_trace(x.name)}
         counted = ", ".join(f'count("{name}") AS "{name}"' for name in told)
         known = self.store.query(f"SELECT {counted} FROM records").to_pylist()[0] if told else {}
         return {name: about for name, about in told.items() if known[name]}
 
-    def _files(self) -> list[Path]:
-        """The files that hold some of the records."""
-        wanted = set(self.env_ids)
-        return [f for f in self.store.files() if wanted & set(_env_ids(f))]
-
     def discretizations(self) -> list[dict[str, Any]]:
         """Engine, integrator, steps in s, and how many records have them."""
         names = ("engine", "integrator", "dt", "control_period")
-        counts: dict[str, int] = {}
-        for row in self.values(*names):
-            key = json.dumps(dict(zip(names, row, strict=True)))
-            counts[key] = counts.get(key, 0) + 1
+        packed = "{" + ", ".join(f"'{name}': {name}" for name in names) + "}"
+        counts = Counter(map(json.dumps, self._values(packed)))
         return [{**json.loads(key), "records": counts[key]} for key in sorted(counts)]
 
 
@@ -174,11 +170,6 @@ def select(store: EvidenceStore, where: str, *, traced: bool) -> Selection:
     left_out = {"without a trace": without} if without else {}
     ids = frozenset(row["record_id"] for row in chosen)
     return Selection(store, where, ids, tuple(sorted({row["env_id"] for row in chosen})), left_out)
-
-
-def _env_ids(file: Path) -> list[str]:
-    found: list[str] = read(file, columns=["env_id"]).column(0).unique().to_pylist()
-    return found
 
 
 NO_CHOICE = "in which the fallback acted, which is no action of the discrete set"
@@ -228,34 +219,23 @@ def column(record: EvidenceRecord, name: str, rows: int) -> Array:
     return np.full(rows, np.nan) if found is None else found.astype(np.float64)
 
 
-def is_discrete(env_id: str, arguments: str) -> bool:
-    """Whether actions are choices; False for environments that are not ours."""
-    return env_id in ENVIRONMENTS and told_setup(env_id, arguments).task.discrete is not None
-
-
 def actions_of(record: EvidenceRecord, controls: tuple[str, ...]) -> Array | None:
     """What was decided: float64 of shape (length, controls), or int64 of shape (length,).
 
-    None where the fallback acted in place of a choice.
+    None where the fallback acted in place of a choice of one of our environments.
     """
-    asked = stacked_steps(record, controls)
+    asked = stack(record, controls, len(record.trace["reward"]))
     fields = record.fields
-    if not is_discrete(fields["env_id"], fields["arguments"]):
+    if fields["env_id"] not in ENVIRONMENTS:
         return asked
-    chosen = choices(told_setup(fields["env_id"], fields["arguments"]).task, asked[:, 0])
+    task = told_setup(fields["env_id"], fields["arguments"]).task
+    if task.discrete is None:
+        return asked
+    chosen = choices(task, asked[:, 0])
     return None if np.isnan(chosen).any() else chosen.astype(np.int64)
 
 
-def stacked_steps(record: EvidenceRecord, names: tuple[str, ...]) -> Array:
-    """Columns of control steps side by side, float64 of shape (length, names)."""
-    return _stacked(record, names, len(record.trace["reward"]))
-
-
-def stacked_instants(record: EvidenceRecord, names: tuple[str, ...]) -> Array:
-    """Columns of control instants side by side, float64 of shape (length + 1, names)."""
-    return _stacked(record, names, len(record.trace["reward"]) + 1)
-
-
-def _stacked(record: EvidenceRecord, names: tuple[str, ...], rows: int) -> Array:
+def stack(record: EvidenceRecord, names: tuple[str, ...], rows: int) -> Array:
+    """Columns side by side, float64 of shape (rows, names)."""
     own = [column(record, name, rows) for name in names]
     return np.stack(own, axis=1) if own else np.empty((rows, 0))

@@ -16,8 +16,8 @@ from integ_gym.envs.registries import ENVIRONMENTS, TRUTH
 from integ_gym.envs.settings import NATIVE
 from integ_gym.support.optional import load
 
-from ..record import EvidenceRecord, argument_values, told_engine
-from ..schema import EvidenceError
+from .record import EvidenceRecord
+from .schema import EvidenceError, argument_values, parse_field
 from .selection import (
     NO_CHOICE,
     Columns,
@@ -25,7 +25,7 @@ from .selection import (
     actions_of,
     column,
     columns_of,
-    stacked_instants,
+    stack,
 )
 
 _minari = partial(load, "minari", "exchange")
@@ -58,7 +58,7 @@ def write_minari(chosen: Selection, folder: Path) -> int:
             continue
         number = storage.total_episodes
         storage.update_episodes([buffer])
-        storage.update_episode_metadata([_metadata(record)], [number])
+        storage.update_episode_metadata([{"integ_gym": record.summary()}], [number])
     del storage.get_size
     if not storage.total_episodes:
         raise EvidenceError(f"all records are episodes {NO_CHOICE}; export to another format")
@@ -85,20 +85,25 @@ def dataset_id(chosen: Selection) -> str:
 
 def _spaces(chosen: Selection, columns: Columns) -> tuple[Any, Any, Any]:
     """Spaces that hold all episodes, and the environment if it is the same for all."""
-    texts = chosen.distinct("arguments")
+    texts, of = chosen.distinct("arguments"), "engine_description"
     if chosen.env_id not in ENVIRONMENTS:
-        told = list(map(told_engine, chosen.distinct("engine_description")))
+        told = [parse_field(of, text) for text in chosen.distinct(of)]
         return (
             _stated("observation", told, columns.sensed, np.float32),
             _stated("action", told, columns.controls, np.float64),
             None,
         )
-    made = [_made(chosen.env_id, text) for text in texts]
+    solved = {"engine": NATIVE, "integrator": TRUTH}  # without code that a record names
+    made = [gym.make(chosen.env_id, **{**argument_values(text), **solved}) for text in texts]
     observations, actions = (
         _widest([getattr(env, f"{kind}_space") for env in made])
         for kind in ("observation", "action")
     )
-    return observations, actions, _spec(chosen.env_id, texts[0]) if len(texts) == 1 else None
+    if len(texts) > 1:
+        return observations, actions, None
+    spec = deepcopy(gym.spec(chosen.env_id))
+    spec.kwargs = {**spec.kwargs, **argument_values(texts[0])}
+    return observations, actions, spec
 
 
 def _stated(of: str, told: list[Any], names: tuple[str, ...], dtype: Any) -> Any:
@@ -129,18 +134,6 @@ def _stated(of: str, told: list[Any], names: tuple[str, ...], dtype: Any) -> Any
     return gym.spaces.Box(low, high, tuple(space["shape"]), kind.type)
 
 
-def _made(env_id: str, text: str) -> gym.Env[Any, Any]:
-    """An environment of these arguments, without code that a record names."""
-    given = {**argument_values(text), "engine": NATIVE, "integrator": TRUTH}
-    return gym.make(env_id, **given)
-
-
-def _spec(env_id: str, text: str) -> Any:
-    spec = deepcopy(gym.spec(env_id))
-    spec.kwargs = {**spec.kwargs, **argument_values(text)}
-    return spec
-
-
 def _widest(spaces: list[Any]) -> Any:
     first = spaces[0]
     if not isinstance(first, gym.spaces.Box):
@@ -166,7 +159,7 @@ def _episode(record: EvidenceRecord, columns: Columns, seen: Any, acted: Any) ->
         infos[name] = np.concatenate(([np.nan], column(record, name, length)))
     return load("minari.data_collector", "exchange").EpisodeBuffer(
         seed=fields["seed"] if record.first_of_seed else None,
-        observations=_values(seen, stacked_instants(record, columns.sensed)),
+        observations=_values(seen, stack(record, columns.sensed, length + 1)),
         actions=_values(acted, actions),
         rewards=record.trace["reward"].tolist(),
         terminations=(last & fields["terminated"]).tolist(),
@@ -178,7 +171,3 @@ def _episode(record: EvidenceRecord, columns: Columns, seen: Any, acted: Any) ->
 def _values(space: Any, numbers: Any) -> Any:
     """Values of a space, one below the other."""
     return numbers.reshape(len(numbers), *space.shape).astype(space.dtype)
-
-
-def _metadata(record: EvidenceRecord) -> dict[str, Any]:
-    return {"integ_gym": record.summary()}
