@@ -26,7 +26,7 @@ from damage import DAMAGES
 from forgery import FORGERIES
 from hostile import HOSTILE
 from interruption import INTERRUPTIONS
-from trials import Outcome, tried
+from trials import tried
 from victim import Victim, make_victim
 
 PACKAGES = ("integ-gym", "gymnasium", "numpy", "pyarrow", "duckdb", "torch")
@@ -63,12 +63,12 @@ def attacked(name: str, tries: int, seed: int, victim: Victim) -> dict[str, Any]
         "doubled": sum(one.doubled for one in outcomes),
         "accepted": sum(bool(one.accepted) for one in outcomes),
         "seconds": time.perf_counter() - start,
-        "details": [_detail(one) for one in outcomes if not one.held],
+        "details": [
+            f"{one.note}: {'; '.join((*one.failures, *one.accepted))}"[:500]
+            for one in outcomes
+            if not one.held
+        ],
     }
-
-
-def _detail(one: Outcome) -> str:
-    return f"{one.note}: {'; '.join((*one.failures, *one.accepted))}"[:500]
 
 
 COLUMNS = ("attack", "tries", "failures", "lost", "doubled", "accepted")

@@ -27,11 +27,11 @@ from tqdm import tqdm
 
 from integ_gym.envs.settings import Discretization
 from integ_gym.envs.testbeds.making import find_testbed
+from integ_gym.eval.panel.cells import Cell, environments_of
 from integ_gym.eval.panel.cells import Cell as Place
-from integ_gym.eval.panel.cells import environments_of
-from integ_gym.eval.panel.result import FILE_NAME, Cell, Panel, Row, read_panel
+from integ_gym.eval.panel.result import FILE_NAME, Panel, Row, read_panel
 from integ_gym.evidence.store import EvidenceStore
-from integ_gym.train.called_policy import PolicyStack
+from integ_gym.train.policy import PolicyStack
 from integ_gym.train.policy_files.sidecar import read_trained, readable_file
 
 Array = npt.NDArray[np.float64]
@@ -79,7 +79,11 @@ def spectral_radii(panel: Panel, directory: Path, row: Row, cell: Cell) -> Array
 def _fixed_points(advanced: Callable[[Array], Array], seeds: int) -> tuple[Array, Array, Array]:
     """Fixed points (seeds, 2) of the maps, their Jacobians (seeds, 2, 2), what they miss by."""
     offsets = STEP * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]], dtype=np.float64)
-    state = _settled(advanced, seeds)
+    states = np.zeros((seeds, 5, 2))
+    for _ in range(SETTLING):  # to where loops come to rest that are let go upright
+        states = advanced(states)
+    near = np.isfinite(states[:, 0]).all(axis=1) & (np.abs(states[:, 0, 0]) < GOAL)
+    state = np.where(near[:, None], states[:, 0], 0.0)  # upright, of those that leave
     for _ in range(NEWTON):
         after = advanced(state[:, None] + offsets)
         columns = [(after[:, 2 * k + 1] - after[:, 2 * k + 2]) / (2 * STEP) for k in (0, 1)]
@@ -89,15 +93,6 @@ def _fixed_points(advanced: Callable[[Array], Array], seeds: int) -> tuple[Array
         inverse = np.linalg.pinv(np.eye(2) - jacobian)
         state = np.clip(state + np.einsum("nij,nj->ni", inverse, missed), -1.0, 1.0)
     return found, known, np.abs(missed).max(axis=1)
-
-
-def _settled(advanced: Callable[[Array], Array], seeds: int) -> Array:
-    """Where loops come to rest that are let go upright; upright, of those that leave."""
-    states = np.zeros((seeds, 5, 2))
-    for _ in range(SETTLING):
-        states = advanced(states)
-    near = np.isfinite(states[:, 0]).all(axis=1) & (np.abs(states[:, 0, 0]) < GOAL)
-    return np.where(near[:, None], states[:, 0], 0.0)
 
 
 def arrivals(directory: Path, cells: list[str], policies: list[str]) -> list[dict[str, Any]]:

@@ -27,9 +27,9 @@ from measuring.bare import LOOPS
 from measuring.rates import Advance, turns
 
 import integ_gym  # noqa: F401
-from integ_gym.envs.catalogue.lookup import environment_setup
-from integ_gym.envs.engines.interface import missing_modules
-from integ_gym.envs.plants.interface import split_state
+from integ_gym.envs.engines.stepping import missing_modules
+from integ_gym.envs.environment import environment_setup
+from integ_gym.envs.ops.ops import split_state
 from integ_gym.envs.registries import ENGINES
 from integ_gym.support.optional import missing_package
 

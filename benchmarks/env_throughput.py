@@ -22,7 +22,7 @@ from measuring import results
 from measuring.rates import envpool, rates, single, vector
 
 import integ_gym  # noqa: F401
-from integ_gym.evidence.context import EpisodeContext
+from integ_gym.evidence.labels import EpisodeContext
 from integ_gym.evidence.recorder import RecordEvidence
 from integ_gym.support.processes import cores
 

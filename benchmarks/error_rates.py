@@ -30,7 +30,7 @@ from integ_gym.eval.verdict import Achieved, Looks, Rates, split
 
 DRAWS = 4000
 HANDMADE_STARTS = 100
-SOLVED = Achieved("achievable", "It is solved.")
+SOLVED = Achieved("achievable")
 
 
 class Case(NamedTuple):
@@ -87,7 +87,12 @@ def _first(comparison: Comparison, count: int) -> Comparison:
     """The same with the first seeds alone."""
     rates = comparison.rates
     native = None if rates.native is None else rates.native[:count]
-    return Comparison(comparison.name, Rates(*rates.row[:, :count], native, rates.handmade), SOLVED)
+    return Comparison(
+        comparison.row,
+        comparison.cell,
+        Rates(*rates.row[:, :count], native, rates.handmade),
+        SOLVED,
+    )
 
 
 def measure(
@@ -97,7 +102,7 @@ def measure(
     verdicts, held, rate_held = [], [], []
     for _ in range(given.repeats):
         family = [
-            Comparison(str(k), rates_of(case, WORLDS[world], seeds, given.starts, rng), SOLVED)
+            Comparison(str(k), "j", rates_of(case, WORLDS[world], seeds, given.starts, rng), SOLVED)
             for k in range(given.family)
         ]
         looks = [count for count in given.looks if count < seeds]

@@ -38,8 +38,8 @@ from measuring import results
 from measuring.rates import TURN, single, vector
 
 import integ_gym  # noqa: F401
-from integ_gym.evidence.context import EpisodeContext
 from integ_gym.evidence.hashing import content_hashes
+from integ_gym.evidence.labels import EpisodeContext
 from integ_gym.evidence.parquet_file import write
 from integ_gym.evidence.recorder import RecordEvidence
 from integ_gym.evidence.schema import is_trace

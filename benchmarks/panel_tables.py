@@ -18,7 +18,8 @@ from typing import Any
 from measuring import results
 from measuring.results import interval, p_value
 
-from integ_gym.eval.panel.result import FILE_NAME, Estimate, Panel, read_panel
+from integ_gym.eval.panel.result import FILE_NAME, Panel, read_panel
+from integ_gym.eval.statistics import Estimate
 
 CELLS = {
     "explicit_euler dt=0.05": "explicit Euler 0.05",

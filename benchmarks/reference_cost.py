@@ -15,9 +15,8 @@ from typing import Any
 from bounds import print_judged
 from measuring import results
 
-from integ_gym.envs.engines.native import NativeEngine
-from integ_gym.envs.mechanics import PlantSystem
-from integ_gym.envs.ops.compiling import compiled
+from integ_gym.envs.engines.stepping import NativeEngine, PlantSystem
+from integ_gym.envs.ops.compiling import compile_trace
 from integ_gym.envs.ops.dialects import SCALARS
 from integ_gym.envs.ops.ops import Component, Components, Ops
 from integ_gym.envs.registries import PLANTS
@@ -52,7 +51,7 @@ def _period(system: PlantSystem, integrator: str, period: float) -> Callable[...
         return tuple(motion.q), tuple(motion.v), motion.iterations
 
     numbers = (False,) * n
-    return compiled(SCALARS, advance, numbers, numbers)
+    return compile_trace(SCALARS, advance, numbers, numbers)
 
 
 def _seconds(function: Callable[..., Any], q: Components, v: Components) -> float:

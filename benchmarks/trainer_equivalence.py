@@ -34,7 +34,7 @@ from scipy import stats
 import integ_gym  # noqa: F401
 from integ_gym.eval.panel.spec import built_in_spec
 from integ_gym.eval.statistics import iqm_interval, p_equivalent, rate_interval
-from integ_gym.evidence.context import EpisodeContext
+from integ_gym.evidence.labels import EpisodeContext
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.train.config import TrainingEvidence
 from integ_gym.train.fleet.training import train_fleet
@@ -95,29 +95,19 @@ class Group:
     seconds: float
 
 
-def configs_of(case: str, seeds: range, steps: int | None) -> list[PPOConfig]:
-    """The runs, one per seed; ``steps`` replaces their decisions."""
-    env_id, overrides = CASES[case]
-    if steps is not None:
-        overrides = {**overrides, "total_steps": steps}
-    return [PPOConfig.of(env_id, seed=seed, **overrides) for seed in seeds]
-
-
-def evidence_of(config: PPOConfig, folder: Path) -> TrainingEvidence:
-    """Where a run's training episodes go."""
-    name = f"seed{config.seed}"
-    context = EpisodeContext("equivalence", name, phase="training", trace_every=10_000)
-    return TrainingEvidence(folder / "evidence", name, context)
-
-
 def run(trainer: str, configs: list[PPOConfig], folder: Path) -> Group:
     """Train and evaluate all runs of one trainer."""
     start = time.perf_counter()
     outs = [folder / f"seed{config.seed}" for config in configs]
     train = partial(train_ppo, tensorboard=False) if trainer == "sb3" else train_fleet
-    train(configs, outs, evidence=[evidence_of(c, folder) for c in configs])
+    contexts = [
+        EpisodeContext("equivalence", out.name, phase="training", trace_every=10_000)
+        for out in outs
+    ]
+    evidence = [TrainingEvidence(folder / "evidence", one.cell, one) for one in contexts]
+    train(configs, outs, evidence=evidence)
     seconds = time.perf_counter() - start
-    played = [evaluate(folder / f"seed{config.seed}" / "policy.zip") for config in configs]
+    played = [evaluate(out / "policy.zip") for out in outs]
     returns, successes = (np.array(x) for x in zip(*played, strict=True))
     return Group(returns, successes, learning_curves(folder / "evidence", configs), seconds)
 
@@ -177,8 +167,10 @@ def compare(case: str, sb3: Group, fleet: Group) -> dict[str, Any]:
     failed = {name: int((g.successes.mean(1) < FAILED).sum()) for name, g in groups.items()}
     p_values["failed seeds alike"] = difference(failed["sb3"], failed["fleet"], len(sb3.returns))
     counts = " and ".join(f"{count} ({name})" for name, count in failed.items())
+    unlike = p_values["failed seeds alike"]
     print(
-        f"  seeds with success below {FAILED}: {counts}; {_unlike(p_values['failed seeds alike'])}"
+        f"  seeds with success below {FAILED}: {counts}; p = {unlike:.2g} (Fisher's exact test); "
+        f"{'they differ' if unlike < LEVEL else 'no difference shown'}"
     )
     return {
         "case": case,
@@ -195,11 +187,6 @@ def compare(case: str, sb3: Group, fleet: Group) -> dict[str, Any]:
 def difference(one: int, other: int, of: int) -> float:
     """P-value of two counts being of one rate, by Fisher's exact test."""
     return float(stats.fisher_exact([[one, of - one], [other, of - other]]).pvalue)
-
-
-def _unlike(p_value: float) -> str:
-    outcome = "they differ" if p_value < LEVEL else "no difference shown"
-    return f"p = {p_value:.2g} (Fisher's exact test); {outcome}"
 
 
 def equivalence(sb3: np.ndarray, fleet: np.ndarray, trim: float) -> float:
@@ -228,7 +215,9 @@ def main() -> None:
     found = []
     for case in given.only:
         seeds = range(given.first_seed, given.first_seed + given.seeds)
-        configs = configs_of(case, seeds, given.steps)
+        env_id, overrides = CASES[case]
+        steps = {} if given.steps is None else {"total_steps": given.steps}
+        configs = [PPOConfig.of(env_id, seed=seed, **{**overrides, **steps}) for seed in seeds]
         with tempfile.TemporaryDirectory() as folder:
             groups = [run(name, configs, Path(folder) / name) for name in ("sb3", "fleet")]
         found.append({**compare(case, *groups), "first_seed": given.first_seed})

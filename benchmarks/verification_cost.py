@@ -21,7 +21,7 @@ import gymnasium as gym
 from measuring import results
 
 from integ_gym.cli import main as run_command
-from integ_gym.evidence.context import EpisodeContext
+from integ_gym.evidence.labels import EpisodeContext
 from integ_gym.evidence.sealing import seal
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.evidence.vector_recorder import RecordVectorEvidence

@@ -1,52 +1,43 @@
-"""Controls at the bounds of what actuators can do."""
+"""The single environment, and the class and setup that an environment id stands for."""
 
 from __future__ import annotations
 
 import ctypes
+import importlib
 import math
+import re
 import sys
 from collections.abc import Callable, Mapping
 from copy import copy
+from functools import cache, partial
 from operator import itemgetter
 from types import FrameType
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Final
 
 import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 from gymnasium.envs import registration
-from gymnasium.envs.registration import EnvSpec
+from gymnasium.envs.registration import EnvSpec, load_env_creator
 
 from integ_gym.support.errors import InputError, InputTypeError
+from integ_gym.support.parameters import unknown_name
 
 from .lanes import Array
-from .ops.ops import SCALAR, Components
-from .plants.interface import split_state
-from .registries import PLANTS, TASKS
-from .settings import Setup, build_setup
-from .starts import (
-    NOISE,
-    check_starts,
-    checked_episodes,
-    draw_start,
-    stream_of_episode,
-)
-from .steps import (
-    WARM_UP,
-    ScalarStart,
-    ScalarStep,
-    plain_start,
-    plain_step,
-    traced_start,
-    traced_step,
-)
-from .tasks.interface import FLOAT32_ROUNDING
+from .ops.ops import SCALAR, Components, split_state
+from .registries import ENVIRONMENTS, PLANTS, TASKS
+from .settings import Mixture, Setup, build_setup, make_mixture
+from .starts import NOISE, check_starts, draw_start, parse_episodes, stream_of_episode
+from .steps import WARM_UP, trace_function
+from .tasks import FLOAT32_ROUNDING
 from .transition import (
     STATUS_NAMES,
     EnvState,
     quiet_status,
-    sensed,
+    scalar_start,
+    scalar_step,
+    sensed_state,
     top_speed,
 )
 
@@ -59,13 +50,9 @@ def at_bounds(control: Array, low: Array, high: Array) -> bool:
         low: least of each, infinite without a bound.
         high: most of each.
     """
-    below = low + FLOAT32_ROUNDING * _finite(low)
-    above = high - FLOAT32_ROUNDING * _finite(high)
+    sizes = [np.where(np.isfinite(end), np.abs(end), 0.0) for end in (low, high)]
+    below, above = low + FLOAT32_ROUNDING * sizes[0], high - FLOAT32_ROUNDING * sizes[1]
     return bool(((control <= below) | (control >= above)).any())
-
-
-def _finite(bound: Array) -> Array:
-    return np.where(np.isfinite(bound), np.abs(bound), 0.0)
 
 
 Observation = npt.NDArray[np.float32]
@@ -100,7 +87,7 @@ class IntegEnv(gym.Env[Observation, Any]):
                     f"`{name}` must be one value, got an array; give arrays to gym.make_vec"
                 )
         self.setup = make_setup(type(self), arguments)
-        self.render_mode = checked_render_mode(render_mode, self.metadata["render_modes"])
+        self.render_mode = check_render_mode(render_mode, self.metadata["render_modes"])
         self.metadata = {
             **type(self).metadata,
             "render_fps": frames_per_second(self.setup),
@@ -110,7 +97,8 @@ class IntegEnv(gym.Env[Observation, Any]):
         self._discrete = self.setup.task.discrete
         self._choices = {choice: float(choice) for choice in range(self._discrete or 0)}
         self._noise = self.setup.settings.observation_noise
-        self._in_order = _interleaved(len(self.setup.plant.coordinates))
+        count = len(self.setup.plant.coordinates)
+        self._in_order = itemgetter(*(place for k in range(count) for place in (k, count + k)))
         self.episode = -1
         """How many episodes have begun since the last seed, before this one."""
         self._state: EnvState | None = None
@@ -120,8 +108,8 @@ class IntegEnv(gym.Env[Observation, Any]):
         self.status_code = quiet_status(self.setup)
         """The solver's status in the last step, as a code of `STATUS_NAMES`."""
         self._spec: EnvSpec | None = None
-        self._start: ScalarStart = plain_start(self.setup)
-        self._step: ScalarStep = self._first_steps
+        self._start = partial(scalar_start, self.setup, SCALAR)
+        self._step: Callable[[EnvState, float], tuple[Any, ...]] = self._first_steps
         self._steps_to_trace = WARM_UP
         self._renderer: Any = None
 
@@ -135,7 +123,7 @@ class IntegEnv(gym.Env[Observation, Any]):
         makers = running_makers()
         if makers and makers[0] is sys._getframe(1):
             self.setup = _limited_in_make(self.setup, type(self), makers)
-        self._start, self._step = plain_start(self.setup), self._first_steps
+        self._start, self._step = partial(scalar_start, self.setup, SCALAR), self._first_steps
         self._spec = with_horizon(spec, self.setup)
 
     def __getstate__(self) -> dict[str, Any]:
@@ -146,7 +134,7 @@ class IntegEnv(gym.Env[Observation, Any]):
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
         self._renderer = None
-        self._start, self._step = plain_start(self.setup), self._first_steps
+        self._start, self._step = partial(scalar_start, self.setup, SCALAR), self._first_steps
         if self._steps_to_trace <= 0:
             self._trace()
 
@@ -188,7 +176,7 @@ class IntegEnv(gym.Env[Observation, Any]):
         options = options or {}
         self.episode = 0 if seed is not None else self.episode + 1
         if "episode" in options:
-            self.episode = int(checked_episodes(options["episode"], ()))
+            self.episode = int(parse_episodes(options["episode"], ()))
         q, v = split_state(draw_start(self.setup, self.np_random, options))
         if "state" not in options:
             q = self.setup.system.confined(SCALAR, q)
@@ -219,13 +207,20 @@ class IntegEnv(gym.Env[Observation, Any]):
         try:
             taken = self._step(before, control)
         except (ArithmeticError, ValueError):
-            taken = plain_step(self.setup)(before, control)
+            taken = scalar_step(self.setup, SCALAR, before, control)
         state, observation, reward, terminated, truncated, info, self._sampled = taken
         self._state, self._control = EnvState._make(state), info["control"]
         self.status_code = info["solver_status"]
         info["solver_status"] = STATUS_NAMES[self.status_code]
         if terminated and self._terminated:
-            reward = self._reward_after_the_end()
+            if not self._warned:
+                gym.logger.warn(
+                    "the episode has terminated; call reset(), further steps pay the least of a "
+                    "step"
+                )
+            self._warned, setup = True, self.setup
+            period = setup.timing.control_period
+            reward = float(setup.task.worst_return(SCALAR, 1, period, top_speed(setup)))
         self._terminated = self._terminated or terminated
         if self.render_mode == "human":
             self.render()
@@ -257,17 +252,6 @@ class IntegEnv(gym.Env[Observation, Any]):
             self._renderer.close()
             self._renderer = None
 
-    def _reward_after_the_end(self) -> float:
-        """The least that a step can pay; the first time with a warning."""
-        if not self._warned:
-            self._warned = True
-            gym.logger.warn(
-                "the episode has terminated; call reset(), further steps pay the least of a step"
-            )
-        setup = self.setup
-        period = setup.timing.control_period
-        return float(setup.task.worst_return(SCALAR, 1, period, top_speed(setup)))
-
     def _current(self) -> EnvState:
         if self._state is None:
             raise gym.error.ResetNeeded("call reset() before step(), state or render()")
@@ -286,12 +270,13 @@ class IntegEnv(gym.Env[Observation, Any]):
         self._steps_to_trace -= 1
         if self._steps_to_trace <= 0:
             self._trace()
-        return plain_step(self.setup)(state, action)
+        return scalar_step(self.setup, SCALAR, state, action)
 
     def _trace(self) -> None:
         """Go on by traced functions, where there are any."""
-        self._step = traced_step(self.setup) or plain_step(self.setup)
-        self._start = traced_start(self.setup) or plain_start(self.setup)
+        step, start = (trace_function(self.setup, f) for f in (scalar_step, scalar_start))
+        self._step = step or partial(scalar_step, self.setup, SCALAR)
+        self._start = start or partial(scalar_start, self.setup, SCALAR)
 
     def _observed(self, observation: Components) -> Observation:
         """The last sample, with any noise drawn for it, saturated at the space's bounds."""
@@ -301,7 +286,7 @@ class IntegEnv(gym.Env[Observation, Any]):
         if self._sampled:
             drawn = self._noise_stream.standard_normal(2 * len(state.q))
             self._sample_noise = tuple((self._noise * drawn).tolist())
-        q, v = sensed(state, self._sample_noise)
+        q, v = sensed_state(state, self._sample_noise)
         noisy = np.array(self.setup.task.observe(SCALAR, q, v), dtype=np.float32)
         return np.clip(noisy, self.observation_space.low, self.observation_space.high)  # type: ignore[attr-defined]
 
@@ -318,9 +303,9 @@ def with_horizon(spec: EnvSpec | None, setup: Setup) -> EnvSpec | None:
     """A copy of what Gymnasium says of an environment, with the decisions of an episode."""
     if spec is None:
         return None
-    told = copy(spec)
-    told.max_episode_steps = setup.timing.horizon
-    return told
+    spec = copy(spec)
+    spec.max_episode_steps = setup.timing.horizon
+    return spec
 
 
 def running_makers() -> list[FrameType]:
@@ -393,7 +378,7 @@ def frames_per_second(setup: Setup) -> int:
     return max(1, round(1.0 / setup.timing.control_period))
 
 
-def checked_render_mode(render_mode: str | None, modes: list[str]) -> str | None:
+def check_render_mode(render_mode: str | None, modes: list[str]) -> str | None:
     """``render_mode`` if it is one.
 
     Raises:
@@ -409,12 +394,6 @@ def observation_space(setup: Setup) -> spaces.Box:
     limits = setup.task.observation_limits(setup.settings.max_speed)
     high = np.array([np.max(limit) for limit in limits], dtype=np.float32)
     return spaces.Box(-high, high, dtype=np.float32)
-
-
-def _interleaved(count: int) -> Callable[[Components], Components]:
-    """From (q0, q1, …, v0, v1, …) to state order."""
-    order = [place for k in range(count) for place in (k, count + k)]
-    return itemgetter(*order)
 
 
 _NO_ACTIONS = (str, bytes, bytearray, set, frozenset, dict)
@@ -436,7 +415,7 @@ def box_action(action: Any) -> float:
         return math.inf
     except (TypeError, ValueError):
         raise InputError(
-            f"action must have shape (1,), got {shown(action)} of shape {np.shape(action)}"
+            f"action must have shape (1,), got {format_action(action)} of shape {np.shape(action)}"
         ) from None
 
 
@@ -454,13 +433,104 @@ def discrete_action(action: Any, count: int) -> float:
         return math.nan
     if value not in range(count):
         choices = ", ".join(map(str, range(count)))
-        raise InputError(f"action must be one of {choices}, got {shown(action)}")
+        raise InputError(f"action must be one of {choices}, got {format_action(action)}")
     return value
 
 
-def shown(action: Any) -> str:
+def format_action(action: Any) -> str:
     """An action as a message shows it: not in full where it is long."""
     try:
         return f"{action!r:.60}"
     except ValueError:  # a whole number of more digits than Python writes
         return "a number of thousands of digits"
+
+
+_OWN_ID = re.compile(r"(?P<module>[\w.]+):(?P<name>[\w/-]+-v\d+)")
+
+OWN_ENVIRONMENT: Final = 'your own IntegEnv as "module:Id-v0"'
+"""What is taken beside :data:`ENVIRONMENTS` where the equations of motion are needed."""
+
+OTHER_TESTBEDS: Final = (
+    "a task of Gymnasium's such as Acrobot-v1 or Hopper-v5, one of another library's such as "
+    'brax:ant, your own as "module:Id-v0", or a testbed of your own as "module:Class"'
+)
+"""What is taken beside :data:`ENVIRONMENTS` where any testbed is."""
+
+
+def is_integ_environment(env_id: str) -> bool:
+    """Whether an id is of an :class:`IntegEnv`: one of ours, or ``"my_task:Settle-v0"``.
+
+    Raises:
+        ValueError: if the module that such an id names cannot be imported, or registers no such id.
+    """
+    return env_id in ENVIRONMENTS or _own_class(env_id) is not None
+
+
+def environment_class(env_id: str) -> type[IntegEnv]:
+    """The single environment's class.
+
+    Args:
+        env_id: one of ours, or one that a module registers, in Gymnasium's notation
+            ``"module:Id-v0"``.
+
+    Raises:
+        ValueError: for an id that is of no :class:`IntegEnv`, with the valid ones.
+    """
+    if env_id in ENVIRONMENTS:
+        return load_env_creator(f"{ENVIRONMENTS[env_id]}Env")  # type: ignore[return-value]
+    own = _own_class(env_id)
+    if own is None:
+        if ":" not in env_id and env_id not in gym.registry:
+            unknown = unknown_name("environment", env_id, ENVIRONMENTS)
+            raise InputError(f"{unknown}, or {OWN_ENVIRONMENT}")
+        raise InputError(
+            f"{env_id!r} does not give its equations of motion, which are needed here; give "
+            f"{', '.join(sorted(ENVIRONMENTS))}, or {OWN_ENVIRONMENT}"
+        )
+    return own
+
+
+@cache
+def _own_class(env_id: str) -> type[IntegEnv] | None:
+    """The class of an id in Gymnasium's notation; None if it is none, or no :class:`IntegEnv`."""
+    named = _OWN_ID.fullmatch(env_id)
+    if named is None:
+        return None
+    module, name = named["module"], named["name"]
+    try:
+        importlib.import_module(module)
+    except Exception as error:  # whatever the user's module does while it is imported
+        raise InputError(
+            f"cannot import {module!r} of {env_id!r}: {type(error).__name__}: {error}; start where "
+            "its file lies, or put its folder on PYTHONPATH"
+        ) from error
+    if name not in gym.registry:
+        raise InputError(
+            f"{module!r} registers no environment {name!r}; call gymnasium.register in it"
+        )
+    entry = gym.registry[name].entry_point
+    owner = load_env_creator(entry) if isinstance(entry, str) else entry
+    return owner if isinstance(owner, type) and issubclass(owner, IntegEnv) else None
+
+
+def environment_setup(env_id: str, arguments: Mapping[str, Any]) -> Setup:
+    """Plant, task, timing and engine that an id and its constructor arguments stand for.
+
+    Raises:
+        TypeError, ValueError: for what the environment's constructor refuses.
+    """
+    return make_setup(environment_class(env_id), arguments)
+
+
+def environment_mixture(env_id: str, arguments: Mapping[str, Any]) -> Mixture:
+    """The discretizations that an id and the arguments of its vector environment stand for.
+
+    Args:
+        env_id: a registered id.
+        arguments: constructor arguments, ``mixture`` included or not.
+
+    Raises:
+        TypeError, ValueError: for what the environment's constructor refuses.
+    """
+    others = {name: value for name, value in arguments.items() if name != "mixture"}
+    return make_mixture(partial(environment_setup, env_id), others, arguments.get("mixture"))

@@ -1,9 +1,10 @@
-"""Environments of others, and the wrapper that states their discretization."""
+"""Environments of others with their discretization stated, single and as a vector environment."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from math import nan
 from typing import Any, Final, Literal, cast
 
 import gymnasium as gym
@@ -11,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces, wrappers
 from gymnasium.envs.registration import EnvSpec
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers import TimeLimit
 
 from integ_gym.support.errors import InputError, InputTypeError
@@ -18,8 +20,8 @@ from integ_gym.support.optional import running_version
 from integ_gym.support.parameters import unknown_name
 
 from .environment import at_bounds
-from .lanes import as_floats
-from .settings import Discretization, Settings, Timing
+from .lanes import DiscretizedVectorEnv, as_floats
+from .settings import Discretization, Mixture, Settings, Timing
 from .transition import AWAY, NOT_REPORTED
 
 _SECONDS = ("dt", "control_period", "duration")
@@ -183,6 +185,10 @@ class StatedEngine:
     reports: bool = False
     rewards: str | None = None
     """What a step's rewards are taken for, where a decision has several; None: not known here."""
+    accounted: bool = False
+    """Whether the ledger knows every loss where no constraint acts."""
+    solver_tolerance: float | None = None
+    solver_cap: int | None = None
 
     @property
     def version(self) -> str:
@@ -190,13 +196,16 @@ class StatedEngine:
         return running_version(self.package)
 
     def solver(self) -> dict[str, Any]:
-        """Nothing is known of it."""
-        return {}
+        """Tolerance and iteration cap of its solver; empty where nothing is known of it."""
+        if self.solver_cap is None:
+            return {}
+        return {"solver_tolerance": self.solver_tolerance, "solver_cap": self.solver_cap}
 
     def describe(self) -> dict[str, Any]:
-        """That losses are not accounted for, and what rewards are taken for."""
-        taken = {} if self.rewards is None else {"rewards": self.rewards}
-        return {"losses_accounted": False, **taken}
+        """What is known of float width, losses and rewards."""
+        width = {} if self.width is None else {"width": self.width}
+        rewards = {} if self.rewards is None else {"rewards": self.rewards}
+        return {**width, "losses_accounted": self.accounted, **rewards}
 
 
 def _rewards(env: gym.Env[Any, Any]) -> str | None:
@@ -206,7 +215,7 @@ def _rewards(env: gym.Env[Any, Any]) -> str | None:
     return ASSUMED_RATE if assumed else str(env.get_wrapper_attr("rewards"))
 
 
-def stated_setup(
+def describe_setup(
     env: gym.Env[Any, Any],
     applied: Discretization,
     goal: str,
@@ -351,9 +360,9 @@ def without_time_limit(env: gym.Env[Any, Any]) -> gym.Env[Any, Any]:
             if isinstance(one, kind):
                 name = type(one).__name__
                 raise InputError(f"`held` cannot keep the wrapper {name}: it {reason}")
-    kept = [one for one in chain if not isinstance(one, wrappers.TimeLimit)]
+    others = [one for one in chain if not isinstance(one, wrappers.TimeLimit)]
     inner = chain[-1].env if chain else env
-    for one in reversed(kept):
+    for one in reversed(others):
         one.env = inner
         inner = cast("gym.Env[Any, Any]", one)
     return inner
@@ -362,7 +371,46 @@ def without_time_limit(env: gym.Env[Any, Any]) -> gym.Env[Any, Any]:
 Array = npt.NDArray[np.float64]
 
 
-class StatedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
+class ForeignWrapper(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
+    """What wrappers around environments of others have in common.
+
+    Attributes:
+        setup: timing, names and units, for evidence.
+    """
+
+    setup: ForeignSetup
+    _goal: ReturnGoal
+    _steps = 0
+
+    @property
+    def fresh(self) -> bool:
+        """Whether no step has been taken since the last reset."""
+        return self._steps == 0
+
+    @property
+    def _time(self) -> float:
+        return self._steps * self.setup.timing.control_period
+
+    def _common_info(
+        self, asked: Array, applied: Array, saturated: bool, fell_back: bool, success: bool
+    ) -> dict[str, Any]:
+        """Entries of `info` that are known of every environment, with each control."""
+        controls = {}
+        pairs = zip(asked.tolist(), applied.tolist(), strict=True)
+        for (name, _), (a, b) in zip(self.setup.plant.controls, pairs, strict=True):
+            controls[f"{name}_commanded"], controls[f"{name}_applied"] = a, b
+        return {
+            "time": self._time,
+            "saturated": saturated,
+            "fallback_used": fell_back,
+            "sensor_time": self._time,
+            "goal_since": self._goal.since,
+            "success": success,
+            **controls,
+        }
+
+
+class StatedEnv(ForeignWrapper):
     """An environment whose discretization is stated, with success and time in ``info``.
 
     Energy, work and losses are left out: they are not known. Actions are brought into the action
@@ -376,7 +424,6 @@ class StatedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs
         arguments: that it was made with, for evidence.
 
     Attributes:
-        setup: timing, names and units, for evidence.
         state_components: nothing: the state is not known.
     """
 
@@ -396,15 +443,8 @@ class StatedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs
         )
         super().__init__(env)
         self._goal = ReturnGoal(return_of_success(success_return, env.spec))
-        self.setup = stated_setup(env, applied, self._goal.words, arguments or {})
-        self._names = [name for name, _ in self.setup.plant.controls]
-        self._steps = 0
-        self._control = self._within(np.zeros(len(self._names)))
-
-    @property
-    def fresh(self) -> bool:
-        """Whether no step has been taken since the last reset."""
-        return self._steps == 0
+        self.setup = describe_setup(env, applied, self._goal.words, arguments or {})
+        self._control = self._nearest(np.zeros(len(self.setup.plant.controls)))
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -413,56 +453,100 @@ class StatedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs
         observation, info = self.env.reset(seed=seed, options=options)
         self._steps = 0
         self._goal.begin()
-        self._control = self._within(np.zeros(len(self._names)))
+        self._control = self._nearest(np.zeros(len(self.setup.plant.controls)))
         return observation, {**info, **self._info(False, False, False)}
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         """Advance one decision."""
         asked = as_floats(action).ravel()
         valid = bool(np.isfinite(asked).all())
-        saturated = valid and self._saturates(asked)
-        self._control = self._within(asked if valid else self._control)
-        observation, reward, terminated, truncated, info = self.env.step(self._typed(self._control))
+        space: Any = self.action_space
+        discrete = isinstance(space, gym.spaces.Discrete)
+        if discrete:
+            saturated = valid and bool((self._nearest(asked) != asked).any())
+        else:
+            saturated = valid and at_bounds(asked, space.low.ravel(), space.high.ravel())
+        self._control = control = self._nearest(asked if valid else self._control)
+        action = int(control[0]) if discrete else control.reshape(space.shape).astype(space.dtype)
+        observation, reward, terminated, truncated, info = self.env.step(action)
         self._steps += 1
         success = self._goal.note(float(reward), bool(terminated), bool(truncated), self._time)
-        told = self._info(saturated, not valid, success)
-        return observation, reward, bool(terminated), bool(truncated), {**info, **told}
+        known = self._info(saturated, not valid, success)
+        return observation, reward, bool(terminated), bool(truncated), {**info, **known}
 
-    @property
-    def _time(self) -> float:
-        return self._steps * self.setup.timing.control_period
-
-    def _within(self, control: Array) -> Array:
+    def _nearest(self, control: Array) -> Array:
         """The nearest action of the space, as numbers."""
         space: Any = self.action_space
         if isinstance(space, gym.spaces.Discrete):
             return np.clip(np.rint(control), space.start, space.start + space.n - 1)
         return np.clip(control, space.low.ravel(), space.high.ravel())
 
-    def _saturates(self, asked: Array) -> bool:
-        """Whether a finite action is beyond the set, or at a bound of the box."""
-        space: Any = self.action_space
-        if isinstance(space, gym.spaces.Discrete):
-            return bool((self._within(asked) != asked).any())
-        return at_bounds(asked, space.low.ravel(), space.high.ravel())
-
-    def _typed(self, control: Array) -> Any:
-        """Numbers as an action of the space."""
-        space: Any = self.action_space
-        if isinstance(space, gym.spaces.Discrete):
-            return int(control[0])
-        return control.reshape(space.shape).astype(space.dtype)
-
     def _info(self, saturated: bool, fell_back: bool, success: bool) -> dict[str, Any]:
-        controls = {}
-        for name, given in zip(self._names, self._control.tolist(), strict=True):
-            controls[f"{name}_commanded"] = controls[f"{name}_applied"] = given
-        return {
-            "time": self._time,
-            "saturated": saturated,
-            "fallback_used": fell_back,
-            "sensor_time": self._time,
-            "goal_since": self._goal.since,
-            "success": success,
-            **controls,
-        }
+        return self._common_info(self._control, self._control, saturated, fell_back, success)
+
+
+_MAYBE_UNKNOWN = (
+    *("energy", "actuator_work", "dissipated", "clip_loss", "energy_residual"),
+    *("solver_iterations", "solver_residual"),
+)
+
+
+class SequentialVectorEnv(SyncVectorEnv[Any, Any], DiscretizedVectorEnv):
+    """Environments of one kind, advanced one after the other.
+
+    What one leaves out of ``info`` because it is not known is NaN here, and masked. Each has a
+    ``setup`` (timing, names and units, for evidence), ``state_components`` (the true state, SI
+    units), ``status_code`` (the solver's, of the last control step), both as they were before the
+    last reset in ``final_state`` and ``final_status``, and ``fresh``: whether no step has been
+    taken since the last reset. :class:`StatedEnv` is one.
+
+    Args:
+        make: makes one of them.
+        num_envs: how many.
+        autoreset_mode: an `AutoresetMode` or its value.
+    """
+
+    def __init__(
+        self,
+        make: Callable[[], gym.Env[Any, Any]],
+        num_envs: int,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+    ) -> None:
+        super().__init__([make] * num_envs, autoreset_mode=autoreset_mode)
+        self._tasks: list[Any] = list(self.envs)
+        self.spec = self.envs[0].spec
+        self.mixture = Mixture((self._tasks[0].setup,))
+        self.setups = self.mixture.setups
+        self.setup = self.setups[0]
+
+    @property
+    def state(self) -> npt.NDArray[np.float64]:
+        """See :class:`DiscretizedVectorEnv`; shape (num_envs, 0) where the state is not known."""
+        return np.array([task.state_components for task in self._tasks])
+
+    @property
+    def state_components(self) -> npt.NDArray[np.float64]:
+        """See :class:`DiscretizedVectorEnv`."""
+        return np.array([task.state_components for task in self._tasks]).T
+
+    @property
+    def status_codes(self) -> npt.NDArray[np.int64]:  # type: ignore[override]
+        """See :class:`DiscretizedVectorEnv`."""
+        same_step = self.autoreset_mode is AutoresetMode.SAME_STEP
+        codes = [t.final_status if same_step and t.fresh else t.status_code for t in self._tasks]
+        return np.array(codes)
+
+    @property
+    def final_state(self) -> npt.NDArray[np.float64]:  # type: ignore[override]
+        """See :class:`DiscretizedVectorEnv`."""
+        return np.array([task.final_state for task in self._tasks])
+
+    def _add_info(
+        self, vector_infos: dict[str, Any], env_info: dict[str, Any], env_num: int
+    ) -> dict[str, Any]:
+        """What Gymnasium's does; what is not known is no 0."""
+        missing = [n for n in _MAYBE_UNKNOWN if "time" in env_info and n not in env_info]
+        infos = super()._add_info(vector_infos, env_info | dict.fromkeys(missing, nan), env_num)
+        for name in missing:
+            infos[f"_{name}"][env_num] = False
+        return infos

@@ -8,7 +8,6 @@ from dataclasses import dataclass, fields, replace
 from fractions import Fraction
 from functools import cached_property
 from itertools import accumulate, pairwise, repeat
-from types import NoneType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,21 +15,12 @@ from gymnasium.experimental.functional import FuncEnv
 
 from integ_gym.support.errors import InputError
 
-from .catalogue.lookup import environment_mixture, environment_setup
-from .environment import observation_space
+from .environment import environment_mixture, environment_setup, observation_space
 from .ops.jax_ops import JaxOps, jax, jnp
-from .ops.ops import Component, Components
-from .plants.interface import Plant, join_state, split_state
-from .settings import WEIGHT, Setup, Timing
+from .ops.ops import Component, Components, join_state, split_state
+from .settings import WEIGHT, Setup
 from .starts import GivenNumbers
-from .transition import (
-    EnvState,
-    Outcome,
-    initial_state,
-    sensed,
-    step_info,
-    transition,
-)
+from .transition import EnvState, Outcome, initial_state, sensed_state, step_info, transition
 
 OPTIONAL = ("stops", "dry_friction")
 """Parts of a plant that it may lack, which decides the program."""
@@ -38,21 +28,16 @@ OPTIONAL = ("stops", "dry_friction")
 __all__ = ["FunctionalEnv", "Params", "make", "start_range"]
 
 
-@dataclass(frozen=True)
-class Structure:
-    """What decides the program: environments with equal structure can share a compiled one.
-
-    Attributes:
-        env_id: environment.
-        dtype: float type of the physics.
-        choices: arguments that are no numbers, and the presence of those that may be None.
-        delay: action latency as (whole decisions, sub-steps beyond them).
-    """
+class Structure(NamedTuple):
+    """What decides the program: environments with equal structure can share a compiled one."""
 
     env_id: str
     dtype: str
+    """Float type of the physics."""
     choices: tuple[tuple[str, Any], ...]
+    """Arguments that are no numbers, and the presence of those that may be None."""
     delay: tuple[int, int]
+    """Action latency as (whole decisions, sub-steps beyond them)."""
 
 
 def structure_of(env_id: str, setup: Setup, dtype: str) -> Structure:
@@ -66,14 +51,9 @@ def structure_of(env_id: str, setup: Setup, dtype: str) -> Structure:
         "sensor_period": setup.timing.sensor is not None,
         "max_speed": setup.settings.max_speed is not None,
         "observation_noise": setup.settings.observation_noise > 0.0,
-        **{part: not lacks(setup.plant, part) for part in OPTIONAL},
+        **{part: getattr(setup.plant, part, None) is not None for part in OPTIONAL},
     }
     return Structure(env_id, dtype, tuple({**choices, **present}.items()), setup.timing.delay)
-
-
-def lacks(plant: Plant, part: str) -> bool:
-    """Whether a plant has no such part."""
-    return getattr(plant, part, None) is None
 
 
 class Params(NamedTuple):
@@ -111,7 +91,13 @@ def params_of(setup: Setup, dtype: str) -> Params:
     """A setup's own values, floats in the type ``dtype``."""
     settings, timing = setup.settings, setup.timing
     number = np.dtype(dtype).type
-    low, high = start_range(setup)
+
+    def numbers(part: Any) -> dict[str, Component]:
+        """Numeric fields of a plant or task."""
+        values = {f.name: getattr(part, f.name) for f in fields(part)}
+        return {k: number(x) for k, x in values.items() if not isinstance(x, str | bool | None)}
+
+    low, high = (tuple(map(number, end)) for end in start_range(setup))
     return Params(
         dt=number(timing.dt),
         control_period=number(timing.control_period),
@@ -120,17 +106,11 @@ def params_of(setup: Setup, dtype: str) -> Params:
         sensor=None if timing.sensor is None else np.int32(timing.sensor),
         max_speed=None if settings.max_speed is None else number(settings.max_speed),
         observation_noise=number(settings.observation_noise),
-        start_low=tuple(number(x) for x in low),
-        start_high=tuple(number(x) for x in high),
-        plant={name: number(x) for name, x in _numbers(setup.plant).items()},
-        task={name: number(x) for name, x in _numbers(setup.task).items()},
+        start_low=low,
+        start_high=high,
+        plant=numbers(setup.plant),
+        task=numbers(setup.task),
     )
-
-
-def _numbers(part: Any) -> dict[str, Component]:
-    """Numeric fields of a plant or task."""
-    values = {f.name: getattr(part, f.name) for f in fields(part)}
-    return {k: x for k, x in values.items() if not isinstance(x, (str, bool, NoneType))}
 
 
 def start_range(setup: Setup) -> tuple[Components, Components]:
@@ -144,42 +124,18 @@ def start_range(setup: Setup) -> tuple[Components, Components]:
     return low, high
 
 
-def traced_setup(setup: Setup, params: Params) -> Setup:
+def setup_with_params(setup: Setup, params: Params) -> Setup:
     """``setup`` with these values."""
     plant = replace(setup.plant, **params.plant)  # type: ignore[type-var]
     task = replace(setup.task, **params.task)  # type: ignore[type-var]
-    vars(plant).update({part: None for part in OPTIONAL if lacks(setup.plant, part)})
-    _fill_caches(plant)
-    _fill_caches(task)
-    timing = _TracedTiming(
-        dt=params.dt,
-        control_period=params.control_period,
-        substeps=params.substeps,
-        latency=setup.timing.latency,
-        sensor=params.sensor,
-        horizon=params.horizon,
-        known_delay=setup.timing.delay,
-    )
+    vars(plant).update({x: None for x in OPTIONAL if getattr(setup.plant, x, None) is None})
+    for part in (plant, task):  # so that no cached property is first computed inside a loop
+        for name in dir(type(part)):
+            if isinstance(getattr(type(part), name, None), cached_property):
+                getattr(part, name)
+    names = ("dt", "control_period", "substeps", "sensor", "horizon")
+    timing = replace(setup.timing, **{name: getattr(params, name) for name in names})
     return setup.with_values(plant, task, timing, params.max_speed)
-
-
-@dataclass(frozen=True)
-class _TracedTiming(Timing):
-    """Rates whose delay is known while those in seconds and sub-steps may be traced."""
-
-    known_delay: tuple[int, int] = (0, 0)
-
-    @property
-    def delay(self) -> tuple[int, int]:
-        """Latency as (whole decisions, sub-steps beyond them)."""
-        return self.known_delay
-
-
-def _fill_caches(part: Any) -> None:
-    """Compute cached properties now, so that none is first computed, and kept, inside a loop."""
-    for name in dir(type(part)):
-        if isinstance(getattr(type(part), name, None), cached_property):
-            getattr(part, name)
 
 
 DTYPES = ("float32", "float64")
@@ -211,7 +167,7 @@ class TimeStep(NamedTuple):
     """Before the reset; see :meth:`FunctionalEnv.transition_info`."""
 
 
-def checked_setup(env_id: str, arguments: Mapping[str, Any]) -> Setup:
+def functional_setup(env_id: str, arguments: Mapping[str, Any]) -> Setup:
     """The setup, if JAX can advance it.
 
     Raises:
@@ -265,7 +221,7 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
         self._arguments = arguments
         self._dtype = dtype
         self._ops = JaxOps(dtype)
-        self.setup = checked_setup(env_id, arguments)
+        self.setup = functional_setup(env_id, arguments)
         self.setups: tuple[Setup, ...] = (self.setup,)
         self.shares: tuple[Fraction, ...] = (Fraction(1),)
         self.start_size = 2 * len(self.setup.plant.coordinates)
@@ -288,7 +244,7 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
             TypeError: for an unknown argument.
             ValueError: for an impossible value, or one that needs another program.
         """
-        setup = checked_setup(self.env_id, {**self._arguments, **arguments})
+        setup = functional_setup(self.env_id, {**self._arguments, **arguments})
         self._check_structure(structure_of(self.env_id, setup, self._dtype))
         return params_of(setup, self._dtype)
 
@@ -302,11 +258,7 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
         return joined._replace(substeps=params[0].substeps)
 
     def check_lanes(self, count: int) -> None:
-        """Check that so many lanes can be advanced together.
-
-        Raises:
-            ValueError: if a mixture cannot share them out.
-        """
+        """Check that so many lanes can be advanced together; a mixture may refuse."""
 
     def initial(
         self, rng: Any, params: Params | None = None, lanes: tuple[int, ...] = ()
@@ -361,7 +313,7 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
 
     def setup_of(self, params: Any) -> Setup:
         """Plant, task, timing and engine with these values."""
-        return traced_setup(self.setup, self.common(params))
+        return setup_with_params(self.setup, self.common(params))
 
     def start(self, drawn: Components, params: Any) -> Components:
         """A start in state order, SI units, made of numbers from [0, 1), one per component."""
@@ -374,7 +326,7 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
         """Episodes that start in ``start``, in state order, components of one shape."""
         q, v = split_state(start)
         fresh = initial_state(self._ops, self.setup_of(params), q, v)
-        return self._typed(fresh, jnp.shape(q[0]))  # type: ignore[no-any-return]
+        return self._cast(fresh, jnp.shape(q[0]))  # type: ignore[no-any-return]
 
     def advance(
         self, env: EnvState, control: Component, params: Params
@@ -387,7 +339,7 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
             params: values that broadcast against it.
         """
         after = transition(self._ops, self.setup_of(params), env, control)
-        return self._typed(after, jnp.shape(env.q[0]))  # type: ignore[no-any-return]
+        return self._cast(after, jnp.shape(env.q[0]))  # type: ignore[no-any-return]
 
     def observe(self, env: EnvState, noise: Components, params: Any) -> Components:
         """The last sensor sample, one float32 component per observation.
@@ -398,7 +350,7 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
             params: scale of the noise.
         """
         own = self.common(params)
-        q, v = sensed(env, tuple(own.observation_noise * x for x in noise))
+        q, v = sensed_state(env, tuple(own.observation_noise * x for x in noise))
         task = self.setup_of(params).task
         observed = tuple(x.astype(jnp.float32) for x in task.observe(self._ops, q, v))
         if not noise:
@@ -521,15 +473,15 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
         values = jnp.asarray(action, self._dtype)
         return values if self.setup.task.discrete is not None else values[..., 0]
 
-    def _typed(self, tree: Any, shape: tuple[int, ...]) -> Any:
+    def _cast(self, tree: Any, shape: tuple[int, ...]) -> Any:
         """All entries with one shape: floats in the environment's type, whole numbers int32."""
 
-        def typed(value: Any) -> Any:
+        def cast(value: Any) -> Any:
             array = jnp.broadcast_to(jnp.asarray(value), shape)
             kind = array.dtype.kind
             return array if kind == "b" else array.astype("int32" if kind in "iu" else self._dtype)
 
-        return jax.tree.map(typed, tree)
+        return jax.tree.map(cast, tree)
 
 
 _DRAWN = ("dt", "substeps", "sensor")
@@ -553,24 +505,15 @@ class _Group:
         env: that of the first member.
         members: their places in the mixture.
         params: of each member.
-        shares: of each member in the whole mixture.
+        share: of the group in the mixture.
+        bounds: where in [0, 1) one member's part of the group ends and the next one's begins.
     """
 
     env: FunctionalEnv
     members: tuple[int, ...]
     params: tuple[Params, ...]
-    shares: tuple[Fraction, ...]
-
-    @property
-    def share(self) -> Fraction:
-        """Of the group in the mixture."""
-        return sum(self.shares, Fraction(0))
-
-    @property
-    def bounds(self) -> tuple[float, ...]:
-        """Where one member's part of the group ends and the next one's begins."""
-        *bounds, total = accumulate(self.shares)
-        return tuple(float(bound / total) for bound in bounds)
+    share: Fraction
+    bounds: tuple[float, ...]
 
 
 class FunctionalMixture(FunctionalEnv):
@@ -606,7 +549,7 @@ class FunctionalMixture(FunctionalEnv):
     ) -> None:
         drawn = environment_mixture(env_id, {**arguments, "mixture": mixture})
         self._given = {**arguments, "mixture": mixture}
-        self._groups = _grouped(env_id, dtype, self._given, drawn.shares)
+        self._groups = _group_members(env_id, dtype, self._given, drawn.shares)
         super().__init__(env_id, dtype=dtype, **_member_arguments(arguments, mixture[0]))
         self.setups, self.shares = drawn.setups, drawn.shares
         self.start_size += 1
@@ -626,7 +569,7 @@ class FunctionalMixture(FunctionalEnv):
         if arguments:
             given = {**self._given, **arguments}
             shares = environment_mixture(self.env_id, given).shares
-            groups = _grouped(self.env_id, self._dtype, given, shares)
+            groups = _group_members(self.env_id, self._dtype, given, shares)
             self._check_structure(_structure_of(groups))
         return MixtureParams(
             tuple(group.params for group in groups), tuple(group.bounds for group in groups)
@@ -740,7 +683,7 @@ def make(
     return FunctionalMixture(env_id, mixture, dtype=dtype, **arguments)
 
 
-def _grouped(
+def _group_members(
     env_id: str, dtype: str, arguments: Mapping[str, Any], shares: Sequence[Fraction]
 ) -> tuple[_Group, ...]:
     """Members that share a program, by the order of their first."""
@@ -751,15 +694,13 @@ def _grouped(
     places: dict[Hashable, list[int]] = {}
     for place, env in enumerate(envs):
         places.setdefault(env.structure, []).append(place)
-    return tuple(
-        _Group(
-            envs[members[0]],
-            tuple(members),
-            tuple(envs[k].params() for k in members),
-            tuple(shares[k] for k in members),
-        )
-        for members in places.values()
-    )
+    groups = []
+    for members in places.values():
+        *bounds, total = accumulate(shares[k] for k in members)
+        ends = tuple(float(bound / total) for bound in bounds)
+        params = tuple(envs[k].params() for k in members)
+        groups.append(_Group(envs[members[0]], tuple(members), params, total, ends))
+    return tuple(groups)
 
 
 def _member_arguments(arguments: Mapping[str, Any], member: Mapping[str, Any]) -> dict[str, Any]:

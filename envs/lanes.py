@@ -1,24 +1,27 @@
-"""Lanes: arrays of one value per environment, and parameters that differ between lanes."""
+"""Lanes: arrays of one value per environment, parameters that differ between them, `info`."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from gymnasium.vector import AutoresetMode, VectorEnv
 
 from integ_gym.support.errors import InputError
 
 from .ops.ops import Component, map_leaves
-from .settings import Setup
+from .settings import Mixture, Setup
+from .transition import BLANK, STATUS_NAMES
 
 Array = npt.NDArray[Any]
 
 
-def blank(tree: Any, num_envs: int) -> Any:
+def zeros_like(tree: Any, num_envs: int) -> Any:
     """Zeros of shape (num_envs,) in place of the components of ``tree``."""
     return map_leaves(lambda x: np.zeros(num_envs, np.asarray(x).dtype), tree)
 
@@ -39,12 +42,12 @@ def put(tree: Any, lanes: Array, values: Any, num_envs: int) -> Any:
     return map_leaves(merged, tree, values)
 
 
-def varied(setup: Setup) -> dict[str, Array]:
+def lane_parameters(setup: Setup) -> dict[str, Array]:
     """Parameters of plant and task that differ between lanes."""
     return _arrays(setup.plant) | _arrays(setup.task)
 
 
-def of_lanes(setup: Setup, lanes: Array) -> Setup:
+def setup_of_lanes(setup: Setup, lanes: Array) -> Setup:
     """``setup`` with the parameters of some lanes."""
     plant, task = _part_of(setup.plant, lanes), _part_of(setup.task, lanes)
     return setup.with_values(plant, task, setup.timing, setup.system.max_speed)
@@ -58,7 +61,7 @@ def check_lanes(setup: Setup, lanes: int) -> None:
     """
     if lanes < 1:
         raise InputError(f"`num_envs` must be 1 or above, got {lanes}")
-    for name, value in varied(setup).items():
+    for name, value in lane_parameters(setup).items():
         if value.shape != (lanes,):
             raise InputError(
                 f"`{name}` must be a number or one value per environment, shape ({lanes},), "
@@ -124,3 +127,157 @@ def _as_float(value: Any) -> float:
         return float(value)
     except OverflowError:
         return math.inf if value > 0 else -math.inf
+
+
+Info = dict[str, Array]
+
+_WORDS = np.array(STATUS_NAMES, dtype=object)
+_UNTOLD = np.array(None, dtype=object)
+_DTYPES: dict[type, npt.DTypeLike] = {
+    float: np.float64,
+    bool: np.bool_,
+    int: np.int64,
+    str: np.object_,
+}
+
+
+class LaneInfo:
+    """Makes `info` of all lanes.
+
+    Its arrays are made anew at every step, but for those that hold one value for all lanes: these
+    are read-only, and the same at all steps.
+
+    Args:
+        lanes: how many.
+        status: code of the solver's status where no step has been taken.
+    """
+
+    def __init__(self, lanes: int, status: int) -> None:
+        self._lanes = lanes
+        self._blank = {**BLANK, "solver_status": status}
+        self._constants: dict[Any, Array] = {}
+        self._alike: Mapping[str, Any] = {}
+        self._alike_arrays: Info = {}
+        self._masks_of_everyone: dict[tuple[str, ...], Info] = {}
+        self._rewritten = dict(self._blank)
+        self.everyone = np.ones(lanes, dtype=bool)
+        self.everyone.flags.writeable = False
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Made anew where it is copied or pickled: arrays would no longer be read-only."""
+        return LaneInfo, (self._lanes, self._blank["solver_status"])
+
+    def nothing(self) -> Info:
+        """Arrays to be filled in, in which nothing is told."""
+        return {n: np.zeros(self._lanes, _DTYPES[type(value)]) for n, value in BLANK.items()}
+
+    def of_step(self, step_values: dict[str, Any], alike: Mapping[str, Any]) -> Info:
+        """`info` of what a step has told, and of what is alike; see :class:`.steps.LanesStep`."""
+        if alike is not self._alike:
+            self._note(alike)
+        info = {**self._alike_arrays, **step_values}
+        for name, value in step_values.items():
+            if type(value) is not np.ndarray:
+                info[name] = self._one_for_all(name, value, type(BLANK[name]))
+        return info
+
+    def result(self, name: str, step_values: dict[str, Any], alike: Mapping[str, Any]) -> Array:
+        """A result of a step, taken out of what it has told; an array of its own."""
+        value = step_values.pop(name, None)
+        if isinstance(value, np.ndarray):
+            return value
+        value = alike[name] if value is None else value
+        return self._one_for_all(name, value, type(value)).copy()
+
+    def begin(self, info: Info, lanes: Array, energy: Array, goal_since: Component) -> None:
+        """Tell about a reset of some lanes instead, with their energy and `goal_since`."""
+        for name, blank in self._rewritten.items():
+            values = info[name]
+            if not values.flags.writeable:
+                if values[0] == blank:
+                    continue
+                values = info[name] = values.copy()
+            values[lanes] = blank
+        info["energy"][lanes] = energy
+        info["goal_since"][lanes] = goal_since
+
+    def _note(self, alike: Mapping[str, Any]) -> None:
+        """Remember what is alike in all lanes, and which of it a reset leaves as it is."""
+        self._alike = alike
+        self._alike_arrays = {
+            name: self._one_for_all(name, value, type(BLANK[name]))
+            for name, value in alike.items()
+            if name in BLANK
+        }
+        self._rewritten = {
+            name: blank
+            for name, blank in self._blank.items()
+            if name not in alike or alike[name] != blank
+        }
+
+    def with_masks(self, info: Info, mask: Array) -> dict[str, Array]:
+        """What users see: the solver's status in words, and Gymnasium's `_key` masks.
+
+        Args:
+            info: of all lanes.
+            mask: lanes that are told about; one array for all keys.
+        """
+        codes, names = info["solver_status"], tuple(info)
+        if codes.flags.writeable:
+            words = _WORDS[codes]
+        else:
+            words = self._one_for_all("solver_status", STATUS_NAMES[codes[0]], str)
+        if mask is not self.everyone:
+            words = np.where(mask, words, _UNTOLD)
+            return {**info, "solver_status": words, **dict.fromkeys(_mask_names(names), mask)}
+        if names not in self._masks_of_everyone:
+            self._masks_of_everyone[names] = dict.fromkeys(_mask_names(names), mask)
+        return {**info, "solver_status": words, **self._masks_of_everyone[names]}
+
+    def _one_for_all(self, name: str, value: Any, kind: type) -> Array:
+        dtype = _DTYPES[kind]
+        if type(value) not in _DTYPES:
+            return np.full(self._lanes, value, dtype)
+        if (name, value) not in self._constants:
+            array = np.full(self._lanes, value, dtype)
+            array.flags.writeable = False
+            self._constants[name, value] = array
+        return self._constants[name, value]
+
+
+@lru_cache(maxsize=16)
+def _mask_names(names: tuple[str, ...]) -> tuple[str, ...]:
+    return tuple(f"_{name}" for name in names)
+
+
+def mask_outside(info: Info, mask: Array) -> Info:
+    """Copies of ``info`` with nothing outside ``mask``."""
+    return {name: np.where(mask, values, values.dtype.type()) for name, values in info.items()}
+
+
+class DiscretizedVectorEnv(VectorEnv[Any, Any, Any]):
+    """A vector environment of which evidence can be recorded.
+
+    Attributes:
+        mixture: the discretizations that its lanes run on; one where it is no mixture.
+        setups: what the lanes are made of: the mixture's.
+        autoreset_mode: when a lane that has ended is reset.
+        state_components: :attr:`state` component by component, each of shape (num_envs,); they hold
+            until the next step.
+        status_codes: the solver's status in every lane's last step, as a code of `STATUS_NAMES`;
+            read-only. Of a lane that was reset in place of a step, that of the reset.
+        final_state: with ``SAME_STEP``, true states before the last step's resets, shape
+            (num_envs, n).
+    """
+
+    mixture: Mixture
+    setups: tuple[Any, ...]
+    autoreset_mode: AutoresetMode
+    state_components: Any
+    status_codes: npt.NDArray[np.int64]
+    final_state: npt.NDArray[np.float64]
+
+    @property
+    def state(self) -> npt.NDArray[np.float64]:
+        """True states in the order of the setup's plant, SI units, shape (num_envs, n)."""
+        return np.stack(self.state_components, axis=1)

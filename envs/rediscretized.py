@@ -1,4 +1,4 @@
-"""What to say where MuJoCo has no OpenGL context to draw in."""
+"""Gymnasium's MuJoCo tasks with another integrator and timestep, and their ledger of energy."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from integ_gym.support.errors import InputError, InputTypeError, SetupError
-from integ_gym.support.optional import check_versions, load, package_version
+from integ_gym.support.optional import check_versions, load
 from integ_gym.support.parameters import (
     check_values,
     finite_number,
@@ -31,32 +31,23 @@ from .foreign import (
     ForeignPlant,
     ForeignSetup,
     ForeignTask,
+    ForeignWrapper,
     ReturnGoal,
+    StatedEngine,
     return_of_success,
     time_limit,
 )
 from .lanes import as_floats
-from .plants.interface import join_state
+from .ops.ops import join_state
 from .settings import Settings, Timing, check_divides
-from .transition import (
-    DIVERGED,
-    NOT_CONVERGED,
-    OK,
-    STATUS_NAMES,
-)
+from .transition import DIVERGED, NOT_CONVERGED, OK, STATUS_NAMES
 
 _HEADLESS = ("egl", "osmesa")
 """Values of `MUJOCO_GL` that need no display."""
 
 
-def is_of_opengl(error: Exception) -> bool:
-    """Whether an error of a renderer is that there is no context to draw in."""
-    words = f"{type(error).__module__} {type(error).__name__} {error}".lower()
-    return any(word in words for word in ("opengl", "egl", "osmesa", "glfw", "x11", "display"))
-
-
 def no_context(chosen: str | None) -> str:
-    """The remedy.
+    """What to do where MuJoCo has no OpenGL context to draw in.
 
     Args:
         chosen: the environment variable `MUJOCO_GL`.
@@ -102,28 +93,10 @@ class Choice:
     def __post_init__(self) -> None:
         check_values(Choice, {name: x for name, x in vars(self).items() if x is not None})
 
-    def step_of(self, model: Any, period: float) -> float:
-        """The timestep, s.
 
-        Raises:
-            ValueError: if the control period ``period``, s, is no whole multiple of it.
-        """
-        step = float(model.opt.timestep) if self.dt is None else float(self.dt)
-        check_divides("dt", step, "the control period", period)
-        return step
-
-    def integrator_of(self, model: Any) -> str:
-        """MuJoCo's name of the integrator.
-
-        Raises:
-            ValueError: for one that MuJoCo lacks, with those it has.
-        """
-        known = integrator_numbers()
-        if self.integrator is None:
-            return next(own for own, number in known.items() if number == model.opt.integrator)
-        if self.integrator not in known:
-            raise InputError(unknown_name("integrator of MuJoCo", self.integrator, known))
-        return self.integrator
+def integrator_of(model: Any) -> str:
+    """MuJoCo's name of a model's integrator."""
+    return next(n for n, number in integrator_numbers().items() if number == model.opt.integrator)
 
 
 def integrator_numbers() -> dict[str, int]:
@@ -132,31 +105,6 @@ def integrator_numbers() -> dict[str, int]:
     capitals = {"euler": "Euler", "rk4": "RK4"}
     names = [member.name.removeprefix("mjINT_").lower() for member in members]
     return {capitals.get(n, n): int(m) for n, m in zip(names, members, strict=True)}
-
-
-@dataclass(frozen=True)
-class ModelEngine:
-    """MuJoCo on the task's own model."""
-
-    integrator: str
-    tolerance: float
-    cap: int
-    accounted: bool
-    width: int = 64
-    reports: bool = True
-
-    @property
-    def version(self) -> str:
-        """MuJoCo's version."""
-        return package_version("mujoco") or "unknown"
-
-    def solver(self) -> dict[str, Any]:
-        """Tolerance and iteration cap of the constraint solver."""
-        return {"solver_tolerance": self.tolerance, "solver_cap": self.cap}
-
-    def describe(self) -> dict[str, Any]:
-        """Float width, and whether the ledger knows every loss where no constraint acts."""
-        return {"width": self.width, "losses_accounted": self.accounted}
 
 
 def plant_of(mujoco: Any, model: Any, name: str) -> ForeignPlant:
@@ -305,8 +253,7 @@ class Ledger:
 
 def is_lost(data: Any) -> bool:
     """Whether the motion has diverged."""
-    finite = np.isfinite(data.qpos).all()
-    return not (finite and bool((np.abs(data.qvel) <= FASTEST).all()))
+    return not (np.isfinite(data.qpos).all() and (np.abs(data.qvel) <= FASTEST).all())
 
 
 def _accounted(model: Any, integrator: str) -> bool:
@@ -354,7 +301,7 @@ def rediscretize(
     return RediscretizedEnv(env, integrator, dt, success_return)
 
 
-class RediscretizedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
+class RediscretizedEnv(ForeignWrapper):
     """A MuJoCo task whose discretization was chosen; made by :func:`rediscretize`.
 
     ``info`` has, beside the task's own, what every integ-gym environment tells: ``time``,
@@ -364,7 +311,6 @@ class RediscretizedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstruc
     with the last finite observation; MuJoCo's own silent reset to the initial pose is switched off.
 
     Attributes:
-        setup: timing, names and units, for evidence.
         final_state: see :attr:`state_components`, before the last reset.
         final_status: see :attr:`status_code`, before the last reset.
     """
@@ -421,23 +367,21 @@ class RediscretizedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstruc
         return join_state(tuple(q), tuple(v))
 
     @property
-    def fresh(self) -> bool:
-        """Whether no step has been taken since the last reset."""
-        return self._steps == 0
-
-    @property
     def status_code(self) -> int:
         """The solver's status in the last control step, as a code of `STATUS_NAMES`."""
         if self._diverged:
             return DIVERGED
-        capped = self._booked.iterations >= self.setup.engine.cap
+        capped = self._booked.iterations >= self.setup.engine.solver_cap
         return NOT_CONVERGED if capped else OK
 
     @property
     def applied(self) -> tuple[str, float, int]:
         """Integrator, timestep (s) and timesteps per decision, read from the compiled model."""
-        integrator = Choice().integrator_of(self._model)
-        return integrator, float(self._model.opt.timestep), int(self._inner.frame_skip)
+        return (
+            integrator_of(self._model),
+            float(self._model.opt.timestep),
+            int(self._inner.frame_skip),
+        )
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -475,11 +419,10 @@ class RediscretizedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstruc
         booked = self._booked
         residual = self._energy - before - booked.work + booked.dissipated
         residual = math.nan if booked.constrained else residual
-        time = self._steps * self.setup.timing.control_period
-        success = self._goal.note(float(reward), bool(terminated), bool(truncated), time)
+        success = self._goal.note(float(reward), bool(terminated), bool(truncated), self._time)
         success = success and not self._diverged
-        told = self._info(residual, valid and self._saturated, not valid, success)
-        return observation, reward, bool(terminated), bool(truncated), {**info, **told}
+        known = self._info(residual, valid and self._saturated, not valid, success)
+        return observation, reward, bool(terminated), bool(truncated), {**info, **known}
 
     def _command_bounds(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
         """Bounds of an action: the actuators', or those that a wrapper has put in their place.
@@ -507,7 +450,9 @@ class RediscretizedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstruc
         try:
             return self.env.render()
         except Exception as error:
-            if not is_of_opengl(error):
+            words = f"{type(error).__module__} {type(error).__name__} {error}".lower()
+            parts = ("opengl", "egl", "osmesa", "glfw", "x11", "display")
+            if not any(part in words for part in parts):
                 raise
             raise SetupError(no_context(os.environ.get("MUJOCO_GL"))) from error
 
@@ -559,44 +504,36 @@ class RediscretizedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstruc
     def _info(
         self, residual: float, saturated: bool, fell_back: bool, success: bool
     ) -> dict[str, Any]:
-        time = self._steps * self.setup.timing.control_period
         booked = self._booked
-        known = {"dissipated": booked.dissipated, "energy_residual": residual}
+        losses = {"dissipated": booked.dissipated, "energy_residual": residual}
         applied = self._control if self._steps == 0 else self._applied
-        controls = {}
-        for (name, _), asked, given in zip(
-            self.setup.plant.controls, self._control.tolist(), applied.tolist(), strict=True
-        ):
-            controls[f"{name}_commanded"], controls[f"{name}_applied"] = asked, given
         return {
-            "time": time,
+            **self._common_info(self._control, applied, saturated, fell_back, success),
             "energy": self._energy,
             "actuator_work": booked.work,
             "clip_loss": 0.0,
-            "saturated": saturated,
-            "fallback_used": fell_back,
-            "sensor_time": time,
-            "goal_since": self._goal.since,
-            "success": success,
             "penetration": booked.penetration,
             "constraint_violation": booked.violation,
             "solver_iterations": booked.iterations,
             "solver_residual": 0.0,
             "solver_status": STATUS_NAMES[self.status_code],
-            **controls,
-            **{name: value for name, value in known.items() if not math.isnan(value)},
+            **{name: value for name, value in losses.items() if not math.isnan(value)},
         }
 
     def _discretized(self, choice: Choice) -> ForeignSetup:
         """Put the discretization into the model, and say what it is."""
         model, inner, mujoco = self._model, self._inner, self._mujoco
         period = float(inner.dt)
-        step, chosen = choice.step_of(model, period), choice.integrator_of(model)
+        step = float(model.opt.timestep) if choice.dt is None else float(choice.dt)
+        check_divides("dt", step, "the control period", period)
+        chosen, known = choice.integrator or integrator_of(model), integrator_numbers()
+        if chosen not in known:
+            raise InputError(unknown_name("integrator of MuJoCo", chosen, known))
         limit = time_limit(self)
         horizon = 1000 if limit is None else limit
         timing = Timing.of(step, period, 0.0, None, horizon * period)
         model.opt.timestep = step
-        model.opt.integrator = integrator_numbers()[chosen]
+        model.opt.integrator = known[chosen]
         model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
         inner.frame_skip = timing.substeps
         size = int(np.prod(self.observation_space.shape or (1,)))
@@ -609,9 +546,9 @@ class RediscretizedEnv(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstruc
             timing=timing,
             plant=plant_of(mujoco, model, type(inner).__name__),
             task=ForeignTask(self._goal.words, names, ("",) * size),
-            engine=ModelEngine(
-                chosen, float(model.opt.tolerance), int(model.opt.iterations),
-                Ledger(mujoco, model, chosen).accounted,
+            engine=StatedEngine(
+                "mujoco", 64, True, accounted=Ledger(mujoco, model, chosen).accounted,
+                solver_tolerance=float(model.opt.tolerance), solver_cap=int(model.opt.iterations),
             ),
             action_space=self.action_space,
             environment=tuple(sorted((self.spec.kwargs if self.spec else {}).items())),

@@ -27,12 +27,10 @@ from integ_gym.support.parameters import (
     unknown_name,
 )
 
-from .engines.interface import DIVERGENCE_SPEED, Engine, make_engine
-from .engines.native import NativeEngine
-from .mechanics import PlantSystem
+from .engines.stepping import DIVERGENCE_SPEED, Engine, NativeEngine, PlantSystem, make_engine
 from .ops.ops import Component
 from .plants.interface import Plant
-from .tasks.interface import Task
+from .tasks import Task
 
 NATIVE = NativeEngine.name
 """Name of integ-gym's own engine."""
@@ -168,16 +166,6 @@ def _parts(whole: float, ratio: float) -> str:
     return " or ".join(f"{whole / n:.12g}" for n in (below + 1, below) if n)
 
 
-def _horizon(duration: float, period: float) -> int:
-    """Decisions until truncation."""
-    if duration / period > MOST:
-        raise InputError(
-            f"`duration`={duration:.12g} s is more than {MOST:.0e} control periods of "
-            f"{period:.12g} s; give a shorter one"
-        )
-    return max(1, math.ceil(duration / period * (1.0 - TOLERANCE)))
-
-
 def _check_within(name: str, value: float, duration: float) -> None:
     if value > duration * (1.0 + TOLERANCE):
         raise InputError(
@@ -197,6 +185,8 @@ class Timing:
         latency: action latency in integration steps.
         sensor: integration steps between two sensor samples, or None for one per decision.
         horizon: decisions until truncation.
+        delay: the latency as (whole decisions, sub-steps beyond them).
+        memory: past commands to keep: those still under way, and the last one to hold.
     """
 
     dt: float
@@ -205,6 +195,8 @@ class Timing:
     latency: int
     sensor: int | None
     horizon: int
+    delay: tuple[int, int]
+    memory: int
 
     @classmethod
     def of(
@@ -224,27 +216,20 @@ class Timing:
         period = dt if control_period is None else control_period
         _check_within("control_period" if control_period else "dt", period, duration)
         _check_within("action_latency", action_latency, duration)
-        return cls(
-            dt=dt,
-            control_period=period,
-            substeps=whole_multiple("control_period", period, "dt", dt),
-            latency=whole_multiple("action_latency", action_latency, "dt", dt, least=0),
-            sensor=None
-            if sensor_period is None
-            else whole_multiple("sensor_period", sensor_period, "dt", dt),
-            horizon=_horizon(duration, period),
-        )
-
-    @property
-    def delay(self) -> tuple[int, int]:
-        """Latency as (whole decisions, sub-steps beyond them)."""
-        return divmod(self.latency, self.substeps)
-
-    @property
-    def memory(self) -> int:
-        """Past commands to keep: those still under way, and the last one to hold."""
-        periods, rest = self.delay
-        return max(1, periods + (1 if rest else 0))
+        substeps = whole_multiple("control_period", period, "dt", dt)
+        latency = whole_multiple("action_latency", action_latency, "dt", dt, least=0)
+        sensor = None
+        if sensor_period is not None:
+            sensor = whole_multiple("sensor_period", sensor_period, "dt", dt)
+        if duration / period > MOST:
+            raise InputError(
+                f"`duration`={duration:.12g} s is more than {MOST:.0e} control periods of "
+                f"{period:.12g} s; give a shorter one"
+            )
+        horizon = max(1, math.ceil(duration / period * (1.0 - TOLERANCE)))
+        delay = periods, rest = divmod(latency, substeps)
+        memory = max(1, periods + (1 if rest else 0))
+        return cls(dt, period, substeps, latency, sensor, horizon, delay, memory)
 
 
 @dataclass(frozen=True)
@@ -310,14 +295,14 @@ class Setup:
 
     def __getstate__(self) -> dict[str, Any]:
         """Without a simulator, which is made anew of the rest."""
-        kept = self.engine if self.settings.engine == NATIVE else type(self.engine)
-        return {**vars(self), "engine": kept}
+        engine = self.engine if self.settings.engine == NATIVE else type(self.engine)
+        return {**vars(self), "engine": engine}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)
         if isinstance(self.engine, type):
-            made = _engine(self.engine, self.system, self.settings, self.timing)
-            vars(self)["engine"] = made
+            engine = self.engine(self.system, self.settings.integrator, self.timing.dt)
+            vars(self)["engine"] = engine
 
     @property
     def fingerprinted(self) -> str:
@@ -372,11 +357,12 @@ class Setup:
             timing: rates.
             max_speed: clip on every velocity, rad/s or m/s, or None.
         """
-        system = _system(plant, self.settings, max_speed)
+        system = PlantSystem(plant, max_speed, self.settings.contact == "engine")
         if self.engine.batched:
             engine = self.engine.at(system, timing.dt)
         else:
-            engine = _engine(type(self.engine), system, self.settings, timing)
+            kind: Any = type(self.engine)
+            engine = kind(system, self.settings.integrator, timing.dt)
         return replace(self, plant=plant, task=task, timing=timing, system=system, engine=engine)
 
 
@@ -408,7 +394,9 @@ def build_setup(
                 f"{suggestion(name, names)}"
             )
     values = {
-        name: value.item() if isinstance(value, np.generic) or _is_scalar(value) else value
+        name: value.item()
+        if isinstance(value, np.generic | np.ndarray) and not value.ndim
+        else value
         for name, value in {**defaults, **arguments}.items()
     }
     given = _parse(Settings, values)
@@ -426,28 +414,14 @@ def build_setup(
         raise InputError(
             f"`contact`='engine' needs stops, and this {the_plant.name} has none; give its limit"
         )
-    system = _system(the_plant, settings, settings.max_speed)
+    system = PlantSystem(the_plant, settings.max_speed, settings.contact == "engine")
     engine = make_engine(settings.engine, system, settings.integrator, timing.dt)
     return Setup(settings, timing, the_plant, _parse(task, values), system, engine)
 
 
 def _timing(settings: Settings) -> Timing:
-    return Timing.of(
-        settings.dt,
-        settings.control_period,
-        settings.action_latency,
-        settings.sensor_period,
-        settings.duration,
-    )
-
-
-def _is_scalar(value: Any) -> bool:
-    return isinstance(value, np.ndarray) and value.ndim == 0
-
-
-def _engine(kind: type[Any], system: PlantSystem, settings: Settings, timing: Timing) -> Engine:
-    engine: Engine = kind(system, settings.integrator, timing.dt)
-    return engine
+    names = ("dt", "control_period", "action_latency", "sensor_period", "duration")
+    return Timing.of(*(getattr(settings, name) for name in names))
 
 
 def _parse(owner: type[Any], values: Mapping[str, Any]) -> Any:
@@ -470,10 +444,6 @@ def _as_float(value: Any) -> Any:
     if isinstance(value, np.ndarray):
         return value.astype(np.float64)
     return float(value) if isinstance(value, int) and not isinstance(value, bool) else value
-
-
-def _system(plant: Plant, settings: Settings, max_speed: Component | None) -> PlantSystem:
-    return PlantSystem(plant, max_speed, engine_stops=settings.contact == "engine")
 
 
 WEIGHT = "weight"

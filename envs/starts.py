@@ -13,9 +13,8 @@ import numpy.typing as npt
 from integ_gym.support.errors import InputError
 from integ_gym.support.parameters import unknown_name
 
-from .ops.array_ops import ARRAY, rows_of
-from .ops.ops import FLOAT32_MAX, Component, Components, leaves_of
-from .plants.interface import split_state, state_names
+from .ops.ops import ARRAY, FLOAT32_MAX, Component, Components, leaves_of, rows_of, split_state
+from .plants.interface import state_names
 from .settings import Setup
 from .transition import EnvState, initial_state, top_speed
 
@@ -48,7 +47,7 @@ def draw_start(setup: Setup, rng: np.random.Generator, options: Mapping[str, Any
     """A start in state order, drawn or given as option ``state``."""
     check_options(setup, options)
     if "state" in options:
-        return checked_state(setup, options["state"])
+        return parse_state(setup, options["state"])
     start = setup.task.draw_start(rng, setup.settings.start, options)
     return _checked_size(setup, tuple([float(x) for x in start]))
 
@@ -70,7 +69,7 @@ def check_options(setup: Setup, options: Mapping[str, Any], more: tuple[str, ...
             raise InputError(unknown_name("reset option", name, known))
 
 
-def checked_episodes(episodes: Any, shape: tuple[int, ...]) -> Array:
+def parse_episodes(episodes: Any, shape: tuple[int, ...]) -> Array:
     """The reset option ``episode`` as whole numbers of a shape.
 
     Raises:
@@ -85,7 +84,7 @@ def checked_episodes(episodes: Any, shape: tuple[int, ...]) -> Array:
     return array
 
 
-def possible(setup: Setup, start: Components) -> Component:
+def is_possible(setup: Setup, start: Components) -> Component:
     """Whether a start is finite and not faster than a motion may be; components in state order."""
     fastest = top_speed(setup)
     fine: Component = True
@@ -96,7 +95,7 @@ def possible(setup: Setup, start: Components) -> Component:
     return fine
 
 
-def checked_state(setup: Setup, state: Any) -> Components:
+def parse_state(setup: Setup, state: Any) -> Components:
     """A start state as floats.
 
     Raises:
@@ -118,7 +117,7 @@ def checked_state(setup: Setup, state: Any) -> Components:
 
 
 def _checked_size(setup: Setup, start: Components) -> Components:
-    if not possible(setup, start):
+    if not is_possible(setup, start):
         raise InputError(
             f"a start state must be finite, with speeds up to {top_speed(setup):g}, got {start}; "
             "mend the reset option `state` or the start's bounds"
@@ -139,7 +138,7 @@ def check_starts(setup: Setup) -> None:
     fastest = 0.0
     for number in (0.0, 0.5, 1.0):
         try:
-            start = made_start(setup, GivenNumbers(repeat(number)), {})
+            start = draw_with(setup, GivenNumbers(repeat(number)), {})
             fastest = max(fastest, *(abs(float(v)) for v in start[1::2]))
         except Exception:  # whatever a task of the user's own does with what is not a generator
             return
@@ -186,18 +185,18 @@ def numbers_per_start(setup: Setup) -> int | None:
     """
     try:
         counting = GivenNumbers(repeat(0.5))
-        made_start(setup, counting, {})
+        draw_with(setup, counting, {})
         singly, ahead = np.random.default_rng(0), np.random.default_rng(0)
-        one_by_one = [made_start(setup, singly, {}) for _ in range(2)]
+        one_by_one = [draw_with(setup, singly, {}) for _ in range(2)]
         numbers = ahead.random((2, counting.taken))
-        together = made_start(setup, GivenNumbers(iter(numbers.T)), {})
+        together = draw_with(setup, GivenNumbers(iter(numbers.T)), {})
         same = np.array_equal(np.array(one_by_one), rows_of(together, 2))
     except Exception:  # whatever a task of the user's own does with what is not a generator
         return None
     return counting.taken if same else None
 
 
-def made_start(setup: Setup, generator: Any, options: Mapping[str, Any]) -> Any:
+def draw_with(setup: Setup, generator: Any, options: Mapping[str, Any]) -> Any:
     """A start in state order, of whatever the task makes of the generator's numbers."""
     return setup.task.draw_start(generator, setup.settings.start, options)
 
@@ -249,9 +248,9 @@ class LaneStarts:
             ValueError: for one that is not possible.
         """
         starts = _starts_of(self._setup, self._numbers[self._places(lanes)], options)
-        fine = possible(self._setup, tuple(starts.T))
+        fine = is_possible(self._setup, tuple(starts.T))
         if not fine.all():
-            checked_state(self._setup, starts[np.argmin(fine)])
+            parse_state(self._setup, starts[np.argmin(fine)])
         return starts
 
     def begin(self, lanes: Array, first: Callable[[EnvState], Any]) -> Begun:
@@ -327,24 +326,24 @@ class _Ready:
         self.first = first
         self._setup = setup
         self._numbers = numbers
-        tree, self._table, self._fine = self._made(numbers)
+        tree, self._table, self._fine = self._prepare(numbers)
         self._all_fine = bool(self._fine.all())
         arrays, self._constants = _distinct(tree)
         self._observed = slice(len(arrays), self._table.shape[1])
         numbered = [*arrays, *[None] * (self._table.shape[1] - len(arrays)), *self._constants]
         places = {id(leaf): place for place, leaf in enumerate(numbered)}
         state: EnvState = tree[0]
-        self._told = itemgetter(places[id(state.energy)], places[id(state.goal_since)])
+        self._energy_and_goal = itemgetter(places[id(state.energy)], places[id(state.goal_since)])
         self._in_order = itemgetter(*(places[id(leaf)] for leaf in leaves_of(tree)))
 
     def at(self, places: Array) -> Begun:
         """Some of them."""
         if not (self._all_fine or self._fine[places].all()):
             starts = _starts_of(self._setup, self._numbers[places], {})
-            checked_state(self._setup, starts[np.argmin(self._fine[places])])
+            parse_state(self._setup, starts[np.argmin(self._fine[places])])
         rows = self._table.take(places, axis=0)
         values = [*rows.T.copy(), *self._constants]
-        energy, goal_since = self._told(values)
+        energy, goal_since = self._energy_and_goal(values)
         return Begun(self._in_order(values), energy, goal_since, rows[:, self._observed])
 
     def make(self, banks: Array, size: int) -> None:
@@ -353,12 +352,12 @@ class _Ready:
             array.reshape(len(array) // size, size, *array.shape[1:])
             for array in (self._numbers, self._table, self._fine)
         )
-        _, made, possible_ones = self._made(_in_a_row(numbers[banks]))
-        table[banks] = made.reshape(len(banks), *table.shape[1:])
-        fine[banks] = possible_ones.reshape(len(banks), size)
+        _, prepared, fine_ones = self._prepare(numbers[banks].reshape(-1, numbers.shape[2]))
+        table[banks] = prepared.reshape(len(banks), *table.shape[1:])
+        fine[banks] = fine_ones.reshape(len(banks), size)
         self._all_fine = bool(self._fine.all())
 
-    def _made(self, numbers: Array) -> tuple[Any, Array, Array]:
+    def _prepare(self, numbers: Array) -> tuple[Any, Array, Array]:
         """State and what a step takes; all its arrays, and observations; which are possible."""
         setup = self._setup
         start = tuple(_starts_of(setup, numbers, {}).T)
@@ -368,18 +367,12 @@ class _Ready:
             observed = setup.task.observe(ARRAY, state.sensed_q, state.sensed_v)
             tree = state, self.first(state)
         table = rows_of((*_distinct(tree)[0], *observed), len(numbers))
-        return tree, table, possible(setup, start)
+        return tree, table, is_possible(setup, start)
 
 
 def _starts_of(setup: Setup, numbers: Array, options: Mapping[str, Any]) -> Array:
     """Starts in state order, shape (starts, n), of uniform numbers, shape (starts, size)."""
-    return rows_of(made_start(setup, GivenNumbers(iter(numbers.T)), options), len(numbers))
-
-
-def _in_a_row(numbers: Array) -> Array:
-    """Numbers of the starts of all banks, bank by bank."""
-    banks, starts, size = numbers.shape
-    return numbers.reshape(banks * starts, size)
+    return rows_of(draw_with(setup, GivenNumbers(iter(numbers.T)), options), len(numbers))
 
 
 def _distinct(tree: Any) -> tuple[list[Array], list[Component]]:

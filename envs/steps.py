@@ -1,4 +1,4 @@
-"""The step of an environment: as it is written, and as one straight-line function."""
+"""The step of an environment as one straight-line function: traced, compiled, and as JavaScript."""
 
 from __future__ import annotations
 
@@ -10,124 +10,79 @@ import numpy as np
 
 from integ_gym.support.errors import InputError
 
-from .ops.array_ops import ARRAY, rows_of
-from .ops.compiling import (
-    Repeated,
-    compiled,
-    looped,
-    repeated,
-    source_of,
-)
-from .ops.dialects import ARRAYS, JAVASCRIPT, SCALARS, NotTraceable, Unusual
 from .ops.ops import (
+    ARRAY,
     SCALAR,
     Component,
     Components,
+    NotTraceable,
     Ops,
+    Unusual,
     map_leaves,
+    rows_of,
 )
 from .settings import Setup
 from .starts import Begun
-from .transition import (
-    EnvState,
-    initial_state,
-    quiet_status,
-    reset_info,
-    step_info,
-    transition,
-)
-
-ScalarStep = Callable[[EnvState, float], tuple[Any, ...]]
-"""(state, action) to (state, observation, reward, terminated, truncated, info, sampled).
-
-In `info`, the solver's status is a code."""
-
-ScalarStart = Callable[[Components, Components], tuple[Any, ...]]
-"""(q, v) to (state, observation, info)."""
-
-ArrayStep = Callable[[EnvState, Component], tuple[EnvState, Any, dict[str, Any]]]
-"""(state, actions) to (state, observations, told); what is alike in all lanes may be one number.
-
-Observations are rows of float32, shape (lanes, n). Arrays that are told are objects of their own.
-They are `info`, with the solver's status as a code, and reward, terminated, truncated and sampled.
-"""
+from .transition import EnvState, array_step, initial_state, scalar_start, scalar_step, transition
 
 OBSERVED = 1
-"""Place of the observation in what an :data:`ArrayStep` returns."""
-
-RESULTS = ("reward", "terminated", "truncated", "sampled")
-"""What is told beside `info`."""
+"""Place of the observation in what an array step returns."""
 
 WARM_UP = 50
 """Steps of an environment after which the rest are traced: shorter lives are not worth it."""
 
-_KEPT = 128
+_CACHE_SIZE = 128
 """Traced functions kept, for environments that are made again."""
 
 
-def plain_step(setup: Setup) -> ScalarStep:
-    """The step of a setup on floats, as it is written."""
-    return partial(_scalar_step, setup, SCALAR)
+def trace_function(setup: Setup, function: Callable[..., Any]) -> Any:
+    """A function of a setup as one function without calls, several times as fast.
 
+    Of floats it gives the same bits. It raises ``ArithmeticError`` or ``ValueError`` for an action
+    that is not finite, and where a motion diverges or leaves the domain of the scalar arithmetic.
+    Of arrays it is a :class:`~.ops.compiling.Repeated`, equal but for the sign of zeros, which
+    raises :class:`Unusual` for such an action or motion in any lane. The plain function says what
+    follows.
 
-def traced_step(setup: Setup) -> ScalarStep | None:
-    """The same step as one function without calls, several times as fast, to the same bits.
-
-    It raises ``ArithmeticError`` or ``ValueError`` for an action that is not finite, and where a
-    motion diverges or leaves the domain of the scalar arithmetic; the plain step says what follows.
-
-    Returns:
-        None where a part cannot be traced, such as a user's integrator that asks ``if x > 0.0``.
-    """
-    step: ScalarStep | None = _unless_refused(_traced(setup, _scalar_step))
-    return step
-
-
-def plain_start(setup: Setup) -> ScalarStart:
-    """The start of an episode on floats, as it is written."""
-    return partial(_scalar_start, setup, SCALAR)
-
-
-def traced_start(setup: Setup) -> ScalarStart | None:
-    """The same as one function without calls; as :func:`traced_step`."""
-    start: ScalarStart | None = _unless_refused(_traced(setup, _scalar_start))
-    return start
-
-
-def plain_array_step(setup: Setup) -> ArrayStep:
-    """The step of a setup on arrays, as it is written."""
-    return partial(_in_rows, partial(_array_step, setup, ARRAY))
-
-
-def traced_array_step(setup: Setup) -> Repeated | None:
-    """The same step as one function without calls; equal, but for the sign of zeros.
-
-    It raises :class:`Unusual` where an action is not finite or a motion diverges, in any lane.
+    Args:
+        setup: of the environment.
+        function: `scalar_step`, `scalar_start` or `array_step` of :mod:`.transition`.
 
     Returns:
-        None where a part cannot be traced, such as parameters that differ between lanes.
+        None where a part cannot be traced, such as a user's integrator that asks ``if x > 0.0``,
+        or parameters that differ between lanes.
     """
-    made: Repeated | None = _unless_refused(_traced(setup, _array_step))
-    return made
+    found = _trace(setup, function)
+    return None if isinstance(found, NotTraceable) else found
 
 
-def compiled_array_step(setup: Setup) -> Repeated:
-    """The same as a few loops over lanes that Numba compiles at the second call.
+def plain_array_step(setup: Setup) -> Callable[[EnvState, Component], tuple[Any, ...]]:
+    """The step of a setup on arrays, as it is written.
+
+    It takes (state, actions) and gives (state, observations, values): observations are rows of
+    float32, shape (lanes, n); values are `info`, with the solver's status as a code, and
+    `RESULTS`. What is alike in all lanes may be one number.
+    """
+    return partial(_with_rows, partial(array_step, setup, ARRAY))
+
+
+def compiled_array_step(setup: Setup) -> Any:
+    """The traced step as a few loops over lanes that Numba compiles at the second call.
 
     Raises:
         ValueError: for a setup of which this cannot be done.
         ModuleNotFoundError: without Numba.
     """
-    made = _traced(setup, _array_step)
-    if not isinstance(made, NotTraceable):
+    found = _trace(setup, array_step)
+    if not isinstance(found, NotTraceable):
         try:
-            return _looped(_Key(setup, _array_step))
+            return _compile_loops(_Key(setup, array_step))
         except NotTraceable as error:
-            made = error
+            found = error
     settings = setup.settings
     raise InputError(
         f"`compiled` cannot be had of integrator {settings.integrator!r} on engine "
-        f"{settings.engine!r}: {made}; leave it out"
+        f"{settings.engine!r}: {found}; leave it out"
     )
 
 
@@ -139,15 +94,15 @@ class LanesStep:
         compiled: whether from the first step, by the one that Numba compiles.
 
     Attributes:
-        alike: what the last call would have told that is one number for all lanes, and the same
-            mapping as long as it says the same.
+        alike: values of the last call that are one number for all lanes; the same mapping for as
+            long as they are the same.
     """
 
     def __init__(self, setup: Setup, compiled: bool = False) -> None:
         self._setup = setup
         self._plain = plain_array_step(setup)
-        self._trace = compiled_array_step if compiled else traced_array_step
-        self._traced = self._trace(setup) if compiled else None
+        self._compiled = compiled
+        self._traced = self._trace() if compiled else None
         self._last: EnvState | None = None
         self._carried: Any = ()
         self._steps_to_trace = 0 if compiled else WARM_UP
@@ -160,12 +115,16 @@ class LanesStep:
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
         if not self._steps_to_trace:
-            self._traced = self._trace(self._setup)
+            self._traced = self._trace()
+
+    def _trace(self) -> Any:
+        setup = self._setup
+        return compiled_array_step(setup) if self._compiled else trace_function(setup, array_step)
 
     @property
     def first(self) -> Callable[[EnvState], tuple[Component, ...]]:
         """What the step takes from the call before, of a state that it has not returned."""
-        return _nothing if self._traced is None else self._traced.first
+        return _carry_nothing if self._traced is None else self._traced.first
 
     def begin(self, state: EnvState, lanes: Component, begun: Begun) -> EnvState:
         """``state``, which the step has just returned, with episodes begun in some lanes.
@@ -191,69 +150,31 @@ class LanesStep:
         return EnvState._make(map_leaves(put, tuple(state)))
 
     def __call__(self, state: EnvState, actions: Any) -> tuple[EnvState, Any, dict[str, Any]]:
-        """As an :data:`ArrayStep` that leaves out what is :attr:`alike`."""
+        """As :func:`plain_array_step`'s, without the values that are :attr:`alike`."""
         if self._steps_to_trace > 0:
             self._steps_to_trace -= 1
             if not self._steps_to_trace:
-                self._traced = self._trace(self._setup)
-        if self._traced is not None:
-            try:
-                return self._go_on(self._traced, state, actions)
-            except Unusual:
-                pass
-        self.alike = {}
+                self._traced = self._trace()
         with np.errstate(all="ignore"):
-            after, rows, told = self._plain(state, actions)
-        return after, rows, {name: _own(value) for name, value in told.items()}
+            if self._traced is not None:
+                try:
+                    if state is not self._last:
+                        self._carried = self._traced.first(state)
+                    after, rows, values, self._carried = self._traced.step(
+                        state, self._carried, actions
+                    )
+                    self._last, self.alike = EnvState._make(after), self._traced.alike
+                    return self._last, rows, values
+                except Unusual:
+                    pass
+            self.alike = {}
+            after, rows, values = self._plain(state, actions)
+        own = {n: x.copy() if np.ndim(x) else np.asarray(x).item() for n, x in values.items()}
+        return after, rows, own
 
-    def _go_on(
-        self, traced: Repeated, state: EnvState, actions: Any
-    ) -> tuple[EnvState, Any, dict[str, Any]]:
-        with np.errstate(all="ignore"):
-            if state is not self._last:
-                self._carried = traced.first(state)
-            after, rows, told, self._carried = traced.step(state, self._carried, actions)
-        self._last, self.alike = EnvState._make(after), traced.alike
-        return self._last, rows, told
 
-
-def _nothing(state: EnvState) -> tuple[Component, ...]:
+def _carry_nothing(state: EnvState) -> tuple[Component, ...]:
     return ()
-
-
-def _own(value: Component) -> Component:
-    """A copy of an array, or one number."""
-    return value.copy() if np.ndim(value) else np.asarray(value).item()
-
-
-def _scalar_start(setup: Setup, ops: Ops, q: Components, v: Components) -> tuple[Any, ...]:
-    state = initial_state(ops, setup, q, v)
-    observation = setup.task.observe(ops, state.q, state.v)
-    return tuple(state), observation, reset_info(state, quiet_status(setup))
-
-
-def _scalar_step(
-    setup: Setup, ops: Ops, state: tuple[Any, ...], action: Component
-) -> tuple[Any, ...]:
-    after, outcome = transition(ops, setup, EnvState._make(state), action)
-    return (
-        tuple(after),
-        setup.task.observe(ops, after.sensed_q, after.sensed_v),
-        outcome.reward,
-        outcome.terminated,
-        outcome.truncated,
-        step_info(setup, after, outcome),
-        outcome.sampled,
-    )
-
-
-def _array_step(
-    setup: Setup, ops: Ops, state: tuple[Any, ...], action: Component
-) -> tuple[EnvState, Components, dict[str, Any]]:
-    after, outcome = transition(ops, setup, EnvState._make(state), action)
-    told = step_info(setup, after, outcome)
-    told |= {name: getattr(outcome, name) for name in RESULTS}
-    return after, setup.task.observe(ops, after.sensed_q, after.sensed_v), told
 
 
 class _Key:
@@ -272,69 +193,55 @@ class _Key:
         return isinstance(other, _Key) and self._parts == other._parts
 
 
-def _traced(setup: Setup, function: Callable[..., Any]) -> Any:
-    """A traced function of a setup, or why there is none; kept, but for engines with data."""
+def _trace(setup: Setup, function: Callable[..., Any]) -> Any:
+    """A traced function of a setup, or why there is none; cached, but for engines with data."""
     if any(isinstance(value, np.ndarray) for value in setup.arguments().values()):
         return NotTraceable("parameters differ between lanes")
     if setup.engine.batched:
-        return _kept(_Key(setup, function))
-    if function is _array_step:
+        return _trace_once(_Key(setup, function))
+    if function is array_step:
         return NotTraceable("it moves lanes one by one")
-    return _tried(setup, function)
+    return _trace_once.__wrapped__(_Key(setup, function))
 
 
-@lru_cache(maxsize=_KEPT)
-def _kept(key: _Key) -> Any:
-    return _tried(key.setup, key.function)
+@lru_cache(maxsize=_CACHE_SIZE)
+def _trace_once(key: _Key) -> Any:
+    from .ops.compiling import compile_repeated, compile_trace
+    from .ops.dialects import ARRAYS, SCALARS
 
-
-def _tried(setup: Setup, function: Callable[..., Any]) -> Any:
+    setup, function = key.setup, partial(key.function, key.setup)
     try:
-        return _made(setup, function)
+        rest, state = _patterns(setup)
+        if key.function is scalar_start:
+            return compile_trace(SCALARS, function, rest, rest)
+        if key.function is scalar_step:
+            return compile_trace(SCALARS, function, state, False)
+        steps = compile_repeated(ARRAYS, function, state, False)
+        return steps._replace(step=partial(_with_rows, steps.step))
     except Exception as error:  # whatever a part of the user's own does with what is not a float
         known = isinstance(error, NotTraceable)
         return NotTraceable(str(error) if known else f"{type(error).__name__}: {error}")
 
 
-def _made(setup: Setup, function: Callable[..., Any]) -> Any:
-    of_setup, rest = partial(function, setup), _at_rest(setup)
-    if function is _scalar_start:
-        return compiled(SCALARS, of_setup, truths(rest), truths(rest))
-    state = _state_pattern(setup, rest)
-    if function is _scalar_step:
-        return compiled(SCALARS, of_setup, state, False)
-    made = repeated(ARRAYS, of_setup, state, False)
-    return made._replace(step=partial(_in_rows, made.step))
+@lru_cache(maxsize=_CACHE_SIZE)
+def _compile_loops(key: _Key) -> Any:
+    from .ops.compiling import compile_loops
+
+    _, state = _patterns(key.setup)
+    return compile_loops(_trace_once(key), OBSERVED, partial(key.function, key.setup), state, False)
 
 
-def _unless_refused(made: Any) -> Any:
-    return None if isinstance(made, NotTraceable) else made
-
-
-def _in_rows(step: Callable[..., Any], *arguments: Any) -> tuple[Any, ...]:
+def _with_rows(step: Callable[..., Any], *arguments: Any) -> tuple[Any, ...]:
     """What a step of arrays gives, with the components of observations as rows of float32."""
     after, observed, *rest = step(*arguments)
     return after, rows_of(observed, len(arguments[-1]), np.float32), *rest
 
 
-@lru_cache(maxsize=_KEPT)
-def _looped(key: _Key) -> Repeated:
-    state = _state_pattern(key.setup, _at_rest(key.setup))
-    return looped(_kept(key), OBSERVED, partial(key.function, key.setup), state, False)
-
-
-def _at_rest(setup: Setup) -> Components:
-    return (0.0,) * len(setup.plant.coordinates)
-
-
-def _state_pattern(setup: Setup, rest: Components) -> Any:
-    """Where truth values stand in a state."""
-    return truths(tuple(initial_state(SCALAR, setup, rest, rest)))
-
-
-def truths(values: tuple[Any, ...]) -> Any:
-    """True where a truth value stands, False where a number does."""
-    return map_leaves(lambda value: isinstance(value, bool), values)
+def _patterns(setup: Setup) -> tuple[Any, Any]:
+    """Coordinates and a state of a setup, True where a truth value stands, else False."""
+    rest = (0.0,) * len(setup.plant.coordinates)
+    trees = rest, tuple(initial_state(SCALAR, setup, rest, rest))
+    return map_leaves(lambda value: isinstance(value, bool), trees)  # type: ignore[no-any-return]
 
 
 class Script(NamedTuple):
@@ -343,8 +250,8 @@ class Script(NamedTuple):
     start: str
     """(q, v) to [state, observation]."""
     step: str
-    """(state, action) to [state, observation, told], or null where the motion diverges or the
-    action is not finite. `told` has `control` in force at the end, N or N m, what `motor`,
+    """(state, action) to [state, observation, values], or null where the motion diverges or the
+    action is not finite. `values` has `control` in force at the end, N or N m, what `motor`,
     `numerics` and `losses` gave and took in the period, J, and `ended` and `success`."""
 
 
@@ -355,27 +262,28 @@ def script_of(setup: Setup) -> Script | None:
         None where they cannot be: where an engine calls what is not of our own arithmetic, a part
         needs to know the value of a component, or observations are noisy.
     """
+    from .ops.compiling import source_of
+    from .ops.dialects import JAVASCRIPT
+
     if setup.settings.observation_noise:
         return None
-    rest = (0.0,) * len(setup.plant.coordinates)
     try:
-        state = tuple(initial_state(SCALAR, setup, rest, rest))
+        rest, state = _patterns(setup)
         return Script(
-            source_of(JAVASCRIPT, partial(_start, setup), truths(rest), truths(rest)),
-            source_of(JAVASCRIPT, partial(_step, setup), truths(state), False),
+            source_of(JAVASCRIPT, partial(_start, setup), rest, rest),
+            source_of(JAVASCRIPT, partial(_step, setup), state, False),
         )
     except Exception:  # whatever a part of the user's own does with what is not a float
         return None
 
 
 def _start(setup: Setup, ops: Ops, q: Components, v: Components) -> tuple[Any, ...]:
-    state = initial_state(ops, setup, q, v)
-    return tuple(state), setup.task.observe(ops, state.q, state.v)
+    return scalar_start(setup, ops, q, v)[:2]
 
 
 def _step(setup: Setup, ops: Ops, state: tuple[Any, ...], action: Component) -> tuple[Any, ...]:
     after, outcome = transition(ops, setup, EnvState._make(state), action)
-    told = {
+    values = {
         "control": outcome.control,
         "motor": outcome.work,
         "numerics": outcome.residual_energy,
@@ -383,4 +291,4 @@ def _step(setup: Setup, ops: Ops, state: tuple[Any, ...], action: Component) -> 
         "ended": outcome.terminated | outcome.truncated,
         "success": outcome.success,
     }
-    return tuple(after), setup.task.observe(ops, after.sensed_q, after.sensed_v), told
+    return tuple(after), setup.task.observe(ops, after.sensed_q, after.sensed_v), values

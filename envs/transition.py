@@ -7,11 +7,10 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from .engines.interface import DIVERGENCE_SPEED, Motion, Segments
-from .ops.ops import Component, Components, Ops
-from .plants.interface import split_state
+from .engines.stepping import DIVERGENCE_SPEED, Motion, Segments
+from .ops.ops import Component, Components, Ops, split_state
 from .settings import Setup, Timing
-from .tasks.interface import Command
+from .tasks import Command
 
 OK, NOT_CONVERGED, DIVERGED, NOT_REPORTED = 0, 1, 2, -1
 STATUS_NAMES: tuple[str, ...] = ("ok", "not_converged", "diverged", "not_reported")
@@ -96,7 +95,7 @@ def initial_state(ops: Ops, setup: Setup, q: Components, v: Components) -> EnvSt
     )
 
 
-def sensed(state: EnvState, noise: Components) -> tuple[Components, Components]:
+def sensed_state(state: EnvState, noise: Components) -> tuple[Components, Components]:
     """Coordinates and velocities at the sensor's last sample.
 
     Args:
@@ -138,7 +137,7 @@ def transition(
     except ArithmeticError:
         q, v = state.q, state.v
         motion = Motion(q, v, q, v, 0.0, setup.system.no_losses, 0.0, 0, 0.0, False, False)
-    motion = motion._replace(finite=ops.usually(motion.finite))
+    motion = motion._replace(finite=ops.assume_true(motion.finite))
     after = _next_state(ops, setup, state, orders, motion)
     return after, _outcome(ops, setup, state, after, orders, motion)
 
@@ -146,7 +145,7 @@ def transition(
 def _give_orders(ops: Ops, setup: Setup, state: EnvState, command: Command) -> _Orders:
     timing = setup.timing
     held = state.commands[0] if setup.settings.fallback == "hold" else 0.0
-    valid = ops.usually(command.valid)
+    valid = ops.assume_true(command.valid)
     commands = (ops.where(valid, command.control, held), *state.commands)
     fallbacks = (_negated(valid), *state.fallbacks)
     segments, used = _segments(timing.delay, timing.substeps, commands, fallbacks)
@@ -224,7 +223,7 @@ def _outcome(
         reward=ops.where(ok, earned, worst),
         terminated=terminated,
         truncated=truncated,
-        success=ops.rarely(truncated) & (reached & _negated(terminated)),
+        success=ops.assume_false(truncated) & (reached & _negated(terminated)),
         sampled=_sampled(orders, ok),
         work=work,
         dissipated=dissipated,
@@ -279,15 +278,15 @@ LOSSES = ("dissipated", "contact_loss", "clip_loss")
 
 def reset_info(state: EnvState, status: int = OK) -> dict[str, Any]:
     """`info` of a reset: the keys of a step, nothing booked."""
-    return {**_told(0.0, state, Outcome(status=status)), "sensor_time": 0.0}
+    return {**_info_dict(0.0, state, Outcome(status=status)), "sensor_time": 0.0}
 
 
 def step_info(setup: Setup, state: EnvState, outcome: Outcome) -> dict[str, Any]:
     """`info` of a step."""
-    return _told(state.steps * setup.timing.control_period, state, outcome)
+    return _info_dict(state.steps * setup.timing.control_period, state, outcome)
 
 
-def _told(time: Component, state: EnvState, outcome: Outcome) -> dict[str, Any]:
+def _info_dict(time: Component, state: EnvState, outcome: Outcome) -> dict[str, Any]:
     return {
         "time": time,
         "energy": state.energy,
@@ -313,3 +312,36 @@ def _told(time: Component, state: EnvState, outcome: Outcome) -> dict[str, Any]:
 
 BLANK = reset_info(EnvState((), (), 0.0, (), (), (), (), 0.0, 0, AWAY))
 """What is told about a reset, but for what depends on the start."""
+
+
+RESULTS = ("reward", "terminated", "truncated", "sampled")
+"""What a step of arrays returns beside `info`."""
+
+
+def scalar_start(setup: Setup, ops: Ops, q: Components, v: Components) -> tuple[Any, ...]:
+    state = initial_state(ops, setup, q, v)
+    observation = setup.task.observe(ops, state.q, state.v)
+    return tuple(state), observation, reset_info(state, quiet_status(setup))
+
+
+def scalar_step(
+    setup: Setup, ops: Ops, state: tuple[Any, ...], action: Component
+) -> tuple[Any, ...]:
+    after, outcome = transition(ops, setup, EnvState._make(state), action)
+    return (
+        tuple(after),
+        setup.task.observe(ops, after.sensed_q, after.sensed_v),
+        outcome.reward,
+        outcome.terminated,
+        outcome.truncated,
+        step_info(setup, after, outcome),
+        outcome.sampled,
+    )
+
+
+def array_step(
+    setup: Setup, ops: Ops, state: tuple[Any, ...], action: Component
+) -> tuple[EnvState, Components, dict[str, Any]]:
+    after, outcome = transition(ops, setup, EnvState._make(state), action)
+    values = step_info(setup, after, outcome) | {n: getattr(outcome, n) for n in RESULTS}
+    return after, setup.task.observe(ops, after.sensed_q, after.sensed_v), values

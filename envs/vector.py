@@ -18,7 +18,7 @@ from integ_gym.support.errors import InputError
 
 from .environment import (
     IntegEnv,
-    checked_render_mode,
+    check_render_mode,
     frames_per_second,
     is_own_horizon,
     make_setup,
@@ -26,30 +26,35 @@ from .environment import (
     running_makers,
     with_horizon,
 )
-from .lanes import Array, as_floats, blank, check_lanes, lane_seeds, of_lanes, put, take, varied
-from .ops.array_ops import ARRAY, rows_of
-from .ops.ops import Components
-from .plants.interface import join_state, split_state
-from .sequential_vector import DiscretizedVectorEnv
+from .lanes import (
+    Array,
+    DiscretizedVectorEnv,
+    Info,
+    LaneInfo,
+    as_floats,
+    check_lanes,
+    lane_parameters,
+    lane_seeds,
+    mask_outside,
+    put,
+    setup_of_lanes,
+    take,
+    zeros_like,
+)
+from .ops.ops import ARRAY, Components, join_state, rows_of, split_state
 from .settings import Mixture, Setup, make_mixture
 from .starts import (
     MEMBER,
     NOISE,
     LaneStarts,
     check_options,
-    checked_episodes,
     draw_start,
     numbers_per_start,
+    parse_episodes,
     stream_of_episode,
 )
-from .steps import RESULTS, LanesStep
-from .transition import (
-    EnvState,
-    initial_state,
-    quiet_status,
-    sensed,
-)
-from .vector_info import Info, LaneInfo, kept
+from .steps import LanesStep
+from .transition import RESULTS, EnvState, initial_state, quiet_status, sensed_state
 
 _FLOATS = np.dtype(np.float64)
 
@@ -108,7 +113,7 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         for setup in self.setups:
             check_lanes(setup, num_envs)
         self.setup = self.setups[0]
-        self.render_mode = checked_render_mode(render_mode, type(self).metadata["render_modes"])
+        self.render_mode = check_render_mode(render_mode, type(self).metadata["render_modes"])
         self.metadata = {
             **type(self).metadata,
             "render_fps": frames_per_second(self.setup),
@@ -119,7 +124,7 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._action_shape = self.action_space.shape
         self.observation_space = batch_space(self.single_observation_space, num_envs)
-        self._lanes_differ = bool(varied(self.setup))
+        self._lanes_differ = bool(lane_parameters(self.setup))
         self._quiet = np.array([quiet_status(setup) for setup in self.setups])
         self._info = LaneInfo(num_envs, int(self._quiet[0]))
         self._steps = [LanesStep(setup, bool(compiled)) for setup in self.setups]
@@ -209,12 +214,12 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         if self.mixed and "mixture_index" in options:
             options["mixture_index"] = self._given_members(options["mixture_index"])
         if "episode" in options:
-            options["episode"] = checked_episodes(options["episode"], (self.num_envs,))
+            options["episode"] = parse_episodes(options["episode"], (self.num_envs,))
         self._seed(seed, mask)
         info = self._info.nothing()
         self._begin(np.flatnonzero(mask), options, info)
         observation = self._table(self._observed())
-        return self._with_noise(observation, mask), self._told(info, mask.copy())
+        return self._with_noise(observation, mask), self._visible_info(info, mask.copy())
 
     def step(self, actions: Any) -> tuple[Array, Array, Array, Array, dict[str, Any]]:
         """Advance every lane by one control period.
@@ -231,11 +236,11 @@ class IntegVectorEnv(DiscretizedVectorEnv):
                 "these lanes have ended; reset them with options={'reset_mask': mask}: "
                 f"{waiting.tolist()}"
             )
-        observation, told, alike = self._advance(self._read_actions(actions, waiting))
+        observation, step_values, alike = self._advance(self._read_actions(actions, waiting))
         reward, terminated, truncated, sampled = (
-            self._info.result(name, told, alike) for name in RESULTS
+            self._info.result(name, step_values, alike) for name in RESULTS
         )
-        info = self._info.of_step(told, alike)
+        info = self._info.of_step(step_values, alike)
         if self.render_mode is not None:
             self._control = info["control"].copy()
         if waiting.size:
@@ -248,7 +253,7 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         if self.autoreset_mode is AutoresetMode.SAME_STEP and self._done.any():
             observation, everything = self._reset_same_step(observation, info)
         else:
-            everything = self._told(info, self._info.everyone)
+            everything = self._visible_info(info, self._info.everyone)
         return observation, reward, terminated, truncated, everything
 
     def render(self) -> tuple[npt.NDArray[np.uint8], ...] | None:
@@ -283,10 +288,10 @@ class IntegVectorEnv(DiscretizedVectorEnv):
     def _seed(self, seed: int | Sequence[int | None] | None, mask: Array) -> None:
         seeds = lane_seeds(seed, self.num_envs)
         if not self._rngs:
-            made = [seeding.np_random(s) for s in seeds]
-            self._rngs = [rng for rng, _ in made]
-            self._seeds = [int(s) for _, s in made]
-            self._starts = self._starts_ahead()
+            pairs = [seeding.np_random(s) for s in seeds]
+            self._rngs, self._seeds = [rng for rng, _ in pairs], [int(s) for _, s in pairs]
+            size = numbers_per_start(self.setup)  # starts are drawn ahead where they are uniform
+            self._starts = None if size is None else LaneStarts(self.setup, self._rngs, size)
             return
         for lane in np.flatnonzero(mask).tolist():
             if seeds[lane] is not None:
@@ -294,11 +299,6 @@ class IntegVectorEnv(DiscretizedVectorEnv):
                 self._rngs[lane], self._seeds[lane] = seeding.np_random(seeds[lane])
                 if self._starts is not None:
                     self._starts.forget(lane)
-
-    def _starts_ahead(self) -> LaneStarts | None:
-        """Starts drawn ahead, where they are made of uniform numbers."""
-        size = numbers_per_start(self.setup)
-        return None if size is None else LaneStarts(self.setup, self._rngs, size)
 
     def _reset_mask(self, mask: Any) -> Array:
         if mask is None:
@@ -332,7 +332,7 @@ class IntegVectorEnv(DiscretizedVectorEnv):
             q = setup.system.confined(ARRAY, q)
         fresh = initial_state(ARRAY, setup, q, v)
         if self._state is None:
-            self._state = blank(fresh, self.num_envs)
+            self._state = zeros_like(fresh, self.num_envs)
         self._state = put(self._state, lanes, fresh, self.num_envs)
         self._done[lanes] = False
         self._control[lanes] = 0.0
@@ -344,7 +344,10 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         """The same after a step, whose arrays and observation, without noise, are written into."""
         if self._starts is None or self._lanes_differ or self.mixed:
             self._begin(lanes, {}, info)
-            self._look_anew(observation, lanes)
+            state, task = self._current(), self._for_lanes(self.setup, lanes).task
+            q, v = take(state.sensed_q, lanes), take(state.sensed_v, lanes)
+            for column, values in enumerate(task.observe(ARRAY, q, v)):
+                observation[lanes, column] = values
             return
         self._count_episodes(lanes, {})
         step = self._steps[0]
@@ -422,8 +425,8 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         if self.mixed:
             return self._advance_mixture(actions)
         step = self._steps[0]
-        self._state, observation, told = step(self._current(), actions)
-        return observation, told, step.alike
+        self._state, observation, step_values = step(self._current(), actions)
+        return observation, step_values, step.alike
 
     def _advance_mixture(self, actions: Array) -> tuple[Array, dict[str, Any], Mapping[str, Any]]:
         """Advance the lanes of each discretization as one group."""
@@ -436,9 +439,9 @@ class IntegVectorEnv(DiscretizedVectorEnv):
                 continue
             own = self._for_lanes(setup, lanes)
             step = self._steps[index] if own is setup else LanesStep(own)
-            after, observation[lanes], told = step(take(state, lanes), actions[lanes])
+            after, observation[lanes], step_values = step(take(state, lanes), actions[lanes])
             state = put(state, lanes, after, self.num_envs)
-            for name, value in {**step.alike, **told}.items():
+            for name, value in {**step.alike, **step_values}.items():
                 if name not in merged:
                     merged[name] = np.zeros(self.num_envs, dtype=np.asarray(value).dtype)
                 merged[name][lanes] = value
@@ -446,22 +449,15 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         return observation, merged, {}
 
     def _for_lanes(self, setup: Setup, lanes: Array) -> Setup:
-        return of_lanes(setup, lanes) if self._lanes_differ else setup
+        return setup_of_lanes(setup, lanes) if self._lanes_differ else setup
 
     def _observed(self, noise: Components = ()) -> Components:
         """Observations of all lanes."""
-        return self.setup.task.observe(ARRAY, *sensed(self._current(), noise))
+        return self.setup.task.observe(ARRAY, *sensed_state(self._current(), noise))
 
     def _table(self, observed: Components) -> Array:
         """Observations as float32, shape (num_envs, n)."""
         return rows_of(observed, self.num_envs, np.float32)
-
-    def _look_anew(self, observation: Array, lanes: Array) -> None:
-        """Fill in the observations, without noise, of lanes that have just been reset."""
-        state, task = self._current(), self._for_lanes(self.setup, lanes).task
-        q, v = take(state.sensed_q, lanes), take(state.sensed_v, lanes)
-        for column, values in enumerate(task.observe(ARRAY, q, v)):
-            observation[lanes, column] = values
 
     def _with_noise(self, observation: Array, sampled: Array) -> Array:
         """Observations with noise, drawn anew where the sensor has just sampled."""
@@ -483,23 +479,23 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         final_obs = np.full(self.num_envs, None, dtype=object)
         for lane in lanes:
             final_obs[lane] = observation[lane].copy()
-        final_info = self._info.told(kept(self._arrays(info), done), done)
+        final_info = self._info.with_masks(mask_outside(self._arrays(info), done), done)
         self.status_codes = self.status_codes.copy()
         self._begin_again(lanes, info, observation)
-        told = {
-            **self._told(info, self._info.everyone),
+        everything = {
+            **self._visible_info(info, self._info.everyone),
             "final_obs": final_obs,
             "_final_obs": done,
             "final_info": final_info,
             "_final_info": done.copy(),
         }
-        return self._with_noise(observation, done), told
+        return self._with_noise(observation, done), everything
 
     def _arrays(self, info: Info) -> Info:
         return {**info, "mixture_index": self._member.copy()} if self.mixed else info
 
-    def _told(self, info: Info, mask: Array) -> dict[str, Any]:
-        return self._info.told(self._arrays(info), mask)
+    def _visible_info(self, info: Info, mask: Array) -> dict[str, Any]:
+        return self._info.with_masks(self._arrays(info), mask)
 
 
 def _drawn(env: type[IntegEnv], arguments: Mapping[str, Any], mixture: Any) -> Mixture:

@@ -17,7 +17,7 @@ import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.envs.catalogue.lookup import environment_setup, is_integ_environment
+from integ_gym.envs.environment import environment_setup, is_integ_environment
 from integ_gym.envs.plants.interface import state_names
 from integ_gym.envs.registries import ENVIRONMENTS, TRUTH
 from integ_gym.envs.rendering.canvas import load_pygame, open_screen
@@ -80,20 +80,7 @@ def parse_discretization(asked: Asked, like: Discretization, env_id: str) -> Dis
 
 def arguments_on(cell: Discretization, arguments: Mapping[str, Any]) -> dict[str, Any]:
     """Constructor arguments of an environment on another discretization."""
-    return Cell(cell, "grid").arguments(arguments)
-
-
-def check_possible(
-    cells: Iterable[Discretization], env_id: str, arguments: Mapping[str, Any]
-) -> None:
-    """Refuse discretizations that an environment cannot have, before any episode is played.
-
-    Raises:
-        TypeError, ValueError: with the valid choices.
-        ModuleNotFoundError: if an engine is missing, with the command that installs it.
-    """
-    for cell in cells:
-        environment_setup(env_id, arguments_on(cell, arguments))
+    return Cell.of(cell, "grid").arguments(arguments)
 
 
 def check_filmed(env_id: str) -> None:

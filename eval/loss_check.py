@@ -17,7 +17,7 @@ from typing import Any, Final, Literal
 import msgspec
 import numpy as np
 
-from integ_gym.envs.catalogue.lookup import is_integ_environment
+from integ_gym.envs.environment import is_integ_environment
 from integ_gym.envs.settings import DISCRETIZATION, NATIVE, Discretization
 from integ_gym.envs.testbeds.making import find_testbed
 from integ_gym.support.errors import InputError
@@ -25,14 +25,14 @@ from integ_gym.support.optional import require
 
 from .panel.cells import SpecError, file_name
 from .panel.conclusions import Cause, cause_of, closed_words
-from .panel.plan import grown
-from .panel.result import Estimate, Panel
+from .panel.plan import with_seed_count
+from .panel.result import Panel
 from .panel.run import check_spec, run_panel
 from .panel.run_directory import MANIFEST, read_manifest
 from .panel.spec import PanelSpec, check_parts
 from .statistics import (
     DRAWS,
-    Interval,
+    Estimate,
     RatesLike,
     equal_tailed,
     mean_of,
@@ -86,7 +86,7 @@ class CheckedCell:
     name: str
     success: float
     recovered: float
-    loss: Interval | None
+    loss: Estimate | None
     achievability: Achievability | None = None
 
 
@@ -115,7 +115,7 @@ class Check:
     cells: tuple[CheckedCell, ...]
 
     @property
-    def loss(self) -> Interval:
+    def loss(self) -> Estimate:
         """Success at home less success on the truth, with its interval over seeds and starts."""
         assert self.truth.loss is not None
         return self.truth.loss
@@ -123,7 +123,8 @@ class Check:
     @property
     def half_width(self) -> float:
         """Of the interval of the loss."""
-        return 0.5 * (self.loss.high - self.loss.low)
+        low, high = self.loss.ends
+        return 0.5 * (high - low)
 
     @property
     def learned(self) -> bool:
@@ -141,14 +142,15 @@ class Check:
         status = self._status
         if status == "cause":
             return "yes"
-        small = status == "undecided" and self.loss.high < FAIL_MARGIN
+        small = status == "undecided" and self.loss.ends[1] < FAIL_MARGIN
         return "no" if small or status in ("not_cause", "gained") else "undecided"
 
     @property
     def _status(self) -> Cause:
+        low, high = self.loss.ends
         return cause_of(
-            Estimate.of(self.loss),
-            shown=self.loss.low > 0.0 or self.loss.high < 0.0,
+            self.loss,
+            shown=low > 0.0 or high < 0.0,
             learned=self.learned,
             achievability=self.truth.achievability,
         )
@@ -166,9 +168,10 @@ class Check:
         """The answer in one line."""
         where = "on the truth" if self.exact else f"at {self.truth.name}"
         lost, home = self.loss, self.home
+        low, high = lost.ends
         told = (
             f"Success at home {home.success:.2f}, {where} {self.truth.success:.2f}, lost "
-            f"{lost.estimate:z.2f} (95 % interval {lost.low:z.2f} to {lost.high:z.2f}): "
+            f"{lost.estimate:z.2f} (95 % interval {low:z.2f} to {high:z.2f}): "
         )
         status = self._status
         if status == "not_learned":
@@ -182,7 +185,7 @@ class Check:
         if self.cause == "yes":
             return f"{told}{home.name} is the cause."
         if self.cause == "no":
-            most = max(lost.high, 0.0)
+            most = max(high, 0.0)
             return f"{told}{home.name} is not a cause of losing more than {most:.2f}."
         return f"{told}undecided whether {home.name} is a cause."
 
@@ -252,7 +255,7 @@ def check(
     if seeds is None and (place / MANIFEST).exists():
         asked = read_manifest(place / MANIFEST)["specification"].get("seeds", ())
         first = max(first, len(asked))  # that a run there was last asked for
-    spec = grown(spec, first)
+    spec = with_seed_count(spec, first)
     while True:
         panel = run_panel(
             spec, place, workers=workers, progress=progress, command=command, staged=False
@@ -261,7 +264,7 @@ def check(
         wanted = wanted_seeds(found.seeds, found.half_width)
         if seeds is not None or wanted == found.seeds:
             return found
-        spec = grown(spec, wanted)
+        spec = with_seed_count(spec, wanted)
 
 
 def specify(
@@ -316,7 +319,7 @@ def check_of(panel: Panel, place: Path, home: Discretization) -> Check:
     return Check(panel, place, row.seeds, starts, cells[0], cells[-1], exact, tuple(cells))
 
 
-def loss_interval(home: RatesLike, away: RatesLike, *, draws: int = DRAWS) -> Interval:
+def loss_interval(home: RatesLike, away: RatesLike, *, draws: int = DRAWS) -> Estimate:
     """The loss of success, home − away, with the interval that a check tells.
 
     Args:

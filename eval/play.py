@@ -8,9 +8,8 @@ from collections.abc import Callable, Mapping
 from time import perf_counter
 from typing import Any
 
-from integ_gym.envs.catalogue.lookup import environment_class
-from integ_gym.envs.engines.interface import integrators_of
-from integ_gym.envs.environment import IntegEnv
+from integ_gym.envs.engines.stepping import integrators_of
+from integ_gym.envs.environment import IntegEnv, environment_class
 from integ_gym.envs.ops.ops import SCALAR
 from integ_gym.envs.registries import TRUTH
 from integ_gym.envs.rendering.canvas import load_pygame, open_screen

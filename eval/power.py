@@ -7,9 +7,10 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final, Literal, TypeAlias
 
+import msgspec
 import numpy as np
 
-from .statistics import DRAWS, Floats, holm, mean_rate
+from .statistics import DRAWS, Estimate, Floats, Part, holm, mean_rate
 from .verdict import (
     ALPHA,
     EQUIVALENCE_MARGIN,
@@ -20,18 +21,16 @@ from .verdict import (
     MIN_SEEDS,
     Achieved,
     Looks,
-    Loss,
     Rates,
     Shares,
     adjust_for_look,
     p_overfitting_exceeds,
     p_overfitting_within,
-    p_text,
     require_unique,
     split,
 )
 
-Verdict: TypeAlias = Literal[
+VerdictCode: TypeAlias = Literal[
     "fails", "transfers", "inconclusive", "not_learned", "unachievable", "too_slow", "undecided"
 ]
 """The last four are marks of comparisons without a verdict: of the row, or of the cell."""
@@ -45,55 +44,69 @@ class Comparison:
 
     Attributes
     ----------
-    name
-        Unique in its family.
+    row, cell
+        Names of the policies' row and of j; together unique in their family.
     rates
         What the loss is made of.
-    cell
+    achieved
         Whether j can be solved at all, decided without these policies.
     """
 
-    name: str
+    row: str
+    cell: str
     rates: Rates
-    cell: Achieved
+    achieved: Achieved
 
 
-@dataclass(frozen=True)
-class Judgement:
-    """Verdict on one comparison.
+class Verdict(Part, frozen=True, kw_only=True):
+    """Verdict on one declared transfer; the p-values are null without one.
 
-    Attributes
-    ----------
-    name
-        As in the comparison.
-    verdict
-        `fails`, `transfers`, `inconclusive`; without a verdict `not_learned`, `unachievable`,
-        `too_slow` or `undecided`.
-    loss
-        The loss of success (positive is worse) and its parts, with 95 % intervals that are not
-        adjusted for the family.
-    p_exceeds, p_equivalent
-        P-values for "overfitting > 0.2" and for "overfitting within ±0.1"; None without a verdict.
-    p_exceeds_adjusted, p_equivalent_adjusted
-        The same after Holm's procedure over the family and for the share of the level that this
-        look has; 1 where the test is not made with so few seeds, None without a verdict.
-    reason
-        One sentence with the numbers that led to the verdict.
+    Attributes:
+        row: name of the row.
+        cell: name of the cell that its policies were transferred to.
+        verdict: `fails`, `transfers`, `inconclusive`; without a verdict `not_learned`, or the
+            cell's status.
+        total: success at home minus success here; positive is worse. The next three add up to it.
+        difficulty: what policies trained here and the hand-made controller do not reach either.
+        deadline: what is won back within a second horizon.
+        overfitting: the rest, which the verdict is about.
+        seeds: how many training seeds it rests on.
+        natives: how many training seeds the policies trained in the cell have; null without any.
+        seeds_for_transfers: with how many training seeds at least `transfers` can be shown.
+        p_exceeds: p-value for "overfitting > 0.2".
+        p_equivalent: p-value for "overfitting within ±0.1".
+        p_exceeds_adjusted: p-value for "overfitting > 0.2" after Holm's procedure over the family,
+            divided by the share of the level that this look has; 1 where it has none.
+        p_equivalent_adjusted: the same for "overfitting within ±0.1".
+        seeds_wanted: with how many training seeds four in five such panels would decide an
+            `inconclusive` one; null where eight times as many would not, or there is no need.
     """
 
-    name: str
-    verdict: Verdict
-    loss: Loss
-    p_exceeds: float | None
-    p_equivalent: float | None
-    p_exceeds_adjusted: float | None
-    p_equivalent_adjusted: float | None
-    reason: str
+    row: str
+    cell: str
+    verdict: VerdictCode
+    total: Estimate
+    difficulty: Estimate
+    deadline: Estimate
+    overfitting: Estimate
+    seeds: int
+    natives: int | None
+    seeds_for_transfers: int
+    p_exceeds: float | None = None
+    p_equivalent: float | None = None
+    p_exceeds_adjusted: float | None = None
+    p_equivalent_adjusted: float | None = None
+    seeds_wanted: int | None = None
+
+    @property
+    def few(self) -> bool:
+        """Whether it, or the policies trained in the cell, have too few seeds for any test."""
+        return min(self.seeds, self.seeds if self.natives is None else self.natives) < MIN_SEEDS
 
 
 def judge_family(
     comparisons: Sequence[Comparison], looks: Looks = FIRST_LOOK, *, draws: int = DRAWS
-) -> tuple[Judgement, ...]:
+) -> tuple[Verdict, ...]:
     """Judge a declared family of transfers by overfitting; see `Loss`.
 
     - `not_learned`: mean home success below 0.5; `unachievable`, `too_slow`, `undecided`: the
@@ -131,108 +144,84 @@ def judge_family(
 
     Returns
     -------
-    One judgement for each comparison, in order.
+    One verdict for each comparison, in order.
 
     Raises
     ------
     ValueError
         If a name occurs twice, or as `Rates`.
     """
-    require_unique([comparison.name for comparison in comparisons], "comparison")
+    require_unique([f"{c.row} → {c.cell}" for c in comparisons], "comparison")
     marks = [_mark(comparison) for comparison in comparisons]
     tested = [c.rates for c, mark in zip(comparisons, marks, strict=True) if mark is None]
     exceeds = [p_overfitting_exceeds(rates, FAIL_MARGIN, draws=draws) for rates in tested]
     equivalent = [p_overfitting_within(rates, EQUIVALENCE_MARGIN, draws=draws) for rates in tested]
-    untold = [1.0 for mark in marks if mark is not None and mark[0] == "undecided"]
+    open_tests = [1.0] * marks.count("undecided")
     shares = [looks.shares(len(rates.home)) for rates in tested]
     adjusted = [
-        [adjust_for_look(p, share) for p, share in zip(holm([*found, *untold]), own, strict=False)]
+        [
+            adjust_for_look(p, share)
+            for p, share in zip(holm([*found, *open_tests]), own, strict=False)
+        ]
         for found, own in (
             (exceeds, [one.exceeds for one in shares]),
             (equivalent, [one.equivalent for one in shares]),
         )
     ]
     p_values = zip(exceeds, equivalent, *adjusted, strict=True)
-    splits = [split(c.rates, draws=min(draws, INTERVAL_DRAWS)) for c in comparisons]
     return tuple(
-        _judge(c, splits[k], next(p_values), looks.min_seeds_equivalence)
-        if mark is None
-        else _unjudged(c, splits[k], *mark)
-        for k, (c, mark) in enumerate(zip(comparisons, marks, strict=True))
+        _verdict(c, mark, next(p_values) if mark is None else None, looks, draws)
+        for c, mark in zip(comparisons, marks, strict=True)
     )
 
 
-def postponed(judgement: Judgement, reason: str) -> Judgement:
+def postponed(verdict: Verdict) -> Verdict:
     """The same without its verdict, where not all seeds that were declared are there."""
-    if judgement.verdict in WITHOUT_VERDICT:
-        return judgement
-    return Judgement(judgement.name, "inconclusive", judgement.loss, None, None, None, None, reason)
+    if verdict.verdict in WITHOUT_VERDICT:
+        return verdict
+    p_values = ("p_exceeds", "p_equivalent", "p_exceeds_adjusted", "p_equivalent_adjusted")
+    nothing = dict.fromkeys((*p_values, "seeds_wanted"))
+    return msgspec.structs.replace(verdict, verdict="inconclusive", **nothing)
 
 
-def _mark(comparison: Comparison) -> tuple[Verdict, str] | None:
+def _mark(comparison: Comparison) -> VerdictCode | None:
     """Why there is no verdict; None where there is one."""
-    home = mean_rate(comparison.rates.home)
-    if home < LEARNED:
-        return (
-            "not_learned",
-            f"Home success {home:.2f} is below {LEARNED}, so there is nothing to transfer.",
-        )
-    if comparison.cell.status != "achievable":
-        return comparison.cell.status, comparison.cell.reason
-    return None
+    if mean_rate(comparison.rates.home) < LEARNED:
+        return "not_learned"
+    status = comparison.achieved.status
+    return None if status == "achievable" else status
 
 
-def _unjudged(comparison: Comparison, loss: Loss, verdict: Verdict, reason: str) -> Judgement:
-    return Judgement(comparison.name, verdict, loss, None, None, None, None, reason)
-
-
-def _judge(
+def _verdict(
     comparison: Comparison,
-    loss: Loss,
-    p: tuple[float, float, float, float],
-    min_seeds_equivalence: int,
-) -> Judgement:
-    _, _, exceeds, equivalent = p
+    mark: VerdictCode | None,
+    p: tuple[float, float, float, float] | None,
+    looks: Looks,
+    draws: int,
+) -> Verdict:
     rates = comparison.rates
-    seeds, change = _seeds(rates), _change(rates, loss)
-    verdict: Verdict = "inconclusive"
-    if min(len(rates.home), len(rates.home if rates.native is None else rates.native)) < MIN_SEEDS:
-        reason = f"Only {seeds}, at least {MIN_SEEDS} needed: {change}."
-    elif exceeds < ALPHA:
-        verdict = "fails"
-        reason = (
-            f"Overfitting is above {FAIL_MARGIN} (adjusted {p_text(exceeds)}, {seeds}): {change}."
-        )
-    elif equivalent < ALPHA:
-        verdict = "transfers"
-        reason = (
-            f"Overfitting is within ±{EQUIVALENCE_MARGIN} (adjusted {p_text(equivalent)}, "
-            f"{seeds}): {change}."
-        )
-    else:
-        few = len(rates.home) < min_seeds_equivalence
-        least = f"at least {min_seeds_equivalence} seeds are needed"
-        within = least if few else f"adjusted {p_text(equivalent)}"
-        reason = (
-            f"Overfitting is shown neither to be above {FAIL_MARGIN} (adjusted {p_text(exceeds)}) "
-            f"nor to be within ±{EQUIVALENCE_MARGIN} ({within}) with {seeds}: {change}."
-        )
-    return Judgement(comparison.name, verdict, loss, *p, reason=reason)
-
-
-def _change(rates: Rates, loss: Loss) -> str:
-    """Loss and parts in words."""
-    home, there, later = (mean_rate(own) for own in rates.row)
-    return (
-        f"success {home:.2f} at home and {there:.2f} there, {later:.2f} within two horizons; "
-        f"overfitting {loss.overfitting}, deadline {loss.deadline.estimate:z.2f}, difficulty "
-        f"{loss.difficulty.estimate:z.2f}"
+    verdict = Verdict(
+        row=comparison.row,
+        cell=comparison.cell,
+        verdict=mark or "inconclusive",
+        **vars(split(rates, draws=min(draws, INTERVAL_DRAWS))),
+        seeds=len(rates.home),
+        natives=None if rates.native is None else len(rates.native),
+        seeds_for_transfers=looks.min_seeds_equivalence,
     )
-
-
-def _seeds(rates: Rates) -> str:
-    own = f"{len(rates.home)} seeds"
-    return own if rates.native is None else f"{own} and {len(rates.native)} native ones"
+    if p is None:
+        return verdict
+    code: VerdictCode = "inconclusive"
+    if not verdict.few:
+        code = "fails" if p[2] < ALPHA else "transfers" if p[3] < ALPHA else code
+    return msgspec.structs.replace(
+        verdict,
+        verdict=code,
+        p_exceeds=p[0],
+        p_equivalent=p[1],
+        p_exceeds_adjusted=p[2],
+        p_equivalent_adjusted=p[3],
+    )
 
 
 Draw: TypeAlias = Callable[[np.random.Generator, float, int], Floats]

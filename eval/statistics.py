@@ -9,12 +9,13 @@ from enum import IntEnum
 from functools import cached_property, lru_cache
 from typing import Final, TypeAlias
 
+import msgspec
 import numpy as np
 import numpy.typing as npt
 
 from integ_gym.support.errors import InputError
 from integ_gym.support.optional import load
-from integ_gym.support.terminal import percent
+from integ_gym.support.terminal import fixed
 
 Floats: TypeAlias = npt.NDArray[np.float64]
 """A float64 array."""
@@ -23,36 +24,69 @@ RatesLike: TypeAlias = Sequence[float] | Floats
 """One number per training seed."""
 
 
-@dataclass(frozen=True)
-class Interval:
-    """An estimate with a two-sided, equal-tailed interval; units are those of the data.
+class Part(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A part of ``panel.json``: immutable, and of a file it must say all that is asked for."""
 
-    Attributes
-    ----------
-    estimate
-        Point estimate from the seeds alone (no prior in it); always inside the interval.
-    low, high
-        Ends of the interval.
-    level
-        Nominal coverage, in (0, 1).
+
+class Estimate(Part, frozen=True):
+    """A number with a two-sided interval over training seeds, in the unit of what it estimates.
+
+    Where a policy was given, the interval is over its episodes: this policy, these starts.
+
+    Attributes:
+        estimate: point estimate from the seeds alone (no prior in it); inside the interval.
+        low: lower end of the interval; null where there is none or it is not bounded.
+        high: upper end of the interval; null as the lower.
+        level: nominal coverage of the interval, in (0, 1); null without one.
     """
 
     estimate: float
-    low: float
-    high: float
-    level: float
+    low: float | None = None
+    high: float | None = None
+    level: float | None = None
+
+    @property
+    def bounded(self) -> bool:
+        """Whether both ends are known."""
+        return self.low is not None and self.high is not None
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """Both ends; the estimate itself where an end is unknown."""
+        return (
+            self.estimate if self.low is None else self.low,
+            self.estimate if self.high is None else self.high,
+        )
 
     def __str__(self) -> str:
-        ends = f"{self.low:z.2f} to {self.high:z.2f}"
-        return f"{self.estimate:z.2f} ({percent(self.level)} interval {ends})"
+        if not self.bounded:
+            return fixed(self.estimate)
+        return f"{fixed(self.estimate)} ({fixed(self.low)} to {fixed(self.high)})"
 
 
-def equal_tailed(estimate: float, draws: Floats, level: float) -> Interval:
+class Median(Part, frozen=True, kw_only=True):
+    """Median over seeds of what may not be reached; null where it is not.
+
+    Attributes:
+        estimate: the median; seeds that never got there count as longest.
+        low: lower end of its interval.
+        high: upper end of its interval.
+        level: nominal coverage of the interval, in (0, 1).
+    """
+
+    estimate: float | None
+    low: float | None
+    high: float | None
+    level: float
+
+
+def equal_tailed(estimate: float, draws: Floats, level: float) -> Estimate:
     """Equal-tailed interval of the draws, stretched where needed to hold the estimate."""
     check_level(level)
     tail = 0.5 * (1.0 - level)
     low, high = np.quantile(draws, [tail, 1.0 - tail])
-    return Interval(estimate, min(float(low), estimate), max(float(high), estimate), level)
+    estimate = float(estimate)
+    return Estimate(estimate, min(float(low), estimate), max(float(high), estimate), level)
 
 
 def mean_of(values: Floats) -> float:
@@ -93,7 +127,7 @@ def check_level(level: float) -> None:
         raise InputError(f"expected a level in (0, 1), got {level!r}")
 
 
-def mean_interval(values: RatesLike, level: float = 0.95) -> Interval | None:
+def mean_interval(values: RatesLike, level: float = 0.95) -> Estimate | None:
     """Mean over training seeds with Student's t interval, for any scalar but success.
 
     Meant for quantities such as time to success or energy residual. Seeds without a finite
@@ -128,14 +162,14 @@ def mean_interval(values: RatesLike, level: float = 0.95) -> Interval | None:
     spread = math.sqrt(math.fsum((finite - mean) ** 2) / (finite.size - 1) / finite.size)
     quantile = load("scipy.special", "report").stdtrit(finite.size - 1, 0.5 * (1.0 + level))
     half = float(quantile) * spread
-    return Interval(mean, mean - half, mean + half, level)
+    return Estimate(mean, mean - half, mean + half, level)
 
 
-def median_interval(values: RatesLike, level: float = 0.95) -> Interval | None:
+def median_interval(values: RatesLike, level: float = 0.95) -> Median | None:
     """Median over training seeds between two order statistics, whatever the distribution.
 
     Infinity stands for "not within the time there was": such seeds count as larger than all
-    others, and an end or the median itself is infinite where too many are. The order statistics
+    others, and an end or the median itself is None where too many are. The order statistics
     X(k) and X(n + 1 − k) with the largest k that covers the median often enough are taken; with
     fewer than 6 seeds even the extremes do not reach 95 %, and the level says what they reach.
 
@@ -148,7 +182,7 @@ def median_interval(values: RatesLike, level: float = 0.95) -> Interval | None:
 
     Returns
     -------
-    Interval with the level that holds exactly for a continuous distribution, or None with
+    The median with the level that holds exactly for a continuous distribution, or None with
     fewer than two values.
 
     Raises
@@ -168,7 +202,9 @@ def median_interval(values: RatesLike, level: float = 0.95) -> Interval | None:
     place = max(0, int(np.count_nonzero(covers >= level)) - 1)
     low, high = array[place], array[count - 1 - place]
     middle = array[(count - 1) // 2 : count // 2 + 1]
-    return Interval(float(middle.mean()), float(low), float(high), float(covers[place]))
+    found = (float(x) if math.isfinite(x) else None for x in (middle.mean(), low, high))
+    estimate, lowest, highest = found
+    return Median(estimate=estimate, low=lowest, high=highest, level=float(covers[place]))
 
 
 _ENTROPY: Final = 1973
@@ -509,7 +545,7 @@ class Difference:
         Draws of the difference with the pseudo-seed at a value, shape (draws,).
     """
 
-    interval: Interval
+    interval: Estimate
     with_worst: Callable[[float], Floats] = field(repr=False, compare=False)
 
     @cached_property
@@ -542,7 +578,7 @@ def mean_rate(rates: RatesLike) -> float:
     return mean_of(one_dimensional(rates, "rates"))
 
 
-def rate_interval(rates: RatesLike, level: float = 0.95, *, draws: int = DRAWS) -> Interval:
+def rate_interval(rates: RatesLike, level: float = 0.95, *, draws: int = DRAWS) -> Estimate:
     """Interval for the mean success rate over training seeds.
 
     Equal-tailed interval of `rate_posterior`, stretched to the estimate where the prior pulls
@@ -665,7 +701,7 @@ def iqm(values: npt.ArrayLike) -> float:
 
 def iqm_interval(
     values: npt.ArrayLike, level: float = 0.95, *, draws: int = BOOTSTRAP_DRAWS
-) -> Interval | None:
+) -> Estimate | None:
     """Interquartile mean of returns with a percentile bootstrap over training seeds.
 
     For returns only: see `iqm`. One cell of a panel is one task, hence one stratum of the
@@ -738,7 +774,7 @@ def draws_for(units: int, most: int = DRAWS) -> int:
 
 def paired_success(
     first: RatesLike, second: RatesLike, level: float = 0.95
-) -> tuple[Interval, float]:
+) -> tuple[Estimate, float]:
     """Success of one policy in two places from the same starts: first − second.
 
     The unit of replication is the episode, so the interval and the test are about this policy and
@@ -770,7 +806,7 @@ def paired_success(
 
 def paired_return(
     first: RatesLike, second: RatesLike, level: float = 0.95
-) -> tuple[Interval | None, float]:
+) -> tuple[Estimate | None, float]:
     """Returns of one policy in two places from the same starts: mean of first − second.
 
     Parameters
@@ -863,7 +899,7 @@ def ranking_intervals(
     level: float = 0.95,
     *,
     draws: int = RANKING_DRAWS,
-) -> tuple[Interval | None, Interval]:
+) -> tuple[Estimate | None, Estimate]:
     """Correlation and mean maximum rank violation, with bootstrap intervals over seeds.
 
     Policies of one seed act from the same starts, so that whole seeds are resampled.

@@ -12,15 +12,15 @@ from typing import Final, Literal, TypeAlias
 import numpy as np
 
 from integ_gym.support.errors import InputError
-from integ_gym.support.terminal import percent
 
 from .statistics import (
     DRAWS,
     PROVEN,
     SHOWN,
     Difference,
+    Estimate,
     Floats,
-    Interval,
+    Part,
     RatesLike,
     Stream,
     equal_tailed,
@@ -213,10 +213,10 @@ class Loss:
         c − r_i(j): the rest, which verdicts are about.
     """
 
-    total: Interval
-    difficulty: Interval
-    deadline: Interval
-    overfitting: Interval
+    total: Estimate
+    difficulty: Estimate
+    deadline: Estimate
+    overfitting: Estimate
 
 
 def split(rates: Rates, *, draws: int = INTERVAL_DRAWS) -> Loss:
@@ -407,44 +407,33 @@ UNSOLVABLE: Final = ("too_slow", "unachievable")
 """Cells that no policy is blamed for failing in."""
 
 
-@dataclass(frozen=True)
-class Attempt:
-    """What somebody reaches in a cell.
+class Attempt(Part, frozen=True):
+    """What policies or a hand-made controller reach in a cell.
 
-    Attributes
-    ----------
-    name
-        Who it is, in words.
-    success
-        Mean success within the horizon, in [0, 1].
-    recovered
-        Mean success within one horizon or two.
+    Attributes:
+        row: name of the policies' row; null: the hand-made controller.
+        success: mean success within the horizon, in [0, 1].
+        recovered: mean success within one horizon or two, in [0, 1].
     """
 
-    name: str
+    row: str | None
     success: float
     recovered: float
 
 
-@dataclass(frozen=True)
-class Search:
+class Search(Part, frozen=True):
     """Whether the goal's energy can be reached, by a search over controls.
 
-    Attributes
-    ----------
-    horizon
-        Time that the search had, s: twice the duration.
-    required
-        Energy that the goal takes, J.
-    highest
-        Highest energy reached from each start, J.
-    method
-        How it was searched, in a sentence.
+    Attributes:
+        horizon: time that the search had, s: twice the duration.
+        required: energy that the goal takes, J.
+        highest: highest energy reached from each start, J.
+        method: how it was searched, in a sentence.
     """
 
     horizon: float
     required: float
-    highest: Sequence[float]
+    highest: tuple[float, ...]
     method: str
 
     @property
@@ -453,20 +442,19 @@ class Search:
         return float(np.mean(np.asarray(self.highest) >= self.required))
 
 
-@dataclass(frozen=True)
-class Achieved:
-    """Status of a cell.
+class Achieved(Part, frozen=True):
+    """Whether a cell can be solved, and what shows it.
 
-    Attributes
-    ----------
-    status
-        `achievable`, `too_slow`, `unachievable` or `undecided`.
-    reason
-        One sentence with numbers.
+    Attributes:
+        status: `achievable`, `too_slow` (within two horizons alone), `unachievable` or
+            `undecided`.
+        best: the attempt that shows it, or that comes nearest; null without one.
+        search: the search that rules the goal out; null without one.
     """
 
     status: Achievability
-    reason: str
+    best: Attempt | None = None
+    search: Search | None = None
 
 
 def achieved(attempts: Sequence[Attempt], search: Search | None) -> Achieved:
@@ -480,28 +468,13 @@ def achieved(attempts: Sequence[Attempt], search: Search | None) -> Achieved:
     """
     best = max(attempts, key=lambda one: one.success, default=None)
     if best is not None and best.success >= ACHIEVED:
-        return Achieved("achievable", _done(best, best.success, "within the horizon"))
+        return Achieved("achievable", best)
     best = max(attempts, key=lambda one: one.recovered, default=None)
     if best is not None and best.recovered >= ACHIEVED:
-        return Achieved("too_slow", _done(best, best.recovered, "within two horizons alone"))
+        return Achieved("too_slow", best)
     if search is not None and search.reached < 1.0 - ACHIEVED:
-        return Achieved("unachievable", _lost(search))
-    most = "nobody tried" if best is None else f"at most {percent(best.recovered)}, by {best.name}"
-    return Achieved(
-        "undecided", f"Success within two horizons: {most}; no search rules the goal out."
-    )
-
-
-def _done(attempt: Attempt, rate: float, time: str) -> str:
-    return f"{attempt.name}: success from {percent(rate)} of the starts {time}."
-
-
-def _lost(search: Search) -> str:
-    return (
-        f"A search over controls reaches the goal's energy of {search.required:.3g} J from "
-        f"{percent(search.reached)} of the starts within {search.horizon:g} s (at most "
-        f"{max(search.highest):.3g} J)."
-    )
+        return Achieved("unachievable", search=search)
+    return Achieved("undecided", best)
 
 
 CellRole: TypeAlias = Literal["quarter_step", "reference"]
@@ -534,50 +507,57 @@ class PolicyCell:
     role: CellRole | None = None
 
 
-@dataclass(frozen=True)
-class CellFinding:
+class CellFinding(Part, frozen=True, kw_only=True):
     """What one cell says about "A beats B".
 
-    Attributes
-    ----------
-    name, role
-        As in the cell.
-    status
-        `win` (A better), `reversal` (B better), `undecided`; `unsolved` or `too_few_seeds`
-        where the cell is uninformative.
-    difference
-        Success of A minus success of B, with its 95 % interval.
-    p_win
-        P-value for "A is better", not adjusted.
-    p_win_adjusted
-        The same for the share of the level that this look has; None if uninformative.
-    p_reversal
-        P-value for "B is better", not adjusted.
-    p_reversal_adjusted
-        The same after Holm's procedure over the informative cells and for this look's share; None
-        if uninformative.
+    Attributes:
+        name: name of the cell.
+        role: `quarter_step` or `reference` where the cell decides.
+        status: `win`, `reversal`, `undecided`; `unsolved` or `too_few_seeds` where the cell is
+            uninformative.
+        difference: success of A minus success of B.
+        p_win: p-value for "A is better", not adjusted.
+        p_win_adjusted: p-value for "A is better", divided by the share of the level that this look
+            has; null in an uninformative cell.
+        p_reversal: p-value for "B is better", not adjusted.
+        p_reversal_adjusted: p-value for "B is better" after Holm's procedure over the informative
+            cells, divided likewise; null in an uninformative cell.
     """
 
     name: str
     role: CellRole | None
     status: CellStatus
-    difference: Interval
+    difference: Estimate
     p_win: float
     p_win_adjusted: float | None
     p_reversal: float
     p_reversal_adjusted: float | None
 
+    @property
+    def informative(self) -> bool:
+        """Whether both policies have seeds enough, and one of them solves the cell."""
+        return self.p_reversal_adjusted is not None
 
-@dataclass(frozen=True)
-class PolicyComparison:
-    """Result of `compare_policies`: the outcome, why in one sentence, and every cell."""
 
+class PolicyComparison(Part, frozen=True, kw_only=True):
+    """Whether "A beats B" survives refinement.
+
+    Attributes:
+        a: name of the row of A.
+        b: name of the row of B.
+        outcome: `accepted`, `rejected` or `uninformative`.
+        cells: what each cell says.
+    """
+
+    a: str
+    b: str
     outcome: Outcome
-    reason: str
     cells: tuple[CellFinding, ...]
 
 
-def compare_policies(cells: Sequence[PolicyCell], share: float = FIRST_SHARE) -> PolicyComparison:
+def compare_policies(
+    cells: Sequence[PolicyCell], share: float = FIRST_SHARE, *, a: str = "A", b: str = "B"
+) -> PolicyComparison:
     """Decide whether the claim "policy A beats policy B" survives refinement.
 
     A cell is uninformative where either policy has fewer than 5 training seeds, or where nobody
@@ -600,6 +580,8 @@ def compare_policies(cells: Sequence[PolicyCell], share: float = FIRST_SHARE) ->
         One entry for each discretization, at least one of each deciding role.
     share
         Of the level, what this look has; by default that of a first look.
+    a, b
+        Names of the policies' rows.
 
     Raises
     ------
@@ -611,12 +593,6 @@ def compare_policies(cells: Sequence[PolicyCell], share: float = FIRST_SHARE) ->
     for role in ("quarter_step", "reference"):
         if not any(cell.role == role for cell in cells):
             raise InputError(f"expected a cell with role {role!r}; the claim is decided there")
-    findings = _find(cells, share)
-    outcome, reason = _decide(findings)
-    return PolicyComparison(outcome, reason, findings)
-
-
-def _find(cells: Sequence[PolicyCell], share: float) -> tuple[CellFinding, ...]:
     differences = [unpaired_difference(cell.rates_a, cell.rates_b) for cell in cells]
     blocked = [_uninformative(cell) for cell in cells]
     informative = [i for i, status in enumerate(blocked) if status is None]
@@ -625,10 +601,11 @@ def _find(cells: Sequence[PolicyCell], share: float) -> tuple[CellFinding, ...]:
         i: (adjust_for_look(differences[i].p_greater(), share), adjust_for_look(p, share))
         for i, p in zip(informative, reversals.tolist(), strict=True)
     }
-    return tuple(
+    findings = tuple(
         _finding(cell, difference, blocked[i], *adjusted.get(i, (None, None)))
         for i, (cell, difference) in enumerate(zip(cells, differences, strict=True))
     )
+    return PolicyComparison(a=a, b=b, outcome=_outcome(findings), cells=findings)
 
 
 def _finding(
@@ -663,46 +640,13 @@ def _uninformative(cell: PolicyCell) -> CellStatus | None:
     return None
 
 
-def _decide(findings: Sequence[CellFinding]) -> tuple[Outcome, str]:
-    informative = [f for f in findings if f.p_reversal_adjusted is not None]
-    if not informative:
-        counts = Counter(f.status for f in findings)
-        return "uninformative", (
-            f"No cell is informative: {counts['unsolved']} solved by nobody (both below "
-            f"{UNSOLVED}), {counts['too_few_seeds']} with fewer than {MIN_SEEDS} seeds."
-        )
-    reversals = [f for f in informative if f.status == "reversal"]
-    if reversals:
-        f = min(reversals, key=_adjusted_reversal)
-        return "rejected", (
-            f"The sign reverses in {len(reversals)} of {len(informative)} informative cells, "
-            f"most clearly in {f.name}: A − B is {f.difference}, adjusted "
-            f"{p_text(_adjusted_reversal(f))}."
-        )
-    deciding = [f for f in findings if f.role is not None]
-    thin = [f.name for f in deciding if f.status == "too_few_seeds"]
-    if thin:
-        return "uninformative", f"Fewer than {MIN_SEEDS} seeds in {', '.join(thin)}, which decides."
-    lost = [f for f in deciding if f.status != "win"]
-    if lost:
-        return "rejected", f"The win is not significant {_list(lost)}."
-    return "accepted", (
-        f"A wins {_list(deciding)}, and no sign reverses in {len(informative)} informative cells."
-    )
-
-
-def _list(findings: Sequence[CellFinding]) -> str:
-    return "; ".join(
-        f"in {f.name}, which nobody solves"
-        if f.status == "unsolved"
-        else f"in {f.name}: A − B is {f.difference}, adjusted {p_text(_adjusted_win(f))}"
-        for f in findings
-    )
-
-
-def _adjusted_win(finding: CellFinding) -> float:
-    return 1.0 if finding.p_win_adjusted is None else finding.p_win_adjusted
-
-
-def _adjusted_reversal(finding: CellFinding) -> float:
-    return 1.0 if finding.p_reversal_adjusted is None else finding.p_reversal_adjusted
+def _outcome(findings: Sequence[CellFinding]) -> Outcome:
+    statuses = {f.status for f in findings if f.informative}
+    deciding = {f.status for f in findings if f.role is not None}
+    if not statuses:
+        return "uninformative"
+    if "reversal" in statuses:
+        return "rejected"
+    if "too_few_seeds" in deciding:
+        return "uninformative"
+    return "accepted" if deciding == {"win"} else "rejected"

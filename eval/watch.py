@@ -10,10 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from integ_gym.envs.catalogue.lookup import environment_setup
+from integ_gym.envs.environment import environment_setup
 from integ_gym.envs.registries import TRUTH
 from integ_gym.envs.settings import DISCRETIZATION, Discretization
-from integ_gym.evidence.record import EvidenceRecord, told_perturbation, told_training
+from integ_gym.evidence.record import EvidenceRecord
+from integ_gym.evidence.schema import parse_field
 from integ_gym.evidence.store import EvidenceStore, open_run
 from integ_gym.support.errors import InputError
 from integ_gym.support.optional import require
@@ -26,7 +27,6 @@ from .film import (
     Film,
     arguments_on,
     check_filmed,
-    check_possible,
     episode_of_record,
     parse_discretization,
     play_episode,
@@ -96,8 +96,10 @@ def side_by_side(
         parse_discretization(asked, like, env_id)
         for asked in discretizations or (*(homes or [like]), TRUTH)
     ]
-    check_possible(cells, env_id, arguments)
-    episodes = [play_episode(acting, env_id, arguments_on(c, arguments), seed) for c in cells]
+    given_on = [arguments_on(cell, arguments) for cell in cells]
+    for one in given_on:
+        environment_setup(env_id, one)  # what cannot be is refused before any episode is played
+    episodes = [play_episode(acting, env_id, one, seed) for one in given_on]
     return Film(
         episodes,
         homes,
@@ -151,8 +153,8 @@ def watch(
             :func:`~integ_gym.eval.watch.side_by_side`; by default what the policy was
             trained on, the record's own, and the truth.
         own_code: whether classes that the record names as ``"module:Class"`` may be loaded.
-        on_doubt: told where an episode, played again, ends otherwise than its record says, and why
-            episodes are left out that cannot be played again.
+        on_doubt: called where an episode, played again, ends otherwise than its record says, and
+            where episodes are left out that cannot be played again.
 
     Raises:
         EvidenceError: for a run or a record that is not there.
@@ -170,16 +172,17 @@ def watch(
         cells = (parse_discretization(one, own, record["env_id"]) for one in asked)
         return list(dict.fromkeys(cells))
 
-    trained = told_training(record.fields) or []
+    trained = parse_field("training_discretization", record["training_discretization"]) or []
     homes = parse([trained] if isinstance(trained, dict) else trained)
     cells = parse(on or ((*homes, own, TRUTH) if record["policy_hash"] else (own,)))
     twins = _twins(record, own, store)
     policy = cache(partial(policy_of, record, store, own_code))
     if not on:
         cells = _possible(cells, twins, policy, on_doubt)
-    check_possible(cells, record["env_id"], record.arguments())
+    for cell in cells:  # what cannot be is refused before any episode is played
+        environment_setup(record["env_id"], arguments_on(cell, record.arguments()))
     episodes = [_episode(cell, record, twins.get(cell), policy, on_doubt) for cell in cells]
-    changed = told_perturbation(record.fields) or {}
+    changed = parse_field("perturbation", record["perturbation"]) or {}
     start = [f"start {record['episode_index']}", *(f"{k} {value}" for k, value in changed.items())]
     seed = record["training_seed"]
     note = describe_episodes(record["policy_id"], homes, seed, episodes, ", ".join(start))
@@ -240,11 +243,11 @@ _SAME = ("phase", "env_id", "policy_id", "policy_hash", "episode_index", "seed",
 
 def _check_code(record: EvidenceRecord, own_code: bool) -> None:
     """Refuse a record made with code of somebody's own, unless it may be run."""
-    told = (record["env_id"], *record.arguments().values())
-    named = [x for x in told if isinstance(x, str) and ":" in x]
-    if named and not own_code:
+    values = (record["env_id"], *record.arguments().values())
+    classes = [value for value in values if isinstance(value, str) and ":" in value]
+    if classes and not own_code:
         raise InputError(
-            f"the record names {named[0]!r}, whose code would be run; if it is yours, pass "
+            f"the record names {classes[0]!r}, whose code would be run; if it is yours, pass "
             "--own-code"
         )
 

@@ -2,28 +2,104 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import json
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
+from math import gcd
 from operator import attrgetter
 from typing import Any
 
 import numpy as np
 
+from integ_gym.envs import numerics
 from integ_gym.envs.plants.interface import state_names, state_units
+from integ_gym.envs.settings import NATIVE, Setup
 from integ_gym.envs.transition import STATUS_NAMES
-from integ_gym.support.errors import InputError
+from integ_gym.support.errors import InputError, InputTypeError
+from integ_gym.support.optional import installed_versions
 from integ_gym.support.processes import host
 
-from .descriptions import (
-    action_latency,
-    arguments,
-    engine_description,
-    json_text,
-    optional_json,
-    package_versions,
-    sensor_period,
-)
+_PACKAGES = ("integ-gym", "gymnasium", "numpy")
+
+
+def arguments(setup: Setup, lane: int) -> str:
+    """JSON of {name: {"value": …, "unit": …}} for all constructor arguments."""
+    values, units = setup.arguments(), setup.units()
+    return json_text(
+        {name: {"value": _of_lane(values[name], lane), "unit": units[name]} for name in values}
+    )
+
+
+def engine_description(setup: Setup, _: int) -> str:
+    """What the engine says of itself, and what it was measured to be, if it is not ours; JSON."""
+    settings, described = setup.settings, setup.engine.describe()
+    if settings.engine not in (NATIVE, None) and setup.fingerprinted is not None:
+        measured = numerics.fingerprint(settings.engine, settings.integrator, setup.fingerprinted)
+        described = {**described, "fingerprint": measured.to_json()}
+    return json_text(described)
+
+
+def sensor_period(setup: Setup, _: int) -> float | None:
+    """Time between two samples, s; None where it is not known."""
+    timing = setup.timing
+    if timing.dt is None:
+        return None
+    return (timing.substeps if timing.sensor is None else timing.sensor) * timing.dt
+
+
+def action_latency(setup: Setup, _: int) -> float | None:
+    """Delay of every command, s; None where it is not known."""
+    timing = setup.timing
+    return None if timing.dt is None else timing.latency * timing.dt
+
+
+def staleness(setup: Setup) -> float:
+    """Action latency plus the greatest age that a sample can have at a decision, s.
+
+    0 where nothing is known of either.
+    """
+    timing = setup.timing
+    if timing.dt is None:
+        return 0.0
+    age = 0 if timing.sensor is None else timing.sensor - gcd(timing.sensor, timing.substeps)
+    return (timing.latency + age) * timing.dt
+
+
+def in_words(fields: Mapping[str, Any]) -> str:
+    """Engine, integrator and steps in words, from the record's fields of these names."""
+    if fields["engine"] is None:
+        return "an engine that is not known"
+    return (
+        f"{fields['integrator']} ({fields['engine']}) at dt {fields['dt']:.6g} s and control "
+        f"period {fields['control_period']:.6g} s"
+    )
+
+
+def package_versions(further: Mapping[str, str]) -> dict[str, str]:
+    """Versions of Python, of what integ-gym always needs, and of ``further`` packages."""
+    return {**installed_versions(_PACKAGES), **further}
+
+
+def json_text(value: Any) -> str:
+    """JSON with sorted keys and no spaces; NumPy numbers as Python's own."""
+    return json.dumps(value, sort_keys=True, separators=(",", ":"), default=_plain)
+
+
+def optional_json(value: Any) -> str | None:
+    """The same, or None for None."""
+    return None if value is None else json_text(value)
+
+
+def _of_lane(value: Any, lane: int) -> Any:
+    return value[lane].item() if isinstance(value, np.ndarray) else value
+
+
+def _plain(value: Any) -> Any:
+    try:
+        return value.tolist()
+    except AttributeError:
+        raise InputTypeError(f"{value!r} cannot be written as JSON") from None
 
 
 @dataclass(frozen=True)
@@ -32,10 +108,10 @@ class Origin:
 
     Attributes:
         of: what they are read from: ``context``, an episode's
-            :class:`~integ_gym.evidence.context.EpisodeContext`; ``setup``, its setup and
-            lane; ``head``, the :class:`~integ_gym.evidence.episode_log.EpisodeHeads`
+            :class:`~integ_gym.evidence.labels.EpisodeContext`; ``setup``, its setup and
+            lane; ``head``, the :class:`~integ_gym.evidence.episodes.EpisodeHeads`
             of many episodes and all contexts; ``rows``, the
-            :class:`~integ_gym.evidence.record.EpisodeRows` of many episodes.
+            :class:`~integ_gym.evidence.episodes.EpisodeRows` of many episodes.
         value: function of that to the value; of many episodes to one value per episode, of rows
             as an array.
     """
@@ -85,7 +161,13 @@ def last(entry: str) -> Origin:
     return rows(lambda episodes: episodes.last(entry))
 
 
-SCHEMA_VERSION = 4
+SCHEMA_VERSION = 5
+
+FIRST_WRITTEN = 4
+"""Earliest schema version that this version of integ-gym wrote; as much is asked of its files."""
+
+CODED_REASONS = 5
+"""Schema version since which a reason is a code with numbers; before, it is a sentence."""
 
 SECOND_HORIZON, ATTEMPT, LATER_ATTEMPT = "second_horizon", "attempt", "attempt_second_horizon"
 
@@ -132,7 +214,7 @@ class Field:
         at: ``instant`` (a value at every control instant) or ``step`` (a value for every control
             step); empty outside the trace.
         source: name of the row entry that a trace column is made of; see
-            :class:`integ_gym.evidence.record.Layout`.
+            :class:`integ_gym.evidence.episodes.Layout`.
         since: schema version that brought it; null in records of earlier ones.
     """
 
@@ -152,20 +234,25 @@ class Field:
 
 
 def _field(
-    kind: str, unit: str, name: str, meaning: str, origin: Origin | None, **about: Any
+    name: str, kind: str, unit: str, meaning: str, origin: Origin | None = None, **about: Any
 ) -> Field:
-    return Field(name, kind, unit, meaning, origin, **about)
+    """A field; one whose name ends with a question mark may be null."""
+    about = {"nullable": name.endswith("?"), **about}
+    return Field(name.rstrip("?"), kind, unit, meaning, origin, **about)
 
 
-_text = partial(_field, "string", "")
-_json = partial(_field, "json", "")
-_flag = partial(_field, "bool", "")
-_count = partial(_field, "int64", "1")
-_time = partial(_field, "timestamp", "", volatile=True)
+def _of_kind(kind: str, unit: str, **about: Any) -> Callable[..., Field]:
+    return lambda name, meaning, origin=None, **more: _field(
+        name, kind, unit, meaning, origin, **about, **more
+    )
 
 
 def _real(name: str, unit: str, meaning: str, origin: Origin, **about: Any) -> Field:
-    return Field(name, "float64", unit, meaning, origin, **about)
+    return _field(name, "float64", unit, meaning, origin, **about)
+
+
+_text, _json, _flag = (_of_kind(kind, "") for kind in ("string", "json", "bool"))
+_count, _time = _of_kind("int64", "1"), _of_kind("timestamp", "", volatile=True)
 
 
 def _record_ids(heads: Any, contexts: Any) -> list[str]:
@@ -184,269 +271,165 @@ def _group(name: str, *fields: Field) -> tuple[Field, ...]:
 
 _IDENTITY = _group(
     "identity",
-    _text(
-        "record_id",
+    _text("record_id",
         "hash of cell, policy and episode index, and of a phase that is no training or evaluation",
-        head(_record_ids),
-    ),
+        head(_record_ids)),
     _count("schema_version", "version of this table", context(lambda _: SCHEMA_VERSION)),
     _text("run_id", "the run that the record belongs to", context("run_id")),
     _text("phase", "what the episode was for", context("phase"), choices=PHASES),
     _text("env_id", "Gymnasium id of the environment", None),
     _text("cell", "key of the panel cell or training run", context("cell")),
     _count("episode_index", "number of the episode in its cell, from 0", head("index")),
-    _count(
-        "seed",
+    _count("seed?",
         "seed given at the reset that seeded the generator; null if none was, or beyond 64 bits",
-        head(_seeds), nullable=True,
-    ),
-    _text(
-        "rng_key",
+        head(_seeds)),
+    _text("rng_key",
         "`entropy/n`: what seeded the generator, and how many episodes it had started before",
-        head("rng_key"),
-    ),
-    Field(
-        "initial_state", "list<float64>", "SI", "true state at time 0, in state order",
-        rows(lambda episodes: episodes.starts()), frame="plant",
-    ),
+        head("rng_key")),
+    _field("initial_state", "list<float64>", "SI", "true state at time 0, in state order",
+        rows(lambda episodes: episodes.starts()), frame="plant"),
 )  # fmt: skip
 
 _DISCRETIZATION = _group(
     "discretization",
-    _text("engine", "what advanced the plant", setup("settings.engine"), nullable=True),
-    _text("engine_version", "version of the engine", setup("engine.version"), nullable=True),
-    _json(
-        "engine_description",
-        "the engine's float width, map, fingerprint and stops; `resistance`, where the force of "
-        "our stops and friction acts; why no constraint is violated",
-        setup(engine_description),
-    ),
-    _text(
-        "integrator", "one-step map, as the engine calls it", setup("settings.integrator"),
-        nullable=True,
-    ),
-    _real("dt", "s", "integration step", setup("timing.dt"), nullable=True),
-    _real(
-        "control_period", "s", "time between two decisions", setup("timing.control_period"),
-        nullable=True,
-    ),
-    _count("substeps", "integration steps per decision", setup("timing.substeps"), nullable=True),
-    _real(
-        "sensor_period", "s", "time between two sensor samples", setup(sensor_period),
-        nullable=True,
-    ),
-    _real("action_latency", "s", "delay of every command", setup(action_latency), nullable=True),
-    _real(
-        "observation_noise", "SI", "standard deviation of the sensor noise",
-        setup("settings.observation_noise"), nullable=True,
-    ),
-    _real(
-        "solver_tolerance", "1",
+    _text("engine?", "what advanced the plant", setup("settings.engine")),
+    _text("engine_version?", "version of the engine", setup("engine.version")),
+    _json("engine_description", "the engine's float width, map, fingerprint and stops; "
+        "`resistance`, where the force of our stops and friction acts; why no constraint is "
+        "violated", setup(engine_description)),
+    _text("integrator?", "one-step map, as the engine calls it", setup("settings.integrator")),
+    _real("dt?", "s", "integration step", setup("timing.dt")),
+    _real("control_period?", "s", "time between two decisions", setup("timing.control_period")),
+    _count("substeps?", "integration steps per decision", setup("timing.substeps")),
+    _real("sensor_period?", "s", "time between two sensor samples", setup(sensor_period)),
+    _real("action_latency?", "s", "delay of every command", setup(action_latency)),
+    _real("observation_noise?", "SI", "standard deviation of the sensor noise",
+        setup("settings.observation_noise")),
+    _real("solver_tolerance?", "1",
         "scaled residual beyond which a solution is not converged; null: no solver",
-        setup(lambda own, _: own.engine.solver().get("solver_tolerance")), nullable=True,
-    ),
-    _count(
-        "solver_cap", "most solver iterations per integration step; null: no solver",
-        setup(lambda own, _: own.engine.solver().get("solver_cap")), nullable=True,
-    ),
-    _real("duration", "s", "time until truncation", setup("settings.duration"), nullable=True),
-    _text(
-        "fallback", "control where no valid command acted", setup("settings.fallback"),
-        nullable=True,
-    ),
-    _real(
-        "max_speed", "SI", "clip on every velocity; null: no clip", setup("settings.max_speed"),
-        nullable=True,
-    ),
-    _text("start", "start distribution", setup("settings.start"), nullable=True),
-    _json(
-        "arguments", "all constructor arguments and plant parameters: name to value and unit",
-        setup(arguments),
-    ),
+        setup(lambda own, _: own.engine.solver().get("solver_tolerance"))),
+    _count("solver_cap?", "most solver iterations per integration step; null: no solver",
+        setup(lambda own, _: own.engine.solver().get("solver_cap"))),
+    _real("duration?", "s", "time until truncation", setup("settings.duration")),
+    _text("fallback?", "control where no valid command acted", setup("settings.fallback")),
+    _real("max_speed?", "SI", "clip on every velocity; null: no clip", setup("settings.max_speed")),
+    _text("start?", "start distribution", setup("settings.start")),
+    _json("arguments", "all constructor arguments and plant parameters: name to value and unit",
+        setup(arguments)),
 )  # fmt: skip
 
 _POLICY = _group(
     "policy",
     _text("policy_id", "name of the policy", context("policy_id")),
-    _text(
-        "policy_hash", "hash of what decides its actions; empty in training",
-        context("policy_hash"),
-    ),
-    _json(
-        "training_discretization",
+    _text("policy_hash", "hash of what decides its actions; empty in training",
+        context("policy_hash")),
+    _json("training_discretization?",
         "what the policy was trained on; null: not trained, or not known",
-        context(lambda told: optional_json(told.training_discretization)), nullable=True,
-    ),
-    _count(
-        "training_seed", "seed of its training; null: not trained", context("training_seed"),
-        nullable=True,
-    ),
-    _json(
-        "perturbation", "plant parameters changed in this cell; null: none",
-        context(lambda told: optional_json(told.perturbation)), nullable=True,
-    ),
+        context(lambda told: optional_json(told.training_discretization))),
+    _count("training_seed?", "seed of its training; null: not trained", context("training_seed")),
+    _json("perturbation?", "plant parameters changed in this cell; null: none",
+        context(lambda told: optional_json(told.perturbation))),
 )  # fmt: skip
 
 _OUTCOME = _group(
     "outcome",
     _text("metric", "name of the metric", context(lambda _: "success")),
     _text("metric_definition", "what counts as success, with units", setup("task.goal")),
-    _real("return", "1", "sum of rewards; null if not finite", total("reward"), nullable=True),
-    _flag("success", "whether the metric was met", last("success"), nullable=True),
-    _real(
-        "time_to_success", "s",
+    _real("return?", "1", "sum of rewards; null if not finite", total("reward")),
+    _flag("success?", "whether the metric was met", last("success")),
+    _real("time_to_success?", "s",
         "start of the final unbroken stay at the goal; null without success",
-        rows(lambda episodes: episodes.time_to_success()), nullable=True,
-    ),
+        rows(lambda episodes: episodes.time_to_success())),
     _count("length", "control steps", rows(lambda episodes: episodes.steps)),
     _flag("terminated", "ended by the task or by a divergence", last("terminated")),
     _flag("truncated", "ended by the time limit", last("truncated")),
-    _real(
-        "saturated_share", "1", "share of control steps whose action was saturated",
-        rows(lambda episodes: episodes.total("saturated") / episodes.steps), nullable=True,
-    ),
-    _count(
-        "fallback_count", "control steps in which the fallback acted", total("fallback_used"),
-        nullable=True,
-    ),
-    _count(
-        "recovery_count", "control steps without fallback right after one with",
-        rows(lambda episodes: episodes.falls("fallback_used")), nullable=True,
-    ),
-    _real(
-        "penetration_max", "m, rad", "deepest penetration of a stop; null: not reported",
-        most("penetration"), nullable=True,
-    ),
-    _real(
-        "constraint_violation_max", "m",
+    _real("saturated_share?", "1", "share of control steps whose action was saturated",
+        rows(lambda episodes: episodes.total("saturated") / episodes.steps)),
+    _count("fallback_count?", "control steps in which the fallback acted", total("fallback_used")),
+    _count("recovery_count?", "control steps without fallback right after one with",
+        rows(lambda episodes: episodes.falls("fallback_used"))),
+    _real("penetration_max?", "m, rad", "deepest penetration of a stop; null: not reported",
+        most("penetration")),
+    _real("constraint_violation_max?", "m",
         "largest constraint violation; null: not reported, or none to violate",
-        most("constraint_violation"), nullable=True,
-    ),
+        most("constraint_violation")),
     _text("failure_label", "first failure rule that fits", None, choices=LABELS),
-    _text("failure_reason", "why, in a sentence with numbers", None),
+    _text("failure_reason", "code of the reason; its sentence in schema version 4 and before",
+        None),
+    _json("failure_numbers?", "numbers of the reason, by name, in SI units", None,
+        since=CODED_REASONS),
 )  # fmt: skip
 
-_replayed = partial(_flag, origin=None, nullable=True, since=2)
+_replayed = _of_kind("bool", "", nullable=True, since=2)
 
 _REPLAYS = _group(
     "replays",
-    _replayed(
-        "replay_home",
-        "whether the same policy succeeds from the same start at home, in a perturbed cell at home "
-        "under the same perturbation; null: not run, or no other",
-    ),
+    _replayed("replay_home", "whether the same policy succeeds from the same start at home, in a "
+        "perturbed cell at home under the same perturbation; null: not run, or no other"),
     _replayed("replay_without_noise", "the same without observation noise; null: not run"),
-    _replayed(
-        "replay_without_delay", "the same without latency and staleness; null: not run"
-    ),
-    _replayed(
-        "replay_second_horizon",
-        "whether the same policy succeeds from the same start within one duration or two; null: "
-        "not run",
-    ),
-    Field(
-        "home_success", "float64", "1",
-        "share of its starts from which the policy succeeds at home; null: not known",
-        nullable=True, since=2,
-    ),
-    Field(
-        "cell_status", "string", "",
-        "whether the goal can be reached here: a hand-made controller may show it, a search rule "
-        "it out; null: neither could be tried",
-        nullable=True, choices=CELL_STATUSES, since=2,
-    ),
+    _replayed("replay_without_delay", "the same without latency and staleness; null: not run"),
+    _replayed("replay_second_horizon", "whether the same policy succeeds from the same start "
+        "within one duration or two; null: not run"),
+    _field("home_success?", "float64", "1",
+        "share of its starts from which the policy succeeds at home; null: not known", since=2),
+    _field("cell_status?", "string", "", "whether the goal can be reached here: a hand-made "
+        "controller may show it, a search rule it out; null: neither could be tried",
+        choices=CELL_STATUSES, since=2),
 )  # fmt: skip
 
 _LEDGER = _group(
     "ledger",
-    _real(
-        "energy_start", "J", "energy at time 0; zero at rest hanging", first("energy"),
-        nullable=True,
-    ),
-    _real("energy_end", "J", "energy at the end", last("energy"), nullable=True),
-    _real("work_total", "J", "work of the actuator", total("actuator_work"), nullable=True),
-    _real(
-        "dissipated_total", "J", "energy that damping took out; null: a loss is not known",
-        total("dissipated"), nullable=True,
-    ),
-    _real(
-        "contact_loss_total", "J", "energy that contact took out; null: not reported",
-        total("contact_loss"), nullable=True,
-    ),
-    _real(
-        "clip_loss_total", "J", "energy that the speed limit took out", total("clip_loss"),
-        nullable=True,
-    ),
-    _real(
-        "energy_residual_total", "J",
-        "energy that numerical error put in; null: a loss is not known", total("energy_residual"),
-        nullable=True,
-    ),
-    _real(
-        "energy_residual_abs_total", "J",
+    _real("energy_start?", "J", "energy at time 0; zero at rest hanging", first("energy")),
+    _real("energy_end?", "J", "energy at the end", last("energy")),
+    _real("work_total?", "J", "work of the actuator", total("actuator_work")),
+    _real("dissipated_total?", "J", "energy that damping took out; null: a loss is not known",
+        total("dissipated")),
+    _real("contact_loss_total?", "J", "energy that contact took out; null: not reported",
+        total("contact_loss")),
+    _real("clip_loss_total?", "J", "energy that the speed limit took out", total("clip_loss")),
+    _real("energy_residual_total?", "J",
+        "energy that numerical error put in; null: a loss is not known", total("energy_residual")),
+    _real("energy_residual_abs_total?", "J",
         "sum of the residual's magnitude per step; null: a loss is not known",
-        rows(lambda episodes: episodes.total("energy_residual", np.abs)), nullable=True,
-    ),
+        rows(lambda episodes: episodes.total("energy_residual", np.abs))),
 )  # fmt: skip
 
 _ARRIVAL = _group(
     "arrival",
-    _real(
-        "arrival_time", "s", "first control instant at the goal; null: never there",
-        rows(lambda episodes: episodes.goal_reached()), nullable=True, since=3,
-    ),
-    _real(
-        "arrival_energy", "J", "energy gained up to it", nullable=True, since=3,
-        origin=rows(lambda episodes: episodes.at_arrival("energy") - episodes.first("energy")),
-    ),
-    _real(
-        "arrival_residual", "J", "energy that numerical error put in up to it; null: not known",
-        rows(lambda episodes: episodes.until_arrival("energy_residual")), nullable=True, since=3,
-    ),
+    _real("arrival_time?", "s", "first control instant at the goal; null: never there",
+        rows(lambda episodes: episodes.goal_reached()), since=3),
+    _real("arrival_energy?", "J", "energy gained up to it", since=3,
+        origin=rows(lambda episodes: episodes.at_arrival("energy") - episodes.first("energy"))),
+    _real("arrival_residual?", "J", "energy that numerical error put in up to it; null: not known",
+        rows(lambda episodes: episodes.until_arrival("energy_residual")), since=3),
 )  # fmt: skip
 
 _SOLVER = _group(
     "solver",
-    _count(
-        "solver_iterations_max", "most iterations in one integration step",
-        most("solver_iterations"), nullable=True,
-    ),
-    _real(
-        "solver_iterations_mean", "1",
+    _count("solver_iterations_max?", "most iterations in one integration step",
+        most("solver_iterations")),
+    _real("solver_iterations_mean?", "1",
         "mean over control steps of the most iterations in one integration step",
-        rows(lambda episodes: episodes.total("solver_iterations") / episodes.steps), nullable=True,
-    ),
-    _text(
-        "solver_status", "worst status of any control step", most("solver_status"),
-        choices=STATUS_NAMES,
-    ),
+        rows(lambda episodes: episodes.total("solver_iterations") / episodes.steps)),
+    _text("solver_status", "worst status of any control step", most("solver_status"),
+        choices=STATUS_NAMES),
 )  # fmt: skip
 
 _PROVENANCE = _group(
     "provenance",
     _count("trace_every", "every n-th episode of its cell has a trace", context("trace_every")),
-    _count(
-        "float_width", "bits of the numbers that the physics was computed with",
-        context("float_width"), nullable=True,
-    ),
-    _json(
-        "package_versions", "versions of the packages that matter",
-        context(lambda told: json_text(package_versions(told.packages))),
-    ),
+    _count("float_width?", "bits of the numbers that the physics was computed with",
+        context("float_width")),
+    _json("package_versions", "versions of the packages that matter",
+        context(lambda told: json_text(package_versions(told.packages)))),
     _text("platform", "operating system and processor", context(lambda _: host()), volatile=True),
-    _real(
-        "inference_latency_mean", "ns",
+    _real("inference_latency_mean?", "ns",
         "mean time of one decision at batch size 1; null: not measured",
-        context("inference_latency_mean"), nullable=True, volatile=True,
-    ),
-    _real(
-        "inference_latency_p99", "ns", "99th percentile of the same; null: not measured",
-        context("inference_latency_p99"), nullable=True, volatile=True,
-    ),
-    _real(
-        "latency_budget", "s", "time there is for a decision: the control period",
-        setup("timing.control_period"), nullable=True,
-    ),
+        context("inference_latency_mean"), volatile=True),
+    _real("inference_latency_p99?", "ns", "99th percentile of the same; null: not measured",
+        context("inference_latency_p99"), volatile=True),
+    _real("latency_budget?", "s", "time there is for a decision: the control period",
+        setup("timing.control_period")),
     _time("wall_start", "when the episode began", head("wall_start")),
     _time("wall_end", "when the episode ended", head("wall_end")),
     _text("content_hash", "SHA-256 over everything but the volatile fields", None, volatile=True),

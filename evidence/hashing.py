@@ -52,7 +52,11 @@ def content_hashes(table: Any) -> list[str]:
     if not table.num_rows:
         return []
     names = sorted(name for name in table.column_names if name not in VOLATILE_NAMES)
-    about = {name: _signature(table.schema.field(name)) for name in names}
+    about = {}
+    for name in names:
+        said, kind = described(table.schema.field(name)), table.schema.field(name).type
+        shown = f"list<{kind.value_type}>" if pyarrow().types.is_list(kind) else str(kind)
+        about[name] = [shown, said["unit"], said["frame"]]
     fields = {name: _texts(table.column(name)) for name in names if not is_trace(name)}
     flat = {name: _flatten(table.column(name)) for name in names if is_trace(name)}
     counts = _counts({name: column.counts for name, column in flat.items()})
@@ -60,18 +64,14 @@ def content_hashes(table: Any) -> list[str]:
     start = hashlib.sha256(same.encode())
     hashes = []
     traces = _laid_out([column.rows for column in flat.values()], table.num_rows)
-    for text, trace in zip(_joined(pieces, table.num_rows), traces, strict=True):
+    rows = table.num_rows
+    own = (repeat(x, rows) if isinstance(x, str) else x for x in pieces)
+    for text, trace in zip(zip(repeat("", rows), *own, strict=True), traces, strict=True):
         digest = start.copy()
-        digest.update(text.encode())
+        digest.update("".join(text).encode())
         digest.update(trace)
         hashes.append(digest.hexdigest())
     return hashes
-
-
-def _signature(field: Any) -> list[str]:
-    about, kind = described(field), field.type
-    named = f"list<{kind.value_type}>" if pyarrow().types.is_list(kind) else str(kind)
-    return [named, about["unit"], about["frame"]]
 
 
 def _json(value: Any) -> str:
@@ -108,17 +108,16 @@ def _merged(pieces: Sequence[Texts]) -> tuple[str, list[Texts]]:
     return str(merged[0]), merged[1:]
 
 
-def _joined(pieces: Sequence[Texts], rows: int) -> Iterator[str]:
-    """The text of every row."""
-    columns = (repeat(piece, rows) if isinstance(piece, str) else piece for piece in pieces)
-    return map("".join, zip(repeat("", rows), *columns, strict=True))
-
-
 def _texts(column: Any) -> Texts:
     """JSON of the values of a column; what is there many times is encoded once."""
     types, array = pyarrow().types, column.combine_chunks()
     if types.is_list(array.type):
-        return _of_lists(array)
+        texts = _json_of_all(_values(array.flatten()))
+        ends = _ends(array.value_lengths().fill_null(0).to_numpy())
+        lists = [f"[{','.join(texts[a:b])}]" for a, b in pairwise(ends)]
+        for place in np.flatnonzero(array.is_null()):
+            lists[place] = "null"
+        return lists
     if _is_constant(array):
         return _json(array[0].as_py())
     if types.is_string(array.type):
@@ -126,16 +125,6 @@ def _texts(column: Any) -> Texts:
         texts = [*_json_of_all(coded.dictionary.to_pylist()), "null"]
         return [texts[place] for place in coded.indices.fill_null(-1).to_numpy().tolist()]
     return _json_of_all(_values(array))
-
-
-def _of_lists(array: Any) -> list[str]:
-    """JSON of lists of scalars."""
-    texts = _json_of_all(_values(array.flatten()))
-    ends = _ends(array.value_lengths().fill_null(0).to_numpy())
-    lists = [f"[{','.join(texts[a:b])}]" for a, b in pairwise(ends)]
-    for place in np.flatnonzero(array.is_null()):
-        lists[place] = "null"
-    return lists
 
 
 def _is_constant(array: Any) -> bool:
@@ -177,20 +166,14 @@ def _flatten(column: Any) -> _Flat:
     counts: list[int | None] = np.diff(ends).tolist()
     if not present.all():
         counts = [n if there else None for n, there in zip(counts, present, strict=True)]
-    return _Flat(_sliced(numbers, ends), counts)
+    pa = pyarrow()
+    buffers = [None, pa.py_buffer(ends * numbers.itemsize), pa.py_buffer(numbers)]
+    return _Flat(pa.Array.from_buffers(pa.large_binary(), len(ends) - 1, buffers), counts)
 
 
 def _ends(lengths: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
     ends: npt.NDArray[np.int64] = np.concatenate(([0], np.cumsum(lengths, dtype=np.int64)))
     return ends
-
-
-def _sliced(numbers: npt.NDArray[Any], ends: npt.NDArray[np.int64]) -> Any:
-    """Arrow array of the bytes of numbers ends[i] … ends[i + 1]."""
-    pa = pyarrow()
-    offsets = pa.py_buffer(ends * numbers.itemsize)
-    buffers = [None, offsets, pa.py_buffer(numbers)]
-    return pa.Array.from_buffers(pa.large_binary(), len(ends) - 1, buffers)
 
 
 def _laid_out(columns: list[Any], rows: int) -> Iterator[memoryview]:

@@ -1,18 +1,31 @@
-"""One Parquet file of records: written, checked, read."""
+"""Parquet files of records: written, checked, read, and queried in SQL."""
 
 from __future__ import annotations
 
 import random
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor, wait
+from contextlib import contextmanager
 from itertools import chain
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from integ_gym.support.errors import InputError
+from integ_gym.support.optional import load
+from integ_gym.support.storage import parquet_files
 from integ_gym.support.terminal import SHORT_OF_MEMORY, is_short_of_memory
 
 from .fields import SCHEMA_VERSION, SUMMARY_FIELDS
-from .schema import VERSION_KEY, EvidenceError, arrow_type, is_trace, parquet, pyarrow
+from .schema import (
+    VERSION_KEY,
+    EvidenceError,
+    arrow_type,
+    duckdb,
+    is_trace,
+    parquet,
+    pyarrow,
+)
 
 _GROUP_BYTES = 12 << 20
 """Memory of the rows of a group, about, where their number allows."""
@@ -83,9 +96,9 @@ def _together(tables: list[Any]) -> Any:
 
 
 def _writer(schema: Any, file: Path) -> Any:
-    numbers = [f for f in schema if is_trace(f.name) and "float" in str(f.type)]
-    streams = [f"{f.name}.list.element" for f in numbers if f.name not in _REPEATING]
-    dictionaries = [f.name for f in schema if f.name not in {x.name for x in numbers}]
+    numbers = [f.name for f in schema if is_trace(f.name) and "float" in str(f.type)]
+    streams = [f"{name}.list.element" for name in numbers if name not in _REPEATING]
+    dictionaries = [f.name for f in schema if f.name not in numbers]
     return parquet().ParquetWriter(
         file,
         schema,
@@ -122,13 +135,11 @@ def read(file: Path, *, trace: bool = True, **selection: Any) -> Any:
     Raises:
         EvidenceError: for a file that cannot be read or has another schema version.
     """
-    schema = check_schema(file)
-    if not trace:
-        selection["columns"] = [name for name in schema.names if not is_trace(name)]
-    try:
+    with _open(file) as opened:
+        if not trace:
+            names = opened.schema_arrow.names
+            selection["columns"] = [name for name in names if not is_trace(name)]
         return parquet().read_table(file, partitioning=None, **selection)
-    except _errors() as error:
-        raise _unreadable(file, error) from None
 
 
 def parts(file: Path, ids: Collection[str] = ()) -> Iterator[Any]:
@@ -141,18 +152,14 @@ def parts(file: Path, ids: Collection[str] = ()) -> Iterator[Any]:
     Raises:
         EvidenceError: for a file that cannot be read or has another schema version.
     """
-    check_schema(file)
-    try:
-        with parquet().ParquetFile(file) as opened:
-            for group in range(opened.num_row_groups):
-                if not ids:
-                    yield opened.read_row_group(group)
-                    continue
-                held = opened.read_row_group(group, columns=["record_id"]).column(0).to_pylist()
-                if places := [place for place, name in enumerate(held) if name in ids]:
-                    yield opened.read_row_group(group).take(places)
-    except _errors() as error:
-        raise _unreadable(file, error) from None
+    with _open(file) as opened:
+        for group in range(opened.num_row_groups):
+            if not ids:
+                yield opened.read_row_group(group)
+                continue
+            held = opened.read_row_group(group, columns=["record_id"]).column(0).to_pylist()
+            if places := [place for place, name in enumerate(held) if name in ids]:
+                yield opened.read_row_group(group).take(places)
 
 
 def sample(file: Path, count: int) -> Any:
@@ -161,46 +168,20 @@ def sample(file: Path, count: int) -> Any:
     Raises:
         EvidenceError: for a file that cannot be read or has another schema version.
     """
+    with _open(file) as opened:
+        group = opened.read_row_group(random.randrange(opened.num_row_groups))
+        return group.take(random.sample(range(group.num_rows), min(count, group.num_rows)))
+
+
+@contextmanager
+def _open(file: Path) -> Iterator[Any]:
+    """A file that has all fields of its schema version; see :func:`check_schema`."""
     check_schema(file)
     try:
         with parquet().ParquetFile(file) as opened:
-            group = opened.read_row_group(random.randrange(opened.num_row_groups))
+            yield opened
     except _errors() as error:
         raise _unreadable(file, error) from None
-    return group.take(random.sample(range(group.num_rows), min(count, group.num_rows)))
-
-
-def record_ids(file: Path) -> list[str]:
-    """Ids of the records of one file, in order.
-
-    Raises:
-        EvidenceError: see :func:`read`.
-    """
-    check_schema(file)
-    try:
-        ids: list[str] = _opened(file).read(columns=["record_id"]).column(0).to_pylist()
-    except _errors() as error:
-        raise _unreadable(file, error) from None
-    return ids
-
-
-def read_row(file: Path, row: int) -> Any:
-    """One record of a file with its trace, as an Arrow table; no other row group is read.
-
-    Raises:
-        EvidenceError: see :func:`read`.
-    """
-    check_schema(file)
-    try:
-        opened = _opened(file)
-        for group in range(opened.num_row_groups):
-            rows = opened.metadata.row_group(group).num_rows
-            if row < rows:
-                return opened.read_row_group(group).slice(row, 1)
-            row -= rows
-    except _errors() as error:
-        raise _unreadable(file, error) from None
-    raise IndexError(f"{file} has no such row")
 
 
 def check_schema(file: Path | str, on: Any = None) -> Any:
@@ -220,35 +201,25 @@ def check_schema(file: Path | str, on: Any = None) -> Any:
             f"{file} has schema version {version}, and this integ-gym reads 1 to {SCHEMA_VERSION}; "
             "read it with the version that wrote it, or move it away"
         )
-    missing = [
-        field.name
-        for field in SUMMARY_FIELDS
-        if field.since <= int(version) and field.name not in schema.names
-    ]
-    if missing:
-        raise EvidenceError(
-            f"{file} lacks the columns {', '.join(missing)}; restore it from a copy or move it away"
-        )
-    for field in SUMMARY_FIELDS:
-        if field.name in schema.names and schema.field(field.name).type != arrow_type(field.kind):
+    remedy = "restore it from a copy or move it away"
+    present = set(schema.names)
+    lacking = [f.name for f in SUMMARY_FIELDS if f.since <= int(version) and f.name not in present]
+    if lacking:
+        raise EvidenceError(f"{file} lacks the columns {', '.join(lacking)}; {remedy}")
+    kinds = {field.name: arrow_type(field.kind) for field in SUMMARY_FIELDS}
+    types = pyarrow().types
+    for column in schema:
+        if column.name in kinds:
+            wanted, fits = kinds[column.name], column.type == kinds[column.name]
+        else:
+            inner = column.type.value_type if types.is_list(column.type) else pyarrow().null()
+            wanted, fits = "a list of numbers", types.is_floating(inner) or types.is_integer(inner)
+        if not fits:
             raise EvidenceError(
-                f"{file}: column {field.name} is {schema.field(field.name).type} where "
-                f"{arrow_type(field.kind)} was expected; restore it from a copy or move it away"
-            )
-    for name in filter(is_trace, schema.names):
-        if not _is_trace_type(schema.field(name).type):
-            raise EvidenceError(
-                f"{file}: column {name} is {schema.field(name).type} where a list of numbers was "
-                "expected; restore it from a copy or move it away"
+                f"{file}: column {column.name} is {column.type} where {wanted} was expected; "
+                f"{remedy}"
             )
     return schema
-
-
-def _is_trace_type(kind: Any) -> bool:
-    types = pyarrow().types
-    if not types.is_list(kind):
-        return False
-    return bool(types.is_floating(kind.value_type) or types.is_integer(kind.value_type))
 
 
 def row_count(file: Path) -> int:
@@ -258,10 +229,6 @@ def row_count(file: Path) -> int:
         EvidenceError: for a file that cannot be read.
     """
     return int(_metadata(file).num_rows)
-
-
-def _opened(file: Path) -> Any:
-    return parquet().ParquetFile(file)
 
 
 def _metadata(file: Path | str, on: Any = None) -> Any:
@@ -277,10 +244,140 @@ def _errors() -> tuple[type[Exception], ...]:
 
 
 def _unreadable(file: Path | str, error: Exception) -> EvidenceError:
+    reason, remedy = " ".join(str(error).split()), "restore it from a copy or move it away"
     if is_short_of_memory(error):
-        return EvidenceError(
-            f"cannot read {file}: {SHORT_OF_MEMORY} ({' '.join(str(error).split())}); close other "
-            "programs, or raise the limit that this one runs under"
+        reason = f"{SHORT_OF_MEMORY} ({reason})"
+        remedy = "close other programs, or raise the limit that this one runs under"
+    return EvidenceError(f"cannot read {file}: {reason}; {remedy}")
+
+
+_ONE_STATEMENT = (
+    "a query is one statement that reads, such as SELECT; to write a file, use "
+    "`integ-gym evidence export`, or --format csv and the shell's >"
+)
+
+
+def query(files: Sequence[Path] | Any, sql: str) -> Any:
+    """Run SQL over the view ``records``, which holds all files with their columns united.
+
+    Nothing but these files can be read, nothing written, and no extension loaded; what does not fit
+    into memory goes to the system's folder for temporary files.
+
+    Args:
+        files: committed files, or the data set of Arrow that they make, which DuckDB asks for the
+            columns and rows that it needs.
+        sql: one statement in DuckDB's dialect that reads: `SELECT`, `DESCRIBE`, `PIVOT`, ….
+
+    Returns:
+        An Arrow table.
+
+    Raises:
+        EvidenceError: if the statement does more than read, or DuckDB refuses it.
+        KeyboardInterrupt: if it is interrupted.
+    """
+    engine = duckdb()
+    extensions = ("autoinstall_known_extensions", "autoload_known_extensions")
+    with (
+        TemporaryDirectory(prefix="integ-gym-", ignore_cleanup_errors=True) as spill,
+        engine.connect(
+            config={**dict.fromkeys(extensions, False), "temp_directory": spill}
+        ) as connection,
+    ):
+        try:
+            _offer(connection, files)
+            _check_reads(engine, connection, sql)
+            return _interruptible(connection, sql)
+        except engine.Error as error:
+            reason = str(error).split("\n\nLINE")[0]
+            raise EvidenceError(
+                f"DuckDB refuses the query: {reason}; `DESCRIBE records` lists the columns"
+            ) from None
+
+
+def _interruptible(connection: Any, sql: str) -> Any:
+    """The statement's result, as an Arrow table.
+
+    DuckDB works beside the caller's thread, for where all work is done by threads of its own it
+    heeds no signal.
+    """
+    with ThreadPoolExecutor(1) as pool:
+        working = pool.submit(lambda: connection.sql(sql).to_arrow_table())
+        try:
+            return working.result()
+        except KeyboardInterrupt:
+            while not working.done():
+                connection.interrupt()
+                wait([working], timeout=0.1)
+            raise
+
+
+def _offer(connection: Any, files: Sequence[Path] | Any) -> None:
+    """Make the view, and forbid everything else for good."""
+    paths = [str(file.resolve()) for file in files] if isinstance(files, Sequence) else []
+    patterns = [_literal(path) for path in paths]
+    if paths:
+        relation = connection.read_parquet(patterns, union_by_name=True)
+    else:
+        relation = connection.register("_files", files).table("_files")
+    absent = [field.name for field in SUMMARY_FIELDS if field.name not in relation.columns]
+    later = "".join(f", NULL AS {name}" for name in absent)
+    relation.project(f"*{later}").create_view("records")
+    connection.execute("SET allowed_paths = ?", [[*paths, *patterns]])
+    connection.execute("SET enable_external_access = false")
+    connection.execute("SET lock_configuration = true")
+
+
+def _literal(path: str) -> str:
+    """A path in which no character stands for others."""
+    return "".join(f"[{c}]" if c in "*?[" else c for c in path)
+
+
+def _check_reads(engine: Any, connection: Any, sql: str) -> None:
+    """Refuse what is not one statement whose result could stand in a `FROM`.
+
+    A `PIVOT` is several statements to DuckDB, and so is what writes its result somewhere.
+    """
+    reading = (engine.StatementType.SELECT, engine.StatementType.MULTI)
+    statements = connection.extract_statements(sql)
+    if len(statements) != 1 or statements[0].type not in reading:
+        raise EvidenceError(_ONE_STATEMENT)
+    bare = sql.rstrip().rstrip(";")
+    try:
+        within = connection.extract_statements(f"SELECT * FROM (\n{bare}\n)")
+    except engine.ParserException:
+        raise EvidenceError(_ONE_STATEMENT) from None
+    if len(within) != 1:
+        raise EvidenceError(_ONE_STATEMENT)
+
+
+def query_in_place(url: str, sql: str) -> Any:
+    """Run SQL over the view ``records`` of a run in an object store; see `EvidenceStore.query`.
+
+    Of the files no more is read than the statement needs: footers, columns, row groups. DuckDB asks
+    Arrow for them; it itself can read nothing, there or here.
+
+    Args:
+        url: of the run: ``s3://…``, ``gs://…`` or ``az://…``.
+        sql: one statement in DuckDB's dialect that reads.
+
+    Returns:
+        An Arrow table.
+
+    Raises:
+        EvidenceError: if there are no records, a file is not readable, the statement does more
+            than read, or DuckDB refuses it.
+        StorageError: if the store does not answer.
+        ModuleNotFoundError: without the extra ``storage``, with the command that installs it.
+    """
+    files, names = parquet_files(url, "evidence")
+    if not names:
+        raise EvidenceError(
+            f"{url} holds no evidence (evidence/*.parquet); give the place that a run was written "
+            "to"
         )
-    reason = " ".join(str(error).split())
-    return EvidenceError(f"cannot read {file}: {reason}; restore it from a copy or move it away")
+    systems, datasets = (load(f"pyarrow.{name}", "evidence") for name in ("fs", "dataset"))
+    on = systems.PyFileSystem(systems.FSSpecHandler(files))
+    schemas = [check_schema(name, on) for name in names]
+    schema = pyarrow().unify_schemas(schemas, promote_options="permissive")
+    parts = [datasets.dataset(n, schema=schema, filesystem=on, format="parquet") for n in names]
+    return query(datasets.dataset(parts), sql)

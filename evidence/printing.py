@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from datetime import datetime
 from typing import Any, Final, TextIO
 
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.support.errors import InputError
 from integ_gym.support.terminal import (
     hanging_indent,
     has_room,
@@ -22,8 +21,8 @@ from integ_gym.support.terminal import (
 )
 
 from .fields import SUMMARY_FIELDS
-from .record import EvidenceRecord, plain, told_arguments
-from .schema import arrow_type
+from .record import EvidenceRecord, plain
+from .schema import arrow_type, parse_arguments
 
 BARS = "▁▂▃▄▅▆▇█"
 ASCII_BARS = "_.-=+*#@"
@@ -47,51 +46,40 @@ def show(record: EvidenceRecord, bars: str = BARS, width: int | None = None) -> 
     fields = record.fields
     outcome = "succeeds" if fields["success"] else f"fails, {fields['failure_label']}"
     title = f"{fields['env_id']}, {fields['cell']}, episode {fields['episode_index']}: {outcome}"
-    parts = (_groups(record, width), _arguments(record, width), _trace(record, bars, width))
-    return "\n".join([hanging_indent("", title, width), *(line for part in parts for line in part)])
+    lines = [hanging_indent("", title, width), hanging_indent("", record.reason, width)]
 
+    def add(name: str, value: Any, unit: str) -> None:
+        shown = "" if value is None or unit == "1" else unit
+        lines.append(
+            hanging_indent(f"  {name:<{_NAME - 2}}", f"{number(value)} {shown}".rstrip(), width)
+        )
 
-def _groups(record: EvidenceRecord, width: int | None) -> Iterator[str]:
     group = ""
     for field in sorted(SUMMARY_FIELDS, key=lambda field: field.group not in _LEADING):
         if field.name == "arguments":
             continue
         if field.group != group:
             group = field.group
-            yield from ("", group)
-        unit = record.units.get(field.name, "")
-        yield _line(field.name, number(record.fields.get(field.name)), unit, width)
-
-
-def _arguments(record: EvidenceRecord, width: int | None) -> Iterator[str]:
-    yield from ("", "constructor arguments")
-    for name, argument in told_arguments(record.fields["arguments"]).items():
-        yield _line(name, number(argument["value"]), argument["unit"], width)
-
-
-def _trace(record: EvidenceRecord, bars: str, width: int | None) -> Iterator[str]:
+            lines += ["", group]
+        add(field.name, fields.get(field.name), record.units.get(field.name, ""))
+    lines += ["", "constructor arguments"]
+    for name, argument in parse_arguments(fields["arguments"]).items():
+        add(name, argument["value"], argument["unit"])
     if not record.trace:
-        yield from ("", f"no trace: trace_every is {record.fields['trace_every']}")
-        return
-    yield from ("", "trace")
-    yield f"{'':{_NAME}}" + "".join(f"{head:>11}" for head in ("first", "least", "most", "last"))
+        return "\n".join([*lines, "", f"no trace: trace_every is {fields['trace_every']}"])
+    heads = "".join(f"{head:>11}" for head in ("first", "least", "most", "last"))
+    lines += ["", "trace", f"{'':{_NAME}}{heads}"]
     for name, values in record.trace.items():
         if len(values):
-            yield from _column(name, values, _unit(record.units[name]), bars, width)
-
-
-def _column(
-    name: str, values: npt.NDArray[Any], unit: str, bars: str, width: int | None
-) -> Iterator[str]:
-    """A column of the trace; its sketch in a line of its own where there is no room beside."""
-    told = (values[0], values.min(), values.max(), values[-1])
-    numbers = f"  {name:<{_NAME - 2}}" + "".join(f"{x:>11.4g}" for x in told)
-    sketch = sparkline(values, bars)
-    if width is None or len(numbers) + len(unit) + _WIDTH + 3 <= width:
-        yield f"{numbers}  {sketch} {unit}".rstrip()
-    else:
-        yield f"{numbers}  {unit}".rstrip()
-        yield f"{'':{_NAME}}{sketch}"
+            unit = "" if record.units[name] == "1" else record.units[name]
+            shown = (values[0], values.min(), values.max(), values[-1])
+            numbers = f"  {name:<{_NAME - 2}}" + "".join(f"{x:>11.4g}" for x in shown)
+            sketch = sparkline(values, bars)
+            if width is None or len(numbers) + len(unit) + _WIDTH + 3 <= width:
+                lines.append(f"{numbers}  {sketch} {unit}".rstrip())
+            else:
+                lines += [f"{numbers}  {unit}".rstrip(), f"{'':{_NAME}}{sketch}"]
+    return "\n".join(lines)
 
 
 def sparkline(values: npt.NDArray[Any], bars: str = BARS) -> str:
@@ -118,15 +106,6 @@ def number(value: Any) -> str:
     return visible(str(value))
 
 
-def _line(name: str, value: str, unit: str, width: int | None) -> str:
-    shown = "" if value == NOTHING else _unit(unit)
-    return hanging_indent(f"  {name:<{_NAME - 2}}", f"{value} {shown}".rstrip(), width)
-
-
-def _unit(unit: str) -> str:
-    return "" if unit == "1" else unit
-
-
 TABLE_FORMATS = ("table", "csv", "json")
 
 _UNREAD: Final = 120  # characters in a line where no terminal says how many
@@ -148,35 +127,57 @@ def print_table(table: Any, file: TextIO, form: str = "table") -> None:
     Raises:
         ValueError: for another format.
     """
-    printers = {"table": _readable, "csv": _csv, "json": _json}
-    if form not in printers:
-        raise InputError(f"the format must be one of {', '.join(TABLE_FORMATS)}, got {form!r}")
+    if form not in TABLE_FORMATS:
+        raise ValueError(f"the format must be one of {', '.join(TABLE_FORMATS)}, got {form!r}")
+    names = table.schema.names
     columns = [column.to_pylist() for column in table.columns]
-    printers[form](table.schema, [list(row) for row in zip(*columns, strict=True)], file)
+    rows = [list(row) for row in zip(*columns, strict=True)]
+    if form == "json":
+        records = [dict(zip(names, map(plain, row), strict=True)) for row in rows]
+        print(json.dumps(records, indent=2, allow_nan=False, default=str), file=file)
+    elif form == "csv":
+        writer = csv.writer(file, lineterminator="\n")
+        seen = visible if file.isatty() else str
+        writer.writerow(map(seen, names))
+        for row in rows:
+            cells = [json.dumps(plain(x)) if isinstance(x, list) else plain(x) for x in row]
+            writer.writerow([seen(x) if isinstance(x, str) else x for x in cells])
+    else:
+        _print_readable(table.schema, rows, file)
 
 
-def _readable(schema: Any, rows: list[list[Any]], file: TextIO) -> None:
+def _print_readable(schema: Any, rows: list[list[Any]], file: TextIO) -> None:
     numeric = [all(isinstance(row[i], (int, float)) for row in rows) for i in range(len(schema))]
     names = [visible(name) for name in schema.names]
-    cells = [[_short(value) for value in row] for row in rows]
+    cells = [
+        [f"[{len(x)} values]" if isinstance(x, list) and len(x) > 4 else number(x) for x in row]
+        for row in rows
+    ]
     width = width_of(file)
     listed = width is not None or len(rows) <= _FEW
     if listed and not has_room(names, cells, width or _UNREAD):
-        _print_lists(names, _with_units(schema, cells), file, width or _UNREAD)
+        fields = {(field.name, arrow_type(field.kind)): field.unit for field in SUMMARY_FIELDS}
+        units = [fields.get((column.name, column.type), "") for column in schema]
+        _print_lists(names, units, cells, file, width or _UNREAD)
     else:
         print_columns(names, cells, file, numeric)
     print(f"({len(rows)} row{'' if len(rows) == 1 else 's'})", file=file)
 
 
 def _print_lists(
-    names: Sequence[str], rows: Sequence[Sequence[str]], file: TextIO, width: int
+    names: Sequence[str],
+    units: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    file: TextIO,
+    width: int,
 ) -> None:
     """Each row as lines of a name and a cell, and how to see what had to be cut."""
     before, cut = max(map(len, names)) + 2, False
     for row in rows:
-        for name, cell in zip(names, row, strict=True):
-            whole = hanging_indent(f"{name:<{before}}", cell, width)
-            shown = hanging_indent(f"{name:<{before}}", cell, width, _LINES)
+        for name, unit, cell in zip(names, units, row, strict=True):
+            text = cell if cell == NOTHING or unit in _VAGUE else f"{cell} {unit}"
+            whole = hanging_indent(f"{name:<{before}}", text, width)
+            shown = hanging_indent(f"{name:<{before}}", text, width, _LINES)
             cut = cut or shown != whole
             print(shown, file=file)
         print(file=file)
@@ -184,34 +185,3 @@ def _print_lists(
         print_wrapped(
             "Cells that end with ... are cut; --format json gives every value in full.", file
         )
-
-
-def _with_units(schema: Any, rows: list[list[str]]) -> list[list[str]]:
-    """Cells with the units of the fields whose names and types their columns have."""
-    fields = {(field.name, arrow_type(field.kind)): field.unit for field in SUMMARY_FIELDS}
-    units = [fields.get((column.name, column.type), "") for column in schema]
-    return [[_with_unit(*told) for told in zip(row, units, strict=True)] for row in rows]
-
-
-def _with_unit(cell: str, unit: str) -> str:
-    return cell if cell == NOTHING or unit in _VAGUE else f"{cell} {unit}"
-
-
-def _csv(schema: Any, rows: list[list[Any]], file: TextIO) -> None:
-    writer = csv.writer(file, lineterminator="\n")
-    seen = visible if file.isatty() else str
-    writer.writerow(map(seen, schema.names))
-    for row in rows:
-        cells = [json.dumps(plain(x)) if isinstance(x, list) else plain(x) for x in row]
-        writer.writerow([seen(x) if isinstance(x, str) else x for x in cells])
-
-
-def _json(schema: Any, rows: list[list[Any]], file: TextIO) -> None:
-    records = [dict(zip(schema.names, map(plain, row), strict=True)) for row in rows]
-    print(json.dumps(records, indent=2, allow_nan=False, default=str), file=file)
-
-
-def _short(value: Any) -> str:
-    if isinstance(value, list) and len(value) > 4:
-        return f"[{len(value)} values]"
-    return number(value)

@@ -4,286 +4,19 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime
-from math import nan
-from operator import itemgetter
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.envs.plants.interface import state_names
-from integ_gym.support.files import Kinds, check_object, parse_json
-
-from .fields import CONTACT_TRACE, SUMMARY_FIELDS, Field, record_fields
-from .schema import EvidenceError, described, is_trace, pyarrow
+from .fields import SUMMARY_FIELDS
+from .labels import failure_sentence
+from .schema import argument_values, described, is_trace, pyarrow
 
 Array = npt.NDArray[Any]
-
-STATUS = "solver_status"
-"""The solver's status, as a code."""
-
-_ENDING = ("reward", "terminated", "truncated")
-
-_FOR_SUMMARIES = ("goal_since", "saturated", "fallback_used", "success")
-"""What is taken from ``info`` beside what trace columns are made of."""
-
-_PERHAPS_UNKNOWN = dict.fromkeys(("dissipated", "energy_residual"), nan)
-"""What an environment leaves out of `info` where it is not known."""
-
-_STARTING = ("energy", "goal_since")
-"""What of ``info`` is not 0 at a reset."""
-
-
-class Layout:
-    """Entries of a row, in order.
-
-    Row 0 of an episode is its reset and row k the result of its control step k - 1: the state,
-    observation and times at the instant after that step, and what was booked during it. All
-    entries fit a float64 exactly.
-
-    Args:
-        plant: plant or plant class.
-        task: task or task class.
-        info: what a reset gives as ``info``; tells whether the environment has contact.
-
-    Attributes:
-        fields: all columns of the records.
-        info: entries taken from ``info``: what the trace columns and the summaries need.
-        state: entries of the true state, in state order.
-        names: all entries: ``info``, then solver status, reward, terminated and truncated, then
-            ``state`` and the observation.
-    """
-
-    def __init__(self, plant: Any, task: Any, info: Mapping[str, Any] | None = None) -> None:
-        self.fields: tuple[Field, ...] = record_fields(plant, task)
-        self.state = state_names(plant)
-        sensed = tuple(f"sensed_{name}" for name in task.observation_names)
-        others = (STATUS, *_ENDING, *self.state, *sensed)
-        absent = {field.source for field in CONTACT_TRACE} - set(info or ())
-        sources = (field.source for field in self.fields if field.at)
-        told = dict.fromkeys((*sources, *_FOR_SUMMARIES))
-        self.info = tuple(name for name in told if name not in (*others, *absent))
-        self.names = (*self.info, *others)
-        self._places = {name: place for place, name in enumerate(self.names)}
-        self._starting = [self._places[name] for name in (*_STARTING, *self.state, *sensed)]
-        self._told = itemgetter(*self.info)
-
-    def __len__(self) -> int:
-        return len(self.names)
-
-    def __contains__(self, name: str) -> bool:
-        return name in self._places
-
-    def place(self, name: str) -> int:
-        """Where an entry is in the row."""
-        return self._places[name]
-
-    def row(
-        self,
-        info: Mapping[str, Any],
-        status: Any,
-        ending: tuple[Any, Any, Any],
-        state: Iterable[Any],
-        sensed: Iterable[Any],
-    ) -> tuple[Any, ...]:
-        """The entries of a row: numbers, or arrays of many rows.
-
-        Args:
-            info: of the environment.
-            status: code of the solver's status.
-            ending: reward, terminated, truncated.
-            state: true state, component by component, in state order.
-            sensed: observation, component by component.
-        """
-        try:
-            told = self._told(info)
-        except KeyError:
-            told = self._told({**_PERHAPS_UNKNOWN, **info})
-        return (*told, status, *ending, *state, *sensed)
-
-    def start(
-        self, info: Mapping[str, Any], state: Iterable[Any], sensed: Iterable[Any]
-    ) -> tuple[Any, ...]:
-        """The entries of a reset's row that are not 0, as :meth:`row`; of the status see there."""
-        return (*(info[name] for name in _STARTING), *state, *sensed)
-
-    def start_rows(self, entries: Array, status: int | Array) -> Array:
-        """Whole rows of resets.
-
-        Args:
-            entries: see :meth:`start`, shape (entries, resets).
-            status: code of the solver's status where no step has been taken, one or of each.
-
-        Returns:
-            Shape (all entries, resets).
-        """
-        rows = np.zeros((len(self), entries.shape[1]))
-        rows[self._starting] = entries
-        rows[self._places[STATUS]] = status
-        return rows
-
-
-_TYPES = {"bool": np.bool_, "int64": np.int64, "string": np.int64}
-"""By a field's kind; of a string, its place among the choices."""
-
-
-def summarise(layout: Layout, rows: Array, counts: Array) -> dict[str, Array]:
-    """One value per episode for every field that the rows decide.
-
-    Args:
-        layout: what the entries of a row are.
-        rows: rows of whole episodes one after the other, shape (entries, sum of counts).
-        counts: rows of each episode, at least 2, shape (episodes,).
-
-    Returns:
-        Arrays of shape (episodes,), by field name, ``solver_status`` as a code; ``time``,
-        ``goal_reached``, ``goal_left`` and ``goal_since`` beside them. NaN where there is no value.
-    """
-    episodes = EpisodeRows(layout, rows, counts)
-    values = {
-        field.name: _typed(field.origin.value(episodes), field.kind)
-        for field in SUMMARY_FIELDS
-        if field.origin is not None and field.origin.of == "rows"
-    }
-    return {
-        **values,
-        "time": episodes.last("time"),
-        "goal_reached": episodes.goal_reached(),
-        "goal_left": episodes.goal_left(),
-        "goal_since": episodes.goal_since(),
-    }
-
-
-def _typed(values: Array, kind: str) -> Array:
-    """Numbers of a field's kind; NaN, which only floats have, where nothing is known."""
-    known = values.dtype.kind != "f" or not np.isnan(values).any()
-    return values.astype(_TYPES.get(kind, np.float64) if known else np.float64)
-
-
-class EpisodeRows:
-    """Rows of whole episodes one after the other; what is asked of them has shape (episodes,).
-
-    Args:
-        layout: what the entries of a row are.
-        rows: shape (entries, sum of counts).
-        counts: rows of each episode, at least 2, shape (episodes,).
-
-    Attributes:
-        steps: control steps of each episode.
-    """
-
-    def __init__(self, layout: Layout, rows: Array, counts: Array) -> None:
-        self._layout = layout
-        self._rows = rows
-        self._ends = np.cumsum(counts)
-        self._starts = self._ends - counts
-        self.steps = counts - 1
-
-    def total(self, entry: str, of: Callable[[Array], Array] = np.asarray) -> Array:
-        """Sum of a function of an entry; NaN where there is no such entry."""
-        return self._reduced(np.add, entry, of)
-
-    def most(self, entry: str) -> Array:
-        """Largest value of an entry; NaN where there is no such entry."""
-        return self._reduced(np.maximum, entry)
-
-    def first(self, entry: str) -> Array:
-        """An entry at time 0."""
-        values: Array = self._column(entry)[self._starts]
-        return values
-
-    def last(self, entry: str) -> Array:
-        """An entry at the end."""
-        values: Array = self._column(entry)[self._ends - 1]
-        return values
-
-    def falls(self, entry: str) -> Array:
-        """How often an entry is 0 right after it was above."""
-        column = self._column(entry)
-        falls = self._each(np.add, self._fallen(column > 0.0).astype(np.int64))
-        unknown = np.isnan(self._each(np.add, column))
-        return np.where(unknown, np.nan, falls) if unknown.any() else falls
-
-    def starts(self) -> Array:
-        """True states at time 0, in state order, shape (episodes, states)."""
-        if not self._layout.state:
-            return np.empty((len(self.steps), 0))
-        return np.stack([self.first(name) for name in self._layout.state], axis=1)
-
-    def goal_since(self) -> Array:
-        """Start of the stay at the goal in which the episode ends, s; NaN if it ends elsewhere."""
-        since = self.last("goal_since")
-        return np.where(since >= 0.0, since, np.nan)
-
-    def time_to_success(self) -> Array:
-        """The same of episodes that succeed, s; NaN of others."""
-        return np.where(self.last("success") > 0.0, self.last("goal_since"), np.nan)
-
-    def goal_reached(self) -> Array:
-        """First time at the goal, s; NaN if never."""
-        time = np.where(self._there(), self._column("time"), np.inf)
-        return _finite(self._each(np.minimum, time))
-
-    def at_arrival(self, entry: str) -> Array:
-        """An entry at the first time at the goal; NaN without any."""
-        arrival = self._arrival()
-        never = arrival >= self._ends
-        return np.where(never, np.nan, self._column(entry)[np.where(never, 0, arrival)])
-
-    def until_arrival(self, entry: str) -> Array:
-        """Sum of an entry up to the first time at the goal; NaN without any, or no such entry."""
-        arrival = self._arrival()
-        before = np.arange(self._ends[-1]) <= np.repeat(arrival, self.steps + 1)
-        if entry not in self._layout:
-            return np.full(len(self.steps), np.nan)
-        until = self._each(np.add, np.where(before, self._column(entry), 0.0))
-        return np.where(arrival < self._ends, until, np.nan)
-
-    def goal_left(self) -> Array:
-        """Last time of leaving the goal, s; NaN if never."""
-        left = self._fallen(self._there())
-        return _finite(self._each(np.maximum, np.where(left, self._column("time"), -np.inf)))
-
-    def _arrival(self) -> Array:
-        """Place of the first row at the goal; beyond all rows without any."""
-        places = np.arange(self._ends[-1])
-        return self._each(np.minimum, np.where(self._there(), places, self._ends[-1]))
-
-    def _there(self) -> Array:
-        there: Array = self._column("goal_since") >= 0.0
-        return there
-
-    def _fallen(self, flag: Array) -> Array:
-        """Whether a flag is off in a row right after one of the same episode with it on."""
-        fallen = np.zeros_like(flag)
-        fallen[1:] = flag[:-1] & ~flag[1:]
-        fallen[self._starts] = False
-        return fallen
-
-    def _column(self, entry: str) -> Array:
-        column: Array = self._rows[self._layout.place(entry)]
-        return column
-
-    def _reduced(
-        self, function: np.ufunc, entry: str, of: Callable[[Array], Array] = np.asarray
-    ) -> Array:
-        if entry not in self._layout:
-            return np.full(len(self.steps), np.nan)
-        return self._each(function, of(self._column(entry)))
-
-    def _each(self, function: np.ufunc, column: Array) -> Array:
-        values: Array = function.reduceat(column, self._starts)
-        return values
-
-
-def _finite(times: Array) -> Array:
-    return np.where(np.isfinite(times), times, np.nan)
-
-
-_ARGUMENT: Kinds = {"value": (object, bool), "unit": str}
 
 
 @dataclass(frozen=True)
@@ -312,6 +45,11 @@ class EvidenceRecord:
         return argument_values(self.fields["arguments"])
 
     @property
+    def reason(self) -> str:
+        """Why the episode ended as it did, in a sentence with numbers."""
+        return failure_sentence(self.fields)
+
+    @property
     def first_of_seed(self) -> bool:
         """Whether its seed gives all that was drawn: it is the first episode of that seed."""
         return self.fields["seed"] is not None and self.fields["rng_key"].endswith("/0")
@@ -329,82 +67,6 @@ class EvidenceRecord:
             if is_trace(name)
         }
         return json.dumps(self.summary() | trace, ensure_ascii=False, allow_nan=False)
-
-
-def argument_values(text: str) -> dict[str, Any]:
-    """Constructor arguments and plant parameters of a record's field, without their units.
-
-    Raises:
-        EvidenceError: if it is not of that form, in one sentence.
-    """
-    told = told_arguments(text)
-    return {name: argument["value"] for name, argument in told.items()}
-
-
-def told_arguments(text: str) -> dict[str, dict[str, Any]]:
-    """Value and unit of constructor arguments and plant parameters, by name.
-
-    Raises:
-        EvidenceError: if the field is not of that form, in one sentence.
-    """
-    told = told_json("arguments", text)
-    try:
-        return {name: check_object(one, _ARGUMENT) for name, one in told.items()}
-    except (AttributeError, ValueError):
-        raise _damaged("arguments", "it is no object of values with units") from None
-
-
-def told_training(fields: Mapping[str, Any]) -> dict[str, Any] | list[dict[str, Any]] | None:
-    """What the policy of a record with these fields was trained on, a list for a mixture.
-
-    Raises:
-        EvidenceError: if the field is not of that form, in one sentence.
-    """
-    told = told_json("training_discretization", fields["training_discretization"] or "null")
-    members = told if isinstance(told, list) else [told or {}]
-    if not all(isinstance(member, dict) for member in members):
-        raise _damaged("training_discretization", "it is no discretization and no list of some")
-    return told  # type: ignore[no-any-return]
-
-
-def told_perturbation(fields: Mapping[str, Any]) -> dict[str, Any] | None:
-    """Plant parameters that are changed in a record with these fields; None without any.
-
-    Raises:
-        EvidenceError: if the field is not of that form, in one sentence.
-    """
-    told = told_json("perturbation", fields["perturbation"] or "null")
-    if told is None or isinstance(told, dict):
-        return told
-    raise _damaged("perturbation", "it is no object of arguments")
-
-
-def told_engine(text: str) -> dict[str, Any]:
-    """What a record's field `engine_description` says.
-
-    Raises:
-        EvidenceError: if it is not of that form, in one sentence.
-    """
-    told = told_json("engine_description", text)
-    if isinstance(told, dict):
-        return told
-    raise _damaged("engine_description", "it is no object")
-
-
-def told_json(name: str, text: Any) -> Any:
-    """What a field of that name says, whose text holds JSON.
-
-    Raises:
-        EvidenceError: if it holds none, in one sentence.
-    """
-    try:
-        return parse_json(text.encode())
-    except (AttributeError, ValueError) as error:
-        raise _damaged(name, f"it is no JSON ({error})") from None
-
-
-def _damaged(name: str, fault: str) -> EvidenceError:
-    return EvidenceError(f"`{name}` is damaged: {fault}; restore the file from a copy")
 
 
 def records_of(table: Any) -> list[EvidenceRecord]:

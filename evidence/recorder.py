@@ -7,7 +7,7 @@ import os
 import struct
 import time
 import weakref
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from math import nan, prod
 from multiprocessing.util import Finalize
 from pathlib import Path
@@ -27,13 +27,12 @@ from integ_gym.envs.settings import Setup
 from integ_gym.envs.transition import quiet_status
 from integ_gym.support.errors import InputError, InputTypeError
 
-from .attribution import ReplayLookups, SetupOfLane
-from .context import EpisodeContext
-from .episode_log import EpisodeHead, EpisodeHeads, EpisodeLog
-from .episode_table import record_table, unhashed_table
-from .record import Layout
+from .episodes import EpisodeHead, EpisodeHeads, EpisodeLog, Layout
+from .hashing import with_hashes
+from .labels import EpisodeContext
 from .reservation import Episodes, Reservation, batch_name, from_on
 from .store import EvidenceStore
+from .table import ReplayLookups, SetupOfLane, unhashed_table
 
 _CHANGING = (
     gym.ActionWrapper,
@@ -89,8 +88,7 @@ class Recorder:
         self._commit_every = commit_every if commit_on_close else None
         self._horizon = max(setup.timing.horizon for setup, _ in setups)
         self._quiet = np.array([quiet_status(setup) for setup, _ in setups])
-        self._noted = False
-        self._lay_out(None)
+        self._lay_out()
         self._reservation: Reservation | None = None
         if commit_on_close:
             self._reservation = Reservation(self._store, self._contexts, episodes)
@@ -117,7 +115,7 @@ class Recorder:
         """Summaries of the finished episodes that are not committed yet.
 
         Returns:
-            One value per episode; see :func:`integ_gym.evidence.record.summarise`.
+            One value per episode; see :func:`integ_gym.evidence.episodes.summarise`.
         """
         self._hand_over()
         episodes = self._log.episodes()
@@ -128,11 +126,11 @@ class Recorder:
         """The finished episodes as a table, to be committed with others; None if there are none.
 
         Args:
-            replays: see :data:`integ_gym.evidence.attribution.ReplayLookups`.
+            replays: see :data:`integ_gym.evidence.table.ReplayLookups`.
         """
-        table = self._table(record_table, replays)
+        table = self._build_table(replays)
         self._log.clear()
-        return table
+        return None if table is None else with_hashes(table)
 
     def commit(self, name: str | None = None, replays: ReplayLookups | None = None) -> Path | None:
         """Write the finished episodes as one batch; None if there are none.
@@ -140,15 +138,18 @@ class Recorder:
         Args:
             name: name of the batch; by default made of environment, cell, policy and episodes, so
                 that the same work done twice is refused.
-            replays: see :data:`integ_gym.evidence.attribution.ReplayLookups`.
+            replays: see :data:`integ_gym.evidence.table.ReplayLookups`.
 
         Raises:
             BatchExistsError: if the batch has been committed before.
         """
-        table = self._table(unhashed_table, replays)
+        table = self._build_table(replays)
         if table is None:
             return None
-        path = self._store.commit_unhashed(name or self._batch_name(), table)
+        heads = self._log.episodes().heads
+        episodes = list(zip(heads.context, heads.index, strict=True))
+        name = name or batch_name(self._env_id, self._contexts, episodes)
+        path = self._store.commit_unhashed(name, table)
         self._log.clear()
         return path
 
@@ -182,29 +183,18 @@ class Recorder:
     def _hand_over(self) -> None:
         """Give the log the finished episodes that it does not have yet."""
 
-    def _note_contact(self, info: Mapping[str, Any]) -> bool:
-        """Learn from the first reset whether there is contact; True if it is the first."""
-        first = not self._noted
-        if first:
-            self._noted = True
-            self._lay_out(info)
-        return first
-
-    def _lay_out(self, info: Mapping[str, Any] | None) -> None:
+    def _lay_out(self, info: Mapping[str, Any] | None = None) -> None:
+        """Begin a log; what a reset gives as ``info`` tells whether there is contact."""
         setup = self._setups[0][0]
         self._layout = Layout(setup.plant, setup.task, info)
         self._log = EpisodeLog(self._layout, self._contexts)
 
-    def _table(self, made: Callable[..., Any], replays: ReplayLookups | None) -> Any:
+    def _build_table(self, replays: ReplayLookups | None) -> Any:
+        """The finished episodes as a table without hashes; None if there are none."""
         self._hand_over()
         if not len(self._log):
             return None
-        return made(self._log, self._env_id, self._setups, replays)
-
-    def _batch_name(self) -> str:
-        heads = self._log.episodes().heads
-        episodes = list(zip(heads.context, heads.index, strict=True))
-        return batch_name(self._env_id, self._contexts, episodes)
+        return unhashed_table(self._log, self._env_id, self._setups, replays)
 
 
 def _end_of(recorder: weakref.ref[Recorder]) -> None:
@@ -212,15 +202,6 @@ def _end_of(recorder: weakref.ref[Recorder]) -> None:
     alive = recorder()
     if alive is not None:
         alive._end()
-
-
-def is_known(env: Any, kinds: tuple[type, ...]) -> bool:
-    """Whether the environment or one inside its wrappers is of these kinds."""
-    while not isinstance(env, kinds):
-        if env is env.unwrapped:
-            return False
-        env = env.env
-    return True
 
 
 def recorded(env: Any, kinds: tuple[type, ...], spaces: tuple[str, ...]) -> Any:
@@ -280,9 +261,7 @@ MOST_NUMBERS = 512
 _HORIZON = 1000
 """Steps of an episode where no limit is stated; a guess at memory alone."""
 
-_NO_GOAL = "not known: the environment does not say what success is"
-
-_UNTOLD = dict.fromkeys(
+_UNKNOWN_INFO = dict.fromkeys(
     (
         *("time", "energy", "sensor_time", "actuator_work", "dissipated", "clip_loss"),
         *("energy_residual", "solver_iterations", "saturated", "fallback_used", "success"),
@@ -291,15 +270,20 @@ _UNTOLD = dict.fromkeys(
 )
 """What our environments put into `info`."""
 
+_UNKNOWN_SETTINGS = (
+    *("engine", "integrator", "observation_noise", "duration", "fallback", "max_speed", "start"),
+)
 
-class Stranger:
-    """The seat of one of our environments, taken by another.
+
+class GenericEnv:
+    """Stands where one of our environments would, for another that is recorded.
 
     Args:
         env: as the policy sees it, wrappers included.
 
     Attributes:
-        setup: what a record says of it.
+        setup: what a record says of it: what :mod:`integ_gym.evidence.fields` asks of a setup,
+            unknown but for wrappers and constructor arguments.
         state_components: nothing: its state is not known.
         status_code: the solver's, which is not reported.
     """
@@ -309,89 +293,77 @@ class Stranger:
 
     def __init__(self, env: gym.Env[Any, Any]) -> None:
         self._env = env
-        self._observation = _size(env.observation_space)
-        self._action = _size(env.action_space)
-        controls = tuple((f"action{k}", "") for k in range(self._action))
-        names = tuple(f"obs{k}" for k in range(self._observation))
-        self._no_action = _UNTOLD | {f"{name}_{of}": nan for name, _ in controls for of in _OF}
-        self._asked = [f"{name}_commanded" for name, _ in controls]
-        self.setup: Any = _Setup(env, controls, names)
+        self._observed = _count_recorded(env.observation_space)
+        actions = [f"action{k}" for k in range(_count_recorded(env.action_space))]
+        self._asked = [f"{name}_commanded" for name in actions]
+        applied = [f"{name}_applied" for name in actions]
+        unknown = dict.fromkeys((*self._asked, *applied), nan)
+        self._no_action = {**_UNKNOWN_INFO, **unknown, "goal_since": -1.0}
+        given = dict(env.spec.kwargs) if env.spec else {}
+        observations = tuple(f"obs{k}" for k in range(self._observed))
+        self.setup: Any = SimpleNamespace(
+            settings=SimpleNamespace(**dict.fromkeys(_UNKNOWN_SETTINGS)),
+            timing=SimpleNamespace(
+                **dict.fromkeys(("dt", "control_period", "substeps")),
+                horizon=time_limit(env) or _HORIZON,
+                known=False,
+            ),
+            plant=SimpleNamespace(
+                **dict.fromkeys(("coordinates", "coordinate_units"), ()),
+                **dict.fromkeys(("velocities", "velocity_units"), ()),
+                name=type(env.unwrapped).__name__,
+                controls=tuple((name, "") for name in actions),
+                frame="",
+            ),
+            task=SimpleNamespace(
+                goal="not known: the environment does not say what success is",
+                observation_names=observations,
+                observation_units=("",) * len(observations),
+            ),
+            engine=SimpleNamespace(
+                version=None, width=None, reports=False, solver=dict, describe=self._describe
+            ),
+            arguments=lambda: {name: _plain(value) for name, value in sorted(given.items())},
+            units=lambda: dict.fromkeys(given, ""),
+        )
 
     @property
     def np_random_seed(self) -> int | None:
         """What seeded its generator; None where it does not tell."""
         return self._env.unwrapped.np_random_seed
 
-    def told(self, action: Any = None) -> dict[str, Any]:
+    def info(self, action: Any = None) -> dict[str, Any]:
         """Stands in for the `info` of one of our environments."""
         if action is None or not self._asked:
-            return {**self._no_action, "goal_since": -1.0}
-        asked = dict(zip(self._asked, _numbers(self._env.action_space, action), strict=True))
-        return {**self._no_action, "goal_since": -1.0, **asked}
+            return self._no_action
+        asked = zip(self._asked, _to_numbers(self._env.action_space, action), strict=True)
+        return self._no_action | dict(asked)
 
     def sensed(self, observation: Any) -> list[float]:
         """The observation as numbers; none where there are too many."""
-        return _numbers(self._env.observation_space, observation) if self._observation else []
+        return _to_numbers(self._env.observation_space, observation) if self._observed else []
+
+    def _describe(self) -> Mapping[str, Any]:
+        """What a record says of the engine: wrappers, the outermost first, and spaces."""
+        env, wrappers = self._env, []
+        spaces = {"observation": env.observation_space, "action": env.action_space}
+        while env is not env.unwrapped:
+            wrappers.append(type(env).__name__)
+            env = env.env  # type: ignore[attr-defined]
+        return {
+            "known": False,
+            "unknown": "engine, integrator, steps, state, energy and success",
+            "wrappers": wrappers,
+            "left_out": [
+                f"{name} ({_count(space)} numbers)"
+                for name, space in spaces.items()
+                if not _count_recorded(space)
+            ],
+            **{f"{name}_space": _describe_space(space) for name, space in spaces.items()},
+        }
 
 
-_OF = ("commanded", "applied")
-
-
-class _Setup:
-    """What :mod:`integ_gym.evidence.fields` asks of a setup, unknown but for wrappers."""
-
-    def __init__(
-        self, env: gym.Env[Any, Any], controls: tuple[tuple[str, str], ...], names: tuple[str, ...]
-    ) -> None:
-        spec = env.spec
-        self._given = dict(spec.kwargs) if spec else {}
-        unknown = ("engine", "integrator", "observation_noise", "duration", "fallback", "max_speed")
-        self.settings = SimpleNamespace(**dict.fromkeys((*unknown, "start")))
-        self.timing = SimpleNamespace(
-            dt=None,
-            control_period=None,
-            substeps=None,
-            horizon=time_limit(env) or _HORIZON,
-            known=False,
-        )
-        self.plant = SimpleNamespace(
-            name=type(env.unwrapped).__name__, coordinates=(), coordinate_units=(), velocities=(),
-            velocity_units=(), controls=controls, frame="",
-        )  # fmt: skip
-        self.task = SimpleNamespace(
-            goal=_NO_GOAL, observation_names=names, observation_units=("",) * len(names)
-        )
-        self.engine = SimpleNamespace(
-            version=None, width=None, reports=False, solver=dict, describe=lambda: _said(env)
-        )
-
-    def arguments(self) -> dict[str, Any]:
-        """Constructor arguments that JSON can hold; of others, how Python prints them."""
-        return {name: _plain(value) for name, value in sorted(self._given.items())}
-
-    def units(self) -> dict[str, str]:
-        """None is stated."""
-        return dict.fromkeys(self._given, "")
-
-
-def _said(env: gym.Env[Any, Any]) -> Mapping[str, Any]:
-    """What a record says of an environment that is not known."""
-    left_out = [
-        f"{name} ({_count(space)} numbers)"
-        for name, space in (("observation", env.observation_space), ("action", env.action_space))
-        if not _size(space)
-    ]
-    return {
-        "known": False,
-        "unknown": "engine, integrator, steps, state, energy and success",
-        "wrappers": list(_wrappers(env)),
-        "left_out": left_out,
-        "observation_space": _described(env.observation_space),
-        "action_space": _described(env.action_space),
-    }
-
-
-def _described(space: gym.Space[Any]) -> dict[str, Any]:
+def _describe_space(space: gym.Space[Any]) -> dict[str, Any]:
     """A space, of which boxes and discrete sets can be made again."""
     kind = {"kind": type(space).__name__}
     if isinstance(space, gym.spaces.Discrete):
@@ -401,14 +373,7 @@ def _described(space: gym.Space[Any]) -> dict[str, Any]:
     return {**kind, "shape": list(space.shape), "dtype": str(space.dtype)}
 
 
-def _wrappers(env: Any) -> Iterator[str]:
-    """Classes between the recorder and the environment, the outermost first."""
-    while env is not env.unwrapped:
-        yield type(env).__name__
-        env = env.env
-
-
-def _numbers(space: gym.Space[Any], value: Any) -> list[float]:
+def _to_numbers(space: gym.Space[Any], value: Any) -> list[float]:
     """A value of a space as numbers."""
     if isinstance(space, gym.spaces.Discrete):
         return [float(np.asarray(value).item())]
@@ -417,7 +382,7 @@ def _numbers(space: gym.Space[Any], value: Any) -> list[float]:
     return numbers
 
 
-def _size(space: gym.Space[Any]) -> int:
+def _count_recorded(space: gym.Space[Any]) -> int:
     """Numbers of a space's values that a trace keeps."""
     count = _count(space)
     return count if count is not None and count <= MOST_NUMBERS else 0
@@ -435,6 +400,7 @@ def _count(space: gym.Space[Any]) -> int | None:
 
 
 def _plain(value: Any) -> Any:
+    """A value that JSON can hold; of another, how Python prints it."""
     try:
         json.dumps(value, allow_nan=False)
     except (TypeError, ValueError):
@@ -484,9 +450,13 @@ class RecordEvidence(Recorder, gym.Wrapper[Any, Any, Any, Any]):
         commit_every: int | None = 100,
     ) -> None:
         super().__init__(env)
+        inner: Any = env
+        while not isinstance(inner, _KINDS) and inner is not inner.unwrapped:
+            inner = inner.env
+        known = isinstance(inner, _KINDS)
+        self._generic = None if known else GenericEnv(env)
         spaces = ("observation_space", "action_space")
-        self._stranger = None if is_known(env, _KINDS) else Stranger(env)
-        self._inner = self._stranger or recorded(env, _KINDS, spaces)
+        self._inner = self._generic or recorded(env, _KINDS, spaces)
         self._prepare(
             env, [(self._inner.setup, 0)], store, [context], [from_on(context.first_episode)],
             commit_on_close, commit_every,
@@ -495,6 +465,7 @@ class RecordEvidence(Recorder, gym.Wrapper[Any, Any, Any, Any]):
         self._seed: int | None = None
         self._draws = -1
         self._active = False
+        self._pack: Callable[..., bytes] | None = None
         self._heads: list[EpisodeHead] = []
         self._counts: list[int] = []
         self._rows: list[bytes] = []
@@ -508,8 +479,9 @@ class RecordEvidence(Recorder, gym.Wrapper[Any, Any, Any, Any]):
         if seed is not None:
             self._seed, self._draws = seed, -1
         self._draws = getattr(self._inner, "episode", self._draws + 1)
-        told = info if self._stranger is None else self._stranger.told()
-        if self._note_contact(told):
+        told = info if self._generic is None else self._generic.info()
+        if self._pack is None:
+            self._lay_out(told)
             self._pack = struct.Struct(f"{len(self._layout)}d").pack
         del self._rows[self._finished :]
         self._wall_start = now()
@@ -521,7 +493,7 @@ class RecordEvidence(Recorder, gym.Wrapper[Any, Any, Any, Any]):
         """Advance one control period."""
         result = observation, reward, terminated, truncated, info = self.env.step(action)
         if self._active:
-            told = info if self._stranger is None else self._stranger.told(action)
+            told = info if self._generic is None else self._generic.info(action)
             self._write(observation, (reward, terminated, truncated), told)
             if terminated or truncated:
                 self._finish()
@@ -535,10 +507,10 @@ class RecordEvidence(Recorder, gym.Wrapper[Any, Any, Any, Any]):
     def _write(
         self, observation: Any, ending: tuple[Any, bool, bool], info: dict[str, Any]
     ) -> None:
-        inner, stranger = self._inner, self._stranger
-        sensed = observation.tolist() if stranger is None else stranger.sensed(observation)
+        inner, generic = self._inner, self._generic
+        sensed = observation.tolist() if generic is None else generic.sensed(observation)
         row = self._layout.row(info, inner.status_code, ending, inner.state_components, sensed)
-        self._rows.append(self._pack(*row))
+        self._rows.append(self._pack(*row))  # type: ignore[misc]
 
     def _finish(self) -> None:
         self._active = False

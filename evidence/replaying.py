@@ -1,29 +1,54 @@
-"""Episodes simulated again, and held against their records.
-
-Controls are those of the trace, or what the policy decides again.
-"""
+"""Episodes simulated again, held against their records, and what of a run is missing."""
 
 from __future__ import annotations
 
+import random
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from itertools import chain, groupby
+from functools import partial
+from itertools import chain, groupby, islice
+from operator import itemgetter
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.envs.catalogue.lookup import is_integ_environment
+from integ_gym.envs.environment import is_integ_environment
+from integ_gym.envs.registries import ENVIRONMENTS
 from integ_gym.envs.settings import NATIVE
+from integ_gym.support.optional import package_version
+from integ_gym.support.terminal import plural
 
-from .context import EpisodeContext
-from .differences import deviation, differences, drawn_again, noise_source
-from .episode_log import choices
-from .recomputing import UNFIT, is_home_known, replays_of
-from .record import EvidenceRecord, records_of, told_perturbation, told_training
-from .schema import Finding
+from .episodes import choices, told_setup
+from .fields import (
+    FIRST_WRITTEN,
+    LATER_ATTEMPT,
+    SCHEMA_VERSION,
+    SECOND_HORIZON,
+    record_fields,
+)
+from .parquet_file import check_schema, read
+from .recomputing import (
+    UNFIT,
+    context_of,
+    deviation,
+    differences,
+    drawn_again,
+    noise_source,
+    replays_of,
+)
+from .record import EvidenceRecord, records_of
+from .schema import (
+    ENV_KEY,
+    VERSION_KEY,
+    EvidenceError,
+    Finding,
+    described,
+    parse_field,
+)
+from .store import EvidenceStore
 from .vector_recorder import RecordVectorEvidence
 
 Array = npt.NDArray[Any]
@@ -76,18 +101,6 @@ class Replayed:
         """Count records that cannot be played again."""
         self.skipped[reason] = self.skipped.get(reason, 0) + count
 
-    def add(self, other: Replayed) -> None:
-        """Take what came of further replays."""
-        self.records += other.records
-        self.exact += other.exact
-        self.findings += other.findings
-        self.sensitive += other.sensitive
-        self.of_file += other.of_file
-        for file, found in other.close.items():
-            self.close.setdefault(file, []).extend(found)
-        for reason, count in other.skipped.items():
-            self.skip(reason, count)
-
     def settle(self) -> Replayed:
         """Judge what deviates by how much of the rest came out to the last bit.
 
@@ -111,6 +124,7 @@ def replay(
     own_code: bool = False,
     policy: Callable[[EvidenceRecord], Acting] | None = None,
     report: Callable[[int], object] = lambda count: None,
+    done: Replayed | None = None,
 ) -> Replayed:
     """Play episodes again from their first states, with the controls of their traces.
 
@@ -125,14 +139,15 @@ def replay(
             cannot be had. Its decisions are the same to the last bit where all its episodes of a
             cell are among ``records``, for it sees them together.
         report: told now and then how many more of ``records`` are done with.
+        done: what came of other records, to which these are added.
     """
-    done = Replayed()
+    done = Replayed() if done is None else done
     able = []
     for file, record in records:
         try:
             reason = _hindrance(record, own_code, policy is not None)
             if reason is None:
-                _context(record)
+                context_of(record.fields)
         except UNFIT as error:
             name = str(record.fields["record_id"])
             done.findings.append(Finding(file, name, f"cannot be played again: {_line(error)}"))
@@ -142,9 +157,10 @@ def replay(
         else:
             done.skip(reason)
     report(len(records) - len(able))
-    key = _key if policy is None else _policy_key
-    able.sort(key=key)
-    for _, group in groupby(able, key):
+    own = ("env_id", "arguments", "cell", "policy_id", "policy_hash")
+    key = itemgetter(*(own[:2] if policy is None else own))
+    able.sort(key=lambda item: key(item[1].fields))
+    for _, group in groupby(able, lambda item: key(item[1].fields)):
         alike = sorted(group, key=lambda item: item[1].fields["episode_index"])
         lanes = MOST_LANES if policy is None else len(alike)
         for first in range(0, len(alike), lanes):
@@ -152,16 +168,6 @@ def replay(
             _play(together, exact, done, policy)
             report(len(together))
     return done
-
-
-def _key(item: tuple[str, EvidenceRecord]) -> tuple[str, ...]:
-    fields = item[1].fields
-    return fields["env_id"], fields["arguments"]
-
-
-def _policy_key(item: tuple[str, EvidenceRecord]) -> tuple[str, ...]:
-    fields = item[1].fields
-    return *_key(item), fields["cell"], fields["policy_id"], fields["policy_hash"]
 
 
 def _hindrance(record: EvidenceRecord, own_code: bool, decided: bool) -> str | None:
@@ -193,33 +199,46 @@ def _play(
     alike: Sequence[tuple[str, EvidenceRecord]],
     exact: bool,
     done: Replayed,
-    policy: Callable[[EvidenceRecord], Acting] | None = None,
+    policy: Callable[[EvidenceRecord], Acting] | None,
 ) -> None:
     """Play episodes of one setup side by side; those of one policy, if it decides."""
     records = [record for _, record in alike]
+    decided, tolerance = policy is not None, 0.0 if exact else ELSEWHERE
     try:
         act = None if policy is None else policy(records[0])
     except (ModuleNotFoundError, ValueError) as error:
         done.skip(f"whose policy cannot decide again: {_line(error)}", len(records))
         return
     try:
-        env = _made(records)
-        contexts = [_context(record) for record in records]
+        env = _make_env(records)
     except (ModuleNotFoundError, TypeError, ValueError) as error:
         done.skip(f"that cannot be made here: {_line(error)}", len(records))
         return
     try:
-        played = _simulated(env, contexts, records, act)
+        played = _simulate(env, records, act)
     except (LookupError, TypeError, ValueError) as error:
         message = f"cannot be played again from what it holds: {_line(error)}"
         names = ((file, str(record.fields["record_id"])) for file, record in alike)
         done.findings += [Finding(file, name, message) for file, name in names]
         return
-    off = [item for item in alike if not _is_same(*item, played, exact, done, act is not None)]
-    done.of_file.update(file for file, _ in alike)
+    off = []
+    for file, record in alike:
+        done.records += 1
+        done.of_file[file] += 1
+        name = record.fields["record_id"]
+        first = None
+        if name in played:
+            first = next(differences(record, played[name], 0.0, decided), None)
+            if first is None:
+                done.exact += 1
+                continue
+        if first is None or any(differences(record, played[name], tolerance, decided)):
+            off.append((file, record))
+        elif record.fields["engine"] == NATIVE:
+            done.close.setdefault(file, []).append(deviation(file, name, *first))
     nudged: dict[str, EvidenceRecord] = {}
     if off and not (exact or any(_has_lost_noise(record) for _, record in off)):
-        nudged = _simulated(_made(records), contexts, records, act, nudged=True)
+        nudged = _simulate(_make_env(records), records, act, nudged=True)
     for file, record in off:
         name = str(record.fields["record_id"])
         again, other = played.get(name), nudged.get(name)
@@ -227,88 +246,50 @@ def _play(
             message = "the episode does not end within its length when it is played again"
             done.findings.append(Finding(file, name, message))
             continue
-        decided = act is not None
-        tolerance = 0.0 if exact else ELSEWHERE
         found = [deviation(file, name, *x) for x in differences(record, again, tolerance, decided)]
-        grown = exact or other is None
-        if grown or any(differences(record, again, tolerance, decided, other)):
+        if other is None or any(differences(record, again, tolerance, decided, other)):
             done.findings += found
         else:
             done.sensitive.append(found)
-
-
-def _is_same(
-    file: str,
-    record: EvidenceRecord,
-    played: Mapping[str, EvidenceRecord],
-    exact: bool,
-    done: Replayed,
-    decided: bool,
-) -> bool:
-    """Whether a record came out as it is, to the last bit or within the tolerance."""
-    done.records += 1
-    again = played.get(record.fields["record_id"])
-    if again is None:
-        return False
-    off = next(differences(record, again, 0.0, decided), None)
-    done.exact += off is None
-    if off is None:
-        return True
-    if exact or any(differences(record, again, ELSEWHERE, decided)):
-        return False
-    if record.fields["engine"] == NATIVE:
-        name = str(record.fields["record_id"])
-        done.close.setdefault(file, []).append(deviation(file, name, *off))
-    return True
-
-
-def _simulated(
-    env: Any,
-    contexts: list[EpisodeContext],
-    records: Sequence[EvidenceRecord],
-    act: Acting | None,
-    nudged: bool = False,
-) -> dict[str, EvidenceRecord]:
-    """The records of the same episodes as they come out here, by id; from nudged starts if told."""
-    indices = [record.fields["episode_index"] for record in records]
-    recorder = RecordVectorEvidence(env, "", contexts, episodes=indices, commit_on_close=False)
-    if act is None:
-        _repeat(recorder, records, NUDGE if nudged else 0.0)
-    else:
-        _decide(recorder, records, act, DECIDED_NUDGE if nudged else 0.0)
-    replays = [{i: replays_of(r.fields)} for i, r in zip(indices, records, strict=True)]
-    table = recorder.take(replays)
-    recorder.close()
-    return {} if table is None else {r.fields["record_id"]: r for r in records_of(table)}
 
 
 def _line(error: Exception) -> str:
     return " ".join(str(error).split())
 
 
-def _repeat(
-    recorder: RecordVectorEvidence, records: Sequence[EvidenceRecord], nudge: float
-) -> None:
-    """Do what was done."""
-    actions = _actions(recorder.unwrapped.setup, records)  # type: ignore[attr-defined]
-    _start(recorder, records, nudge)
-    for step in range(actions.shape[1]):
-        recorder.step(actions[:, step])
+def _make_env(records: Sequence[EvidenceRecord]) -> Any:
+    env_id, arguments = records[0].fields["env_id"], records[0].arguments()
+    return gym.make_vec(env_id, len(records), vectorization_mode="vector_entry_point", **arguments)
 
 
-def _decide(
-    recorder: RecordVectorEvidence, records: Sequence[EvidenceRecord], act: Acting, nudge: float
-) -> None:
-    """Do what the policy does.
+def _simulate(
+    env: Any, records: Sequence[EvidenceRecord], act: Acting | None, nudged: bool = False
+) -> dict[str, EvidenceRecord]:
+    """The records of the same episodes as they come out here, by id.
 
-    It sees observations together where all lanes are stepped together, as when it was evaluated.
+    Controls are those of the records, or what the policy decides. It sees observations together
+    where all lanes are stepped together, as when it was evaluated.
     """
-    together = recorder.unwrapped.setup.engine.batched  # type: ignore[attr-defined]
+    indices = [record.fields["episode_index"] for record in records]
+    contexts = [context_of(record.fields) for record in records]
+    recorder = RecordVectorEvidence(env, "", contexts, episodes=indices, commit_on_close=False)
+    setup = recorder.unwrapped.setup  # type: ignore[attr-defined]
+    asked = _actions(setup, records) if act is None else None
+    nudge = (NUDGE if act is None else DECIDED_NUDGE) if nudged else 0.0
     observation = _start(recorder, records, nudge)
-    for _ in range(max(record.fields["length"] for record in records)):
-        seen = [observation] if together else np.split(observation, len(observation))
-        actions = np.concatenate([np.asarray(act(part), dtype=np.float64) for part in seen])
-        observation = recorder.step(actions.reshape(recorder.action_space.shape))[0]
+    for step in range(max(record.fields["length"] for record in records)):
+        if act is None:
+            actions = asked[:, step]  # type: ignore[index]
+        else:
+            batched = setup.engine.batched
+            seen = [observation] if batched else np.split(observation, len(observation))
+            parts = [np.asarray(act(part), dtype=np.float64) for part in seen]
+            actions = np.concatenate(parts).reshape(recorder.action_space.shape)
+        observation = recorder.step(actions)[0]
+    replays = [{i: replays_of(r.fields)} for i, r in zip(indices, records, strict=True)]
+    table = recorder.take(replays)
+    recorder.close()
+    return {} if table is None else {r.fields["record_id"]: r for r in records_of(table)}
 
 
 def _start(recorder: RecordVectorEvidence, records: Sequence[EvidenceRecord], nudge: float) -> Any:
@@ -320,32 +301,6 @@ def _start(recorder: RecordVectorEvidence, records: Sequence[EvidenceRecord], nu
     noise = [noise_source(record) or (None, 0) for record in records]
     options = {"state": states, "episode": np.array([episode for _, episode in noise])}
     return recorder.reset(seed=[seed for seed, _ in noise], options=options)[0]
-
-
-def _made(records: Sequence[EvidenceRecord]) -> Any:
-    fields = records[0].fields
-    return gym.make_vec(
-        fields["env_id"],
-        len(records),
-        vectorization_mode="vector_entry_point",
-        **records[0].arguments(),
-    )
-
-
-def _context(record: EvidenceRecord) -> EpisodeContext:
-    fields = record.fields
-    return EpisodeContext(
-        run_id=fields["run_id"],
-        cell=fields["cell"],
-        phase=fields["phase"],
-        policy_id=fields["policy_id"],
-        policy_hash=fields["policy_hash"],
-        training_discretization=told_training(fields),
-        home_known=is_home_known(fields),
-        training_seed=fields["training_seed"],
-        perturbation=told_perturbation(fields),
-        float_width=fields["float_width"],
-    )
 
 
 def _actions(setup: Any, records: Sequence[EvidenceRecord]) -> Array:
@@ -361,3 +316,164 @@ def _actions(setup: Any, records: Sequence[EvidenceRecord]) -> Array:
     for lane, record in enumerate(records):
         actions[lane, record.fields["length"] :] = 0.0
     return actions
+
+
+_COUNTED = """
+SELECT phase, cell, policy_id, policy_hash, min(episode_index) AS first, max(episode_index) AS last,
+       count(DISTINCT episode_index) AS present, count(*) AS records
+FROM records GROUP BY ALL HAVING present < last - first + 1 OR records > present
+ORDER BY phase, cell, policy_id, policy_hash
+"""
+
+
+_OF_FAILURES = (SECOND_HORIZON, LATER_ATTEMPT)
+"""Phases that hold the episodes alone that failed within one horizon."""
+
+
+def missing_episodes(store: EvidenceStore, part: bool = False) -> Iterator[Finding]:
+    """Cells in which episodes between the first and the last are missing, or there twice.
+
+    Args:
+        store: of the records.
+        part: whether they are a part of a run's, of which some may be missing.
+    """
+    for row in store.query(_COUNTED).to_pylist():
+        some = part or row["phase"] in _OF_FAILURES
+        missing = 0 if some else row["last"] - row["first"] + 1 - row["present"]
+        twice = row["records"] - row["present"]
+        episodes = f"of episodes {row['first']} to {row['last']}"
+        counts = [f"{missing} missing {episodes}"] if missing else []
+        counts += [f"{plural(twice, 'record')} too many {episodes}"] if twice else []
+        if counts:
+            where = f"cell {row['cell']!r}, policy {row['policy_id']!r}"
+            yield Finding(where, None, ", ".join(counts))
+
+
+_MEANT = ("unit", "frame", "at")
+"""What a column's metadata says of its numbers; the rest are words."""
+
+
+def other_columns(store: EvidenceStore) -> Iterator[Finding]:
+    """Columns of our own environments whose unit, frame or place in time is told otherwise.
+
+    Files of earlier schema versions are left out; of records that say that this version of
+    integ-gym made them, an earlier schema version is found.
+
+    Raises:
+        EvidenceError: for a file that cannot be read.
+    """
+    for file in store.files():
+        schema = check_schema(file)
+        told = {key.decode(): value.decode() for key, value in schema.metadata.items()}
+        rows = read(file, columns=["env_id", "arguments", "schema_version", "package_versions"])
+        for name, key in (("env_id", ENV_KEY), ("schema_version", VERSION_KEY)):
+            said = told.get(key.decode())
+            if any(str(value) != said for value in set(rows.column(name).to_pylist())):
+                yield Finding(file.name, None, f"its metadata say {name} {said!r}, its records not")
+        version, present = told[VERSION_KEY.decode()], package_version("integ-gym")
+        makers = map(_maker, set(rows.column("package_versions").to_pylist()))
+        if int(version) < FIRST_WRITTEN and present in makers:
+            message = (
+                f"it has schema version {version}, and its records say that integ-gym {present} "
+                f"made them, which writes {SCHEMA_VERSION}"
+            )
+            yield Finding(file.name, None, message)
+        env_id = told.get(ENV_KEY.decode(), "")
+        if int(version) < FIRST_WRITTEN or env_id not in ENVIRONMENTS:
+            continue
+        setup = told_setup(env_id, rows.column("arguments")[0].as_py())
+        for own in record_fields(setup.plant, setup.task):
+            if own.since > int(version):
+                continue
+            found = described(schema.field(own.name)) if own.name in schema.names else {}
+            for about in _MEANT:
+                if found.get(about) != getattr(own, about):
+                    said, wanted = found.get(about), getattr(own, about)
+                    message = f"column {own.name}: {about} is {said!r}, not {wanted!r}"
+                    yield Finding(file.name, None, message)
+
+
+def _maker(package_versions: str) -> str | None:
+    """Version of integ-gym that made a record; None where it does not say."""
+    try:
+        return str(parse_field("package_versions", package_versions)["integ-gym"])
+    except (EvidenceError, LookupError, TypeError):
+        return None
+
+
+BLOCK = 4096
+"""Records that are in memory at once; those of one setup are played side by side."""
+
+_TRACED = "SELECT record_id FROM records WHERE reward IS NOT NULL ORDER BY record_id"
+_CELLS = """
+SELECT list(record_id ORDER BY episode_index) AS ids,
+       coalesce(list(record_id) FILTER (reward IS NULL), []) AS untraced
+FROM records WHERE policy_hash <> ''
+GROUP BY env_id, policy_id, policy_hash, cell, phase ORDER BY policy_hash, policy_id, cell, phase
+"""
+
+_HOPELESS = "SELECT record_id FROM records WHERE policy_hash = ''"
+
+
+def replay_some(
+    store: EvidenceStore,
+    count: int | None,
+    chance: random.Random,
+    policy: Callable[[EvidenceRecord], Acting],
+    *,
+    decide: bool = False,
+    exact: bool = False,
+    own_code: bool = False,
+    report: Callable[[int], object] = lambda count: None,
+) -> Replayed:
+    """Play records of a run again: with recorded controls, or without a trace by their policy.
+
+    Of records without a trace all episodes of a policy in a cell are played, which it sees
+    together; those among them that have one are held against it.
+
+    Args:
+        store: of the run.
+        count: how many, about; None: all.
+        chance: draws them.
+        policy: see :func:`replay`.
+        decide: let the policies decide again where there are traces, too.
+        exact: see :func:`replay`.
+        own_code: see :func:`replay`.
+        report: see :func:`replay`.
+    """
+    repeated, decided = _draw(store, count, chance, decide)
+    done = Replayed()
+    again = partial(replay, exact=exact, own_code=own_code, report=report, done=done)
+    records = store.named_records(repeated) if repeated else iter(())
+    while block := list(islice(records, BLOCK)):
+        again(block)
+    records = store.named_records(decided) if decided else iter(())
+    for _, of_file in groupby(records, key=itemgetter(0)):  # a cell's episodes are in one file
+        again(list(of_file), policy=policy)
+    bare = "" if decide else " AND reward IS NULL"
+    done.skip(UNDECIDED, store.query(_HOPELESS + bare).num_rows)
+    return done.settle()
+
+
+def _draw(
+    store: EvidenceStore, count: int | None, chance: random.Random, decide: bool
+) -> tuple[frozenset[str], frozenset[str]]:
+    """Ids of records that are played with the controls of their traces, and by their policy.
+
+    Of the latter there are whole cells, until there are enough of their records.
+    """
+    own = "ids" if decide else "untraced"
+    cells = [cell for cell in store.query(_CELLS).to_pylist() if cell[own]]
+    traced = [] if decide else store.query(_TRACED).column("record_id").to_pylist()
+    wanted = sum(len(cell[own]) for cell in cells)
+    share = 1.0 if count is None else min(1.0, count / max(1, len(traced) + wanted))
+    chance.shuffle(cells)
+    decided: set[str] = set()
+    drawn = 0
+    for cell in cells:
+        if drawn < share * wanted:
+            decided.update(cell["ids"])
+            drawn += len(cell[own])
+    rest = [name for name in traced if name not in decided]
+    repeated = chance.sample(rest, min(len(rest), round(share * len(traced))))
+    return frozenset(repeated), frozenset(decided)

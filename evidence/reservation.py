@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import TypeAlias
 
 from integ_gym.support.files import make_folder
-from integ_gym.support.locks import FileLock
+from integ_gym.support.storage import FileLock
 
-from .context import EpisodeContext
+from .labels import EpisodeContext
 from .schema import EvidenceError
 from .store import EvidenceStore
 
@@ -33,7 +33,9 @@ _ENDING = ".recording"
 class Reservation:
     """Episodes of some contexts, held in a store's directory until they are released.
 
-    A process that has ended, however it did, holds nothing.
+    A file for each context says what is going to be recorded of it; it is there, and read by
+    others, as long as the lock beside it is held. A process that has ended, however it did, holds
+    nothing.
 
     Args:
         store: of the records; its directory is made if it is not there.
@@ -52,8 +54,13 @@ class Reservation:
         episodes: Sequence[Episodes],
     ) -> None:
         make_folder(store.directory)
-        self._store = store
-        self._claims = [(context, _Claim(store.directory, context)) for context in contexts]
+        self._store, self._contexts = store, contexts
+        self._claims: list[tuple[Path, FileLock]] = []
+        for context in contexts:
+            path = store.directory / f".{_identity(context)}-{uuid.uuid4().hex}{_ENDING}"
+            self._claims.append((path, _lock_of(path)))
+            self._claims[-1][1].acquire()
+            path.touch()
         try:
             self.hold(episodes)
         except BaseException:
@@ -69,21 +76,26 @@ class Reservation:
         Raises:
             EvidenceError: if another recorder is open for one of them, or one has been recorded.
         """
-        before = [claim.path.stat().st_size for _, claim in self._claims]
+        before = [path.stat().st_size for path, _ in self._claims]
         try:
-            for (context, claim), wanted in zip(self._claims, episodes, strict=True):
-                _say(claim.path, wanted)
-                _check_free(claim.path, context, wanted)
+            for (path, _), context, wanted in zip(
+                self._claims, self._contexts, episodes, strict=True
+            ):
+                claim = wanted.start if isinstance(wanted, range) else list(wanted)
+                with path.open("a", encoding="utf-8") as file:
+                    file.write(f"{json.dumps(claim)}\n")
+                _check_free(path, context, wanted)
                 _check_unrecorded(self._store, context, wanted)
         except BaseException:
-            for (_, claim), size in zip(self._claims, before, strict=True):
-                os.truncate(claim.path, size)
+            for (path, _), size in zip(self._claims, before, strict=True):
+                os.truncate(path, size)
             raise
 
     def release(self) -> None:
         """Let others record them."""
-        for _, claim in self._claims:
-            claim.release()
+        for path, lock in self._claims:
+            path.unlink(missing_ok=True)
+            lock.release()
 
 
 def from_on(first: int) -> range:
@@ -120,57 +132,27 @@ def _identity(*contexts: EpisodeContext) -> str:
     return hashlib.sha256(identity.encode()).hexdigest()[:16]
 
 
-class _Claim:
-    """A file that says what is going to be recorded of a context, and a lock beside it.
-
-    Attributes:
-        path: of the file, there and read by others as long as the lock is held.
-    """
-
-    def __init__(self, directory: Path, context: EpisodeContext) -> None:
-        self.path = directory / f".{_identity(context)}-{uuid.uuid4().hex}{_ENDING}"
-        self._lock = _lock_of(self.path)
-        self._lock.acquire()
-        self.path.touch()
-
-    def release(self) -> None:
-        """Take it back."""
-        self.path.unlink(missing_ok=True)
-        self._lock.release()
-
-
 def _lock_of(path: Path) -> FileLock:
     """The lock beside a claim's file."""
     return FileLock(path.with_name(f"{path.name}.lock"))
 
 
-def _say(path: Path, wanted: Episodes) -> None:
-    said = wanted.start if isinstance(wanted, range) else list(wanted)
-    with path.open("a", encoding="utf-8") as file:
-        file.write(f"{json.dumps(said)}\n")
-
-
-def _said(path: Path) -> list[Episodes]:
-    """What is claimed in a file; nothing if it has been released."""
-    try:
-        lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
-    except FileNotFoundError:
-        return []
-    said = [json.loads(line) for line in lines if line.endswith("\n")]
-    return [from_on(some) if isinstance(some, int) else some for some in said]
-
-
 def _check_free(own: Path, context: EpisodeContext, wanted: Episodes) -> None:
     """Refuse what another recorder is open for; what nobody holds any more is removed."""
     for path in own.parent.glob(f".{_identity(context)}-*{_ENDING}"):
-        left_behind = _lock_of(path)
+        lock = _lock_of(path)
         if path == own:
             continue
-        if left_behind.acquire():
+        if lock.acquire():
             path.unlink(missing_ok=True)
-            left_behind.release()
+            lock.release()
             continue
-        for other in _said(path):
+        try:
+            lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
+        except FileNotFoundError:  # it has been released
+            continue
+        for claim in [json.loads(line) for line in lines if line.endswith("\n")]:
+            other = from_on(claim) if isinstance(claim, int) else claim
             common = _least_common(wanted, other)
             if common is not None:
                 counted = isinstance(other, range)

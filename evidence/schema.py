@@ -3,17 +3,25 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from types import NoneType
 from typing import Any
 
 from integ_gym.support.errors import IntegGymError
+from integ_gym.support.files import Kinds, check_object, parse_json
 from integ_gym.support.optional import load
 from integ_gym.support.terminal import visible
 
-from .fields import COMMON_TRACE, CONTACT_TRACE, SCHEMA_VERSION, SUMMARY_FIELDS, Field
+from .fields import (
+    COMMON_TRACE,
+    CONTACT_TRACE,
+    SCHEMA_VERSION,
+    SUMMARY_FIELDS,
+    Field,
+)
 
 
 class EvidenceError(IntegGymError, ValueError):
@@ -97,6 +105,57 @@ def described(field: Any) -> dict[str, str]:
     """Unit, frame, meaning, group and place in time of an Arrow field; empty where not stated."""
     metadata = field.metadata or {}
     return {name: metadata.get(name.encode(), b"").decode() for name in _KEPT}
+
+
+_ARGUMENT: Kinds = {"value": (object, bool), "unit": str}
+
+_FORMS: Mapping[str, tuple[type, ...]] = {
+    "arguments": (dict,),
+    "engine_description": (dict,),
+    "failure_numbers": (dict,),
+    "perturbation": (dict, NoneType),
+    "training_discretization": (dict, list, NoneType),
+}
+"""What the texts of JSON fields hold; a list holds objects."""
+
+
+def parse_field(name: str, text: str | None) -> Any:
+    """What the text of a JSON field of that name says; None of null.
+
+    Raises:
+        EvidenceError: if it is not of the field's form, in one sentence.
+    """
+    try:
+        value = parse_json((text or "null").encode())
+    except (AttributeError, ValueError) as error:
+        raise _damaged(name, f"it is no JSON ({error})") from None
+    members = value if isinstance(value, list) else []
+    forms = _FORMS.get(name, (object,))
+    if not isinstance(value, forms) or not all(isinstance(member, dict) for member in members):
+        raise _damaged(name, "it is no object" if len(forms) < 3 else "it is no object or list")
+    return value
+
+
+def parse_arguments(text: str) -> dict[str, dict[str, Any]]:
+    """Value and unit of a record's constructor arguments and plant parameters, by name.
+
+    Raises:
+        EvidenceError: if the field is not of that form, in one sentence.
+    """
+    arguments = parse_field("arguments", text)
+    try:
+        return {name: check_object(one, _ARGUMENT) for name, one in arguments.items()}
+    except ValueError:
+        raise _damaged("arguments", "it is no object of values with units") from None
+
+
+def argument_values(text: str) -> dict[str, Any]:
+    """The same without units."""
+    return {name: argument["value"] for name, argument in parse_arguments(text).items()}
+
+
+def _damaged(name: str, fault: str) -> EvidenceError:
+    return EvidenceError(f"`{name}` is damaged: {fault}; restore the file from a copy")
 
 
 SCHEMA_PATH = Path(__file__).with_name("evidence_record.schema.json")

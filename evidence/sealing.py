@@ -23,7 +23,7 @@ from integ_gym.support.files import (
 from .schema import EvidenceError, Finding
 
 SEAL_FILE = "seal.json"
-_LIFTED = f".{SEAL_FILE}"
+_SUSPENDED = f".{SEAL_FILE}"
 SIGNATURE_FILE = f"{SEAL_FILE}.sig"
 SIGSTORE_FILE = f"{SEAL_FILE}.sigstore.json"
 FORMAT = "integ-gym seal 1"
@@ -40,46 +40,42 @@ def seal(run: Path) -> str:
     Returns:
         The hash that pins the run, 64 hexadecimal digits.
     """
-    content = _made(run)
-    lower_seal(run, content)
-    if not _holds(run, content):
+    content = _build_seal(run)
+    restore_seal(run, content)
+    known = None
+    with suppress(EvidenceError):
+        known = read_seal(run)
+    if known != content:
         for signature in (SIGNATURE_FILE, SIGSTORE_FILE):
             (run / signature).unlink(missing_ok=True)
         write_json(run / SEAL_FILE, content)
     return str(content["seal"])
 
 
-def _holds(run: Path, content: dict[str, Any]) -> bool:
-    """Whether this is the seal that a run has."""
-    with suppress(EvidenceError):
-        return read_seal(run) == content
-    return False
-
-
-def lift_seal(run: Path) -> None:
+def suspend_seal(run: Path) -> None:
     """Put the seal of a run aside, so that it has none while files may be added."""
     with suppress(FileNotFoundError):
-        (run / SEAL_FILE).replace(run / _LIFTED)
+        (run / SEAL_FILE).replace(run / _SUSPENDED)
 
 
-def lower_seal(run: Path, made: dict[str, Any] | None = None) -> None:
-    """Put a seal back that was lifted, if it is still that of the files; if not it is removed.
+def restore_seal(run: Path, content: dict[str, Any] | None = None) -> None:
+    """Put a seal back that was suspended, if it is still that of the files; if not it is removed.
 
     Args:
         run: the directory.
-        made: the seal of its files as they are, where that is known.
+        content: the seal of its files as they are, where that is known.
     """
-    lifted = run / _LIFTED
-    if not lifted.exists():
+    suspended = run / _SUSPENDED
+    if not suspended.exists():
         return
     with suppress(EvidenceError):
-        if _read(lifted) == (made or _made(run)):
-            lifted.replace(run / SEAL_FILE)
-    lifted.unlink(missing_ok=True)
+        if _read(suspended) == (content or _build_seal(run)):
+            suspended.replace(run / SEAL_FILE)
+    suspended.unlink(missing_ok=True)
 
 
-def _made(run: Path) -> dict[str, Any]:
-    files = _hashes(run)
+def _build_seal(run: Path) -> dict[str, Any]:
+    files = _hash_files(run)
     return {"format": FORMAT, "seal": _pin(files), "files": files}
 
 
@@ -114,7 +110,7 @@ def broken_seals(run: Path) -> Iterator[Finding]:
         return
     if held["seal"] != _pin(held["files"]):
         yield Finding(SEAL_FILE, None, "its own hash does not fit the files that it lists")
-    now = _hashes(run)
+    now = _hash_files(run)
     for name in sorted({*held["files"], *now}):
         if name not in now:
             yield Finding(name, None, "is sealed and missing")
@@ -133,7 +129,7 @@ def unbroken_seal(run: Path) -> str | None:
     return None if held is None or any(broken_seals(run)) else str(held["seal"])
 
 
-def _hashes(run: Path) -> dict[str, str]:
+def _hash_files(run: Path) -> dict[str, str]:
     """SHA-256 of the files that a seal covers, by their path from the run."""
     files = sorted(file for pattern in _SEALED for file in run.glob(pattern))
     return {

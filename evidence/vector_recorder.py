@@ -10,11 +10,11 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 
-from integ_gym.envs.sequential_vector import DiscretizedVectorEnv
+from integ_gym.envs.lanes import DiscretizedVectorEnv
 from integ_gym.support.errors import InputError
 
-from .context import EpisodeContext
-from .episode_log import EpisodeHeads
+from .episodes import EpisodeHeads
+from .labels import EpisodeContext
 from .recorder import (
     Recorder,
     all_setups,
@@ -232,7 +232,12 @@ class RecordVectorEvidence(Recorder, VectorWrapper):
         setups = all_setups(self._inner.setups, self.num_envs)
         self._per_member = len(setups) // len(self._inner.setups)
         contexts = [context] if isinstance(context, EpisodeContext) else list(context)
-        self._share = self._share_of(len(contexts))
+        if not contexts or self.num_envs % len(contexts):
+            raise InputError(
+                f"the number of contexts must divide the number of lanes ({self.num_envs}), got "
+                f"{len(contexts)}"
+            )
+        self._share = self.num_envs // len(contexts)
         self._next_index = [context.first_episode for context in contexts]
         self._episodes = self._checked(episodes)
         claims = self._claims(self._episodes)
@@ -275,12 +280,16 @@ class RecordVectorEvidence(Recorder, VectorWrapper):
         """Start episodes; those that have not ended in the lanes reset are forgotten."""
         mask = (options or {}).get("reset_mask")
         observation, info = self.env.reset(seed=seed, options=options)  # type: ignore[arg-type]
-        buffer = self._ready_buffer(info)
+        if self._buffer is None:
+            self._lay_out(info)
+            self._buffer = LaneBuffer(len(self._layout), self.num_envs, self._horizon)
+        buffer = self._buffer
         lanes = np.arange(self.num_envs) if mask is None else np.flatnonzero(mask)
-        for lane in lanes.tolist():
-            given = _seed_of(seed, lane)
+        shared = isinstance(seed, (int, np.integer))
+        for lane in [] if seed is None else lanes.tolist():
+            given = seed + lane if shared else seed[lane]  # type: ignore[operator,index]
             if given is not None:
-                self._seeds[lane], self._draws[lane] = given, -1
+                self._seeds[lane], self._draws[lane] = int(given), -1
         self._begin(buffer, lanes, observation, info)
         self._waiting[lanes] = False
         return observation, info
@@ -325,15 +334,6 @@ class RecordVectorEvidence(Recorder, VectorWrapper):
         shares = range(0, self.num_envs, self._share)
         return [episodes[start : start + self._share] for start in shares]
 
-    def _share_of(self, contexts: int) -> int:
-        """Lanes of each context."""
-        if not contexts or self.num_envs % contexts:
-            raise InputError(
-                f"the number of contexts must divide the number of lanes ({self.num_envs}), got "
-                f"{contexts}"
-            )
-        return self.num_envs // contexts
-
     def _checked(self, episodes: Sequence[int] | None) -> list[int] | None:
         if episodes is None:
             return None
@@ -345,13 +345,6 @@ class RecordVectorEvidence(Recorder, VectorWrapper):
                 f"context, got {indices}"
             )
         return indices
-
-    def _ready_buffer(self, info: dict[str, Any]) -> LaneBuffer:
-        """The buffer, made at the first reset, which tells what its rows are."""
-        if self._buffer is None:
-            self._note_contact(info)
-            self._buffer = LaneBuffer(len(self._layout), self.num_envs, self._horizon)
-        return self._buffer
 
     def _row(
         self, info: dict[str, Array], ending: tuple[Any, Any, Any], state: Any, observation: Array
@@ -421,11 +414,3 @@ class RecordVectorEvidence(Recorder, VectorWrapper):
             self._next_index[context] += count
             indices += range(first, first + count)
         return indices
-
-
-def _seed_of(seed: int | Sequence[int | None] | None, lane: int) -> int | None:
-    """The seed that a reset with ``seed`` gives a lane."""
-    if isinstance(seed, (int, np.integer)):
-        return int(seed) + lane
-    given = None if seed is None else seed[lane]
-    return None if given is None else int(given)

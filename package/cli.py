@@ -95,6 +95,8 @@ def _run(name: str, arguments: Sequence[str]) -> int:
     try:
         command = importlib.import_module(f"integ_gym.commands.{name}")
     except ModuleNotFoundError as error:
+        if str(error.name).startswith("integ_gym"):
+            raise
         fleet = name == "train" and "--trainer fleet" in " ".join(arguments).replace("=", " ")
         raise missing_package(
             str(error.name), "fleet" if fleet else COMMANDS[name].extra

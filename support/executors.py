@@ -23,12 +23,7 @@ from typing import Any, NamedTuple, TypeAlias, TypeVar
 
 from .errors import IntegGymError
 from .optional import load
-from .processes import (
-    Progress,
-    cores,
-    limit_threads,
-    reporting,
-)
+from .processes import Progress, cores, limit_threads, reporting
 
 EXECUTORS = ("local", "ray", "dask", "slurm")
 """Executors by name; ``"module:function"`` is any other."""

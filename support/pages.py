@@ -15,14 +15,7 @@ from typing import Any, Final
 
 from .figures import AMOUNTS, HUES, PALETTE, channels
 from .optional import load
-from .terminal import (
-    compact,
-    fixed,
-    nonbreaking,
-    percent,
-    seconds,
-    step,
-)
+from .terminal import compact, fixed, nonbreaking, percent, seconds, step
 
 SCRIPT: Final = """
 (function () {

@@ -139,31 +139,22 @@ def _guarded(path: Path) -> bool:
         tree = ast.parse(path.read_bytes())
     except (OSError, SyntaxError, ValueError):
         return True
-    guards = [node for node in tree.body if isinstance(node, ast.If) and _is_guard(node.test)]
-    line = next((f.f_lineno for f in _frames() if _is_main(f, path.name)), None)
-    if line is None:
-        return bool(guards)
-    return any(node.lineno <= line <= (node.end_lineno or line) for node in guards)
-
-
-def _is_guard(test: ast.expr) -> bool:
-    names = {node.id for node in ast.walk(test) if isinstance(node, ast.Name)}
-    texts = {node.value for node in ast.walk(test) if isinstance(node, ast.Constant)}
-    return "__name__" in names and "__main__" in texts
-
-
-def _is_main(frame: FrameType, file: str) -> bool:
-    """Whether a frame is of the main program, and not of what forks processes for it."""
-    own = frame.f_globals.get("__name__") == "__main__"
-    code = frame.f_code
-    return own and code.co_name == "<module>" and Path(code.co_filename).name == file
-
-
-def _frames() -> Iterator[FrameType]:
+    guards = []
+    for node in tree.body:
+        if isinstance(node, ast.If):
+            inner = list(ast.walk(node.test))
+            names = {one.id for one in inner if isinstance(one, ast.Name)}
+            texts = {one.value for one in inner if isinstance(one, ast.Constant)}
+            if "__name__" in names and "__main__" in texts:
+                guards.append(node)
     frame: FrameType | None = sys._getframe(1)
     while frame is not None:
-        yield frame
+        own, code = frame.f_globals.get("__name__") == "__main__", frame.f_code
+        if own and code.co_name == "<module>" and Path(code.co_filename).name == path.name:
+            line = frame.f_lineno
+            return any(node.lineno <= line <= (node.end_lineno or line) for node in guards)
         frame = frame.f_back
+    return bool(guards)
 
 
 _report: Callable[[float], None] | None = None
@@ -245,10 +236,6 @@ class Progress:
     def at_once(self) -> Executor:
         """This thread, which does a task when it is submitted and moves the bar meanwhile."""
         return _AtOnce(self.add)
-
-    def here(self) -> Executor:
-        """One thread of this process that reports here, for work that is not worth a pool."""
-        return ThreadPoolExecutor(1, initializer=_report_to, initargs=(self._done,))
 
 
 class _Pool(ProcessPoolExecutor):

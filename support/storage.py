@@ -11,6 +11,7 @@ import json
 import os
 import re
 import socket
+import sys
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -48,6 +49,87 @@ class BusyError(Exception):
     """Another driver works there; who, since when and what to do, in one sentence."""
 
 
+class FileLock:
+    """A file that one holder has at a time; released with the process, however it ends.
+
+    On Windows others cannot read it while it is held.
+
+    Args:
+        path: the file, in a folder that exists; it is there while it is held.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._descriptor: int | None = None
+
+    def acquire(self, text: str = "") -> bool:
+        """Hold it; False if somebody does, in this process or another.
+
+        Args:
+            text: written to the file, for whoever finds it held.
+
+        Raises:
+            OSError: if it cannot be made, or its file system knows no locks.
+        """
+        while True:
+            descriptor = os.open(self.path, os.O_RDWR | os.O_CREAT, 0o644)
+            try:
+                if not _lock(descriptor):
+                    return False
+                if self._is_the_file(descriptor):
+                    with suppress(OSError):  # a full disk: it is held all the same
+                        os.ftruncate(descriptor, 0)
+                        os.write(descriptor, text.encode())
+                    self._descriptor, descriptor = descriptor, -1
+                    return True
+            finally:
+                if descriptor >= 0:
+                    os.close(descriptor)
+
+    def read(self) -> str:
+        """What its holder wrote; empty where it cannot be read."""
+        with suppress(OSError):
+            return self.path.read_text(encoding="utf-8")
+        return ""
+
+    def release(self) -> None:
+        """Give it back, and remove the file; nothing if it is not held."""
+        descriptor, self._descriptor = self._descriptor, None
+        if descriptor is None:
+            return
+        if sys.platform == "win32":  # where a file that somebody has open is not removed
+            load("portalocker", "evidence").unlock(descriptor)
+            os.close(descriptor)
+            with suppress(PermissionError):
+                self.path.unlink(missing_ok=True)
+            return
+        self.path.unlink(missing_ok=True)
+        os.close(descriptor)
+
+    def _is_the_file(self, descriptor: int) -> bool:
+        """Whether the file has not been removed by a holder that gave it back in between."""
+        try:
+            return os.path.samestat(os.stat(self.path), os.fstat(descriptor))
+        except FileNotFoundError:
+            return False
+
+
+def _lock(descriptor: int) -> bool:
+    """Lock an open file; False if somebody else holds it.
+
+    Raises:
+        OSError: if it can be held by nobody.
+    """
+    locks = load("portalocker", "evidence")
+    try:
+        locks.lock(descriptor, locks.LockFlags.EXCLUSIVE | locks.LockFlags.NON_BLOCKING)
+    except locks.AlreadyLocked:
+        return False
+    except locks.LockException as error:
+        raise OSError(f"files cannot be locked here: {error}; give another directory") from error
+    return True
+
+
 class Storage:
     """A folder of this machine in which a run is worked on.
 
@@ -71,10 +153,8 @@ class Storage:
         """Hold the run for one driver; released with the process, however it ends.
 
         Raises:
-            Busy: if another driver holds it.
+            BusyError: if another driver holds it.
         """
-        from .locks import FileLock
-
         lock = FileLock(self.path / LOCK)
         if not lock.acquire(holder_text()):
             raise BusyError(
@@ -129,7 +209,7 @@ class StoredRun(Storage):
         unless it ran on this machine.
 
         Raises:
-            Busy: if another driver holds it.
+            BusyError: if another driver holds it.
         """
         exists, own = load("obstore.exceptions", "storage").AlreadyExistsError, holder_text()
         with wrap_store_errors(self.url):
@@ -158,7 +238,7 @@ class StoredRun(Storage):
         """Remove the lock of a process of this machine that is gone.
 
         Raises:
-            Busy: if it is another's.
+            BusyError: if it is another's.
         """
         text = self._lock_text()
         if not text:

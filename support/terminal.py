@@ -187,15 +187,28 @@ def hanging_indent(name: str, text: str, width: int | None, most: int | None = N
 
 def has_room(names: Sequence[str], rows: Rows, width: int) -> bool:
     """Whether lines of a width have room for columns, with cells broken where need be."""
-    columns = zip(names, *rows, strict=True)
-    least = [max(map(_least_width, column)) for column in columns]
-    return sum(least) + _GAP * (len(least) - 1) <= width
+    return _column_widths(names, rows, width) is not None
+
+
+def _column_widths(names: Sequence[str], rows: Rows, width: int) -> list[int] | None:
+    """Widths that fit, names broken before cells and no word broken; None if there are none."""
+    words = [max(map(len, name.split(" "))) for name in names]
+    cells = list(zip(*rows, strict=True)) or [()] * len(names)
+    least = [max([word, *map(_least_width, own)]) for word, own in zip(words, cells, strict=True)]
+    widths = [max([word, *map(len, own)]) for word, own in zip(words, cells, strict=True)]
+    room = width - _GAP * (len(names) - 1)
+    if sum(least) > room:
+        return None
+    while sum(widths) > room:
+        widths[max(range(len(widths)), key=lambda i: (widths[i] > least[i], widths[i]))] -= 1
+    for i, name in enumerate(names):
+        widths[i] += max(0, min(len(name) - widths[i], room - sum(widths)))
+    return widths
 
 
 def _least_width(cell: str) -> int:
     """Characters below which a cell would be hard to read."""
-    longest = max(map(len, cell.split()), default=0)
-    return max(longest, min(len(cell), READABLE)) if longest <= READABLE else longest
+    return max(min(len(cell), READABLE), *map(len, cell.split(" ")), 0)
 
 
 def print_columns(
@@ -219,7 +232,8 @@ def print_columns(
     """
     file = file or sys.stdout
     width = width_of(file)
-    if width is not None and not has_room(names, rows, width):
+    widths = _column_widths(names, rows, width or 1 << 20)
+    if widths is None:
         _print_lists(names, rows, file, width)
         return
     console_of, table_of, text_of = (
@@ -231,13 +245,8 @@ def print_columns(
         box=box, show_edge=False, pad_edge=False, padding=(0, 1, 0, 0), header_style=""
     )
     for place, name in enumerate(names):
-        cells = [row[place] for row in rows]
-        table.add_column(
-            text_of(name),
-            justify="right" if right and right[place] else "left",
-            overflow="fold",
-            no_wrap=all(" " not in cell for cell in cells) and " " not in name,
-        )
+        justify = "right" if right and right[place] else "left"
+        table.add_column(text_of(name), justify=justify, overflow="fold", width=widths[place])
     for row in rows:
         table.add_row(*(text_of(cell, style=(colours or {}).get(cell, "")) for cell in row))
     plain = {"color_system": None} if os.environ.get("NO_COLOR") else {}
@@ -249,7 +258,7 @@ def print_columns(
         print((line.replace("- -", "  -") if ruled else line).rstrip(), file=file)
 
 
-def _print_lists(names: Sequence[str], rows: Rows, file: TextIO, width: int) -> None:
+def _print_lists(names: Sequence[str], rows: Rows, file: TextIO, width: int | None) -> None:
     """Each row as lines of a name and a cell."""
     before = max(map(len, names)) + _GAP
     for place, row in enumerate(rows):
@@ -292,10 +301,13 @@ class WorkBar:
             self._terminal = console.is_terminal and not console.is_dumb_terminal
             columns = ("{task.description}", rich.BarColumn(24), "{task.fields[words]}")
             self._progress = rich.Progress(
-                *columns, console=console, auto_refresh=False, disable=not self._terminal
+                *columns,
+                console=console,
+                auto_refresh=False,
+                redirect_stdout=False,  # which may go somewhere else
+                disable=not self._terminal,
             )
             self._task = self._progress.add_task(label, total=total or 1.0, words="")
-            self._progress.start()
 
     def __enter__(self) -> Self:
         return self
@@ -331,9 +343,9 @@ class WorkBar:
 
     def fill(self) -> None:
         """Show that the work is done."""
-        self._filled = True
-        self.update(self.total - self.n)
+        self.n, self._filled = self.total, True
         if self._progress is not None:
+            self._progress.update(self._task, completed=self.n)
             self._draw(at_once=True)
 
     def close(self) -> None:
@@ -353,11 +365,11 @@ class WorkBar:
         parts = [f"{self._shown / (self.total or 1.0):.0%}"]
         if self.unit:
             parts.append(f"{self._shown:,.0f} of {self.total:,.0f}{self.unit}")
-        parts.append(f"{_clock(task.elapsed or 0.0)} so far")
+        parts.append(f"{seconds(round(task.elapsed or 0.0))} so far")
         if not self._filled and self.n > MOST_BEFORE_END * self.total:
             parts.append("nearly done")
         elif not self._filled and task.time_remaining is not None:
-            parts.append(f"about {_clock(task.time_remaining)} left")
+            parts.append(f"about {seconds(round(task.time_remaining))} left")
         return ", ".join([*parts, self._phase] if self._phase else parts)
 
     def _draw(self, at_once: bool = False) -> None:
@@ -366,16 +378,11 @@ class WorkBar:
             return
         self._drawn = now
         if self._terminal:
+            self._progress.start()  # nothing, once it is
             self._progress.update(self._task, words=self._words())
             self._progress.refresh()
         else:
             print(f"{self.label}: {self._words()}", file=sys.stderr, flush=True)
-
-
-def _clock(duration: float) -> str:
-    minutes, rest = divmod(int(duration), 60)
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours}:{minutes:02}:{rest:02}" if hours else f"{minutes}:{rest:02}"
 
 
 INTERRUPTED = 130

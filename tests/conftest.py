@@ -14,7 +14,7 @@ import hypothesis
 import portalocker
 import pytest
 
-from integ_gym.envs.engines.interface import missing_modules
+from integ_gym.envs.engines.stepping import missing_modules
 from integ_gym.envs.registries import ENGINES
 from integ_gym.eval.census.subjects import PUBLISHED, installed
 from integ_gym.support.isolated import ISOLATED

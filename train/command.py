@@ -9,10 +9,10 @@ from dataclasses import Field, fields
 from pathlib import Path
 from typing import Any
 
-from integ_gym.envs.catalogue.lookup import OTHER_TESTBEDS, is_integ_environment
+from integ_gym.envs.environment import OTHER_TESTBEDS, is_integ_environment
 from integ_gym.envs.registries import ENVIRONMENTS
 from integ_gym.envs.settings import Settings
-from integ_gym.envs.tasks.pendulum_swing_up import PendulumSwingUp
+from integ_gym.envs.tasks import PendulumSwingUp
 from integ_gym.support.errors import InputError
 from integ_gym.support.options import CommandParser, add_named_values, by_name, whole_number
 from integ_gym.support.terminal import report_errors
@@ -196,5 +196,5 @@ def _config(owner: type[TrainingConfig], given: dict[str, Any]) -> TrainingConfi
     arguments = {f.name: given.pop(f.name) for f in _ENV_FIELDS if f.name in given}
     flags = {name: _flag(name) for name in arguments}
     arguments.update(by_name(given.pop("env_arg"), "--env-arg", flags))
-    env_id = given.pop("env_id", owner.env_id)
+    env_id = given.pop("env_id", "IntegPendulum-v0")
     return owner.of(env_id, env_arguments=arguments, **given)

@@ -12,18 +12,14 @@ from typing import Any, ClassVar, Self
 import gymnasium as gym
 import numpy as np
 
-from integ_gym.envs.catalogue.lookup import OTHER_TESTBEDS
+from integ_gym.envs.environment import OTHER_TESTBEDS
 from integ_gym.envs.registries import ENVIRONMENTS, INTEGRATORS
 from integ_gym.envs.settings import Mixture
-from integ_gym.evidence.context import EpisodeContext
+from integ_gym.evidence.labels import EpisodeContext
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.evidence.vector_recorder import RecordVectorEvidence
 from integ_gym.support.errors import InputError, InputTypeError, IntegGymError, is_raised_under
-from integ_gym.support.parameters import (
-    check_values,
-    nonnegative,
-    unknown_name,
-)
+from integ_gym.support.parameters import check_values, nonnegative, unknown_name
 
 
 class TrainingError(IntegGymError, RuntimeError):
@@ -121,17 +117,12 @@ def check_rollout(n_envs: int, n_steps: int, batch_size: int) -> None:
             f"memory, and at most {LARGEST_ROLLOUT} are; give fewer"
         )
     if rollout % batch_size:
+        divisors = (n for n in range(1, rollout + 1) if rollout % n == 0)
+        nearest = min(divisors, key=lambda n: abs(math.log(n / batch_size)))
         raise InputError(
             f"`batch_size`={batch_size} does not divide a rollout of `n_envs` × `n_steps` "
-            f"= {rollout} decisions; give a divisor, such as "
-            f"{_nearest_divisor(rollout, batch_size)}"
+            f"= {rollout} decisions; give a divisor, such as {nearest}"
         )
-
-
-def _nearest_divisor(whole: int, wanted: int) -> int:
-    """The divisor of ``whole`` whose ratio to ``wanted`` is nearest to 1."""
-    divisors = [n for n in range(1, whole + 1) if whole % n == 0]
-    return min(divisors, key=lambda n: abs(math.log(n / wanted)))
 
 
 _GIVEN_BY_THE_TRAINER = ("num_envs", "vectorization_mode", "autoreset_mode", "render_mode")

@@ -10,19 +10,14 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from integ_gym.envs.engines.native import NativeEngine
-from integ_gym.envs.mechanics import PlantSystem
-from integ_gym.envs.ops.array_ops import ARRAY
-from integ_gym.envs.ops.ops import SCALAR
+from integ_gym.envs.engines.stepping import NativeEngine, PlantSystem
+from integ_gym.envs.ops.ops import ARRAY, SCALAR, join_state, split_state
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.plants.elastic_pendulum import ElasticPendulum
-from integ_gym.envs.plants.interface import Plant, join_state, split_state
+from integ_gym.envs.plants.interface import Plant
 from integ_gym.envs.plants.pendulum import Pendulum
 from integ_gym.envs.settings import Setup
-from integ_gym.envs.tasks.cart_pole_balance import CartPoleBalance
-from integ_gym.envs.tasks.cart_pole_swing_up import CartPoleSwingUp
-from integ_gym.envs.tasks.elastic_pendulum_quiet import NEAR_PLUMB
-from integ_gym.envs.tasks.pendulum_swing_up import wrapped
+from integ_gym.envs.tasks import NEAR_PLUMB, CartPoleBalance, CartPoleSwingUp, wrap_angle
 from integ_gym.support.errors import InputError
 from integ_gym.support.optional import load
 
@@ -272,7 +267,7 @@ class _Region:
         states = np.array([grid.ravel() for grid in np.meshgrid(angles, speeds, indexing="ij")])
         held_upright = caught(
             controller.plant,
-            lambda state: controller.regulate(wrapped(ARRAY, state[0]), state[1]),
+            lambda state: controller.regulate(wrap_angle(ARRAY, state[0]), state[1]),
             states,
             period=controller.period,
             rate=controller.rate,

@@ -11,11 +11,11 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from integ_gym.envs.settings import DISCRETIZATION, Discretization
-from integ_gym.envs.testbeds.interface import Testbed
+from integ_gym.envs.testbeds.gym_testbed import Testbed
 from integ_gym.envs.testbeds.making import find_testbed, make_checked
 from integ_gym.support.errors import InputError
 
-from .called_policy import CalledPolicy
+from .policy import CalledPolicy
 from .policy_files.sidecar import Stated, stated_arguments
 
 FIRST_SEED = 50_000
@@ -65,7 +65,8 @@ def discretization_gap(
     scores: dict[str, float] = {}
     for place, what in enumerate(("return", "success")):
         for name, values in found.items():
-            scores[f"discretization/{what}/{_tag(name)}"] = values[place]
+            tag = re.sub(r"[^A-Za-z0-9._]+", "-", name)
+            scores[f"discretization/{what}/{tag}"] = values[place]
         elsewhere = [values[place] for name, values in found.items() if name != "home"]
         if elsewhere:
             scores[f"discretization/{what}_gap"] = found["home"][place] - min(elsewhere)
@@ -83,31 +84,32 @@ def comparison_cells(
     arguments = stated_arguments(home, env_id)
     if "integrator" not in arguments:
         raise InputError("the gap is measured from a home; give home='integrator=…,dt=…'")
-    _check_arguments(environment)
-    own = {name: x for name, x in arguments.items() if name not in DISCRETIZATION}
-    testbed = find_testbed(env_id, {**own, **environment})
-    at_home = _discretization(arguments)
-    chosen = [_beside(stated, at_home, env_id) for stated in others] or _default(testbed, at_home)
-    cells = {"home": at_home, **{one.name: one for one in chosen if one != at_home}}
-    for cell in cells.values():
-        make_checked(testbed, cell, 1).close()
-    return testbed, cells
-
-
-def _check_arguments(environment: Mapping[str, Any]) -> None:
     varied = [name for name in environment if name in DISCRETIZATION]
     if varied:
         raise InputError(
             f"`environment` gives `{varied[0]}`, which is what differs; name it in `home` or in "
             "`others`"
         )
+    own = {name: x for name, x in arguments.items() if name not in DISCRETIZATION}
+    testbed = find_testbed(env_id, {**own, **environment})
+    at_home = _discretization(arguments)
+    chosen = [_discretization_beside(stated, at_home, env_id) for stated in others]
+    if not chosen:
+        truth = testbed.truth(at_home.control_period)
+        chosen = [] if truth is None else [truth]
+        names = testbed.integrators(at_home.engine)
+        chosen += [replace(at_home, integrator=name) for name in names]
+    cells = {"home": at_home, **{one.name: one for one in chosen if one != at_home}}
+    for cell in cells.values():
+        make_checked(testbed, cell, 1).close()
+    return testbed, cells
 
 
 def _discretization(arguments: Mapping[str, Any]) -> Discretization:
     return Discretization(**{name: arguments[name] for name in DISCRETIZATION})
 
 
-def _beside(stated: Stated, home: Discretization, env_id: str) -> Discretization:
+def _discretization_beside(stated: Stated, home: Discretization, env_id: str) -> Discretization:
     """Another discretization, which has home's control period."""
     arguments = stated_arguments(stated, env_id)
     if "integrator" not in arguments:
@@ -116,15 +118,6 @@ def _beside(stated: Stated, home: Discretization, env_id: str) -> Discretization
         )
     other = _discretization(arguments)
     return replace(other, control_period=home.control_period)
-
-
-def _default(testbed: Testbed, home: Discretization) -> list[Discretization]:
-    truth = testbed.truth(home.control_period)
-    names = testbed.integrators(home.engine)
-    return [
-        *([] if truth is None else [truth]),
-        *(replace(home, integrator=name) for name in names),
-    ]
 
 
 def _played(
@@ -147,11 +140,6 @@ def _played(
         running &= ~ended
     environments.close()
     return float(returns.mean()), float(success.mean())
-
-
-def _tag(name: str) -> str:
-    """A cell's name as a part of a logger's."""
-    return re.sub(r"[^A-Za-z0-9._]+", "-", name)
 
 
 class RawModel:

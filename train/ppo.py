@@ -232,7 +232,7 @@ def train_run(
             model = make_model(config, scaled, mixture.setups[0].timing.control_period)
             episodes.seed(config.first_lane_seed)
             logs = folder / "tensorboard"
-            outputs = [TensorBoardOutputFormat(str(logs))] if tensorboard else []
+            outputs: list[Any] = [TensorBoardOutputFormat(str(logs))] if tensorboard else []
             model.set_logger(Logger(str(logs) if tensorboard else None, outputs))
             start = time.perf_counter()
             with translate_training_errors(config, mixture):

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from integ_gym.evidence.context import EpisodeContext
+from integ_gym.evidence.labels import EpisodeContext
 from integ_gym.support.processes import Progress, peak_memory
 from integ_gym.train.config import TrainingEvidence
 from integ_gym.train.fleet import planning as fleet_worker

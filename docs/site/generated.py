@@ -27,6 +27,7 @@ API = {
         "What `gym.make` and `gym.make_vec` give, and what a discretization is.",
         (
             "ENVIRONMENTS", "IntegEnv", "IntegVectorEnv", "Discretization", "rediscretize",
+            "IntegGymError",
             "functional",
         ),
     ),

@@ -13,11 +13,11 @@ import numpy as np
 from integ_gym.support.optional import load
 
 from ..integrators.interface import Step
-from ..mechanics import PlantSystem
 from ..ops.ops import Component, Components, Ops
 from ..registries import TRUTH
 from .rigid import Array
-from .stepping import MappedEngine, Run, guarded
+from .simulator import MappedEngine, Run, guard
+from .stepping import PlantSystem
 
 TOLERANCE = 1e-12
 """Of Newton's defect and correction, and of the local error of an adaptive integrator."""
@@ -66,7 +66,7 @@ class CasadiEngine(MappedEngine):
         size = 2 * len(system.plant.coordinates) + len(system.no_losses)
         self._truths = (*[False] * size, False, False, True)
         lost = (*[nan] * size, 0, 0.0, False)
-        self._step = guarded(_stepper(_equations(system), integrator, dt), lost)
+        self._step = guard(_stepper(_equations(system), integrator, dt), lost)
         if integrator != "rk":
             self.solver_tolerance = TOLERANCE
             self.solver_cap = INNER_CAP if self.map == TRUTH else NEWTON_CAP
@@ -155,10 +155,10 @@ def _collocation(dae: dict[str, Any], dt: float, scheme: str, order: int) -> Run
         guess[:] = state
         newton.call()
         test.call()
-        told = newton.told()
+        statistics = newton.statistics()
         residual = float((abs(defect) / (1.0 + abs(stages))).max())
-        solved = told["success"] or residual <= TOLERANCE
-        return (*end.tolist(), told["iter_count"], residual, solved)
+        solved = statistics["success"] or residual <= TOLERANCE
+        return (*end.tolist(), statistics["iter_count"], residual, solved)
 
     return run
 
@@ -187,7 +187,7 @@ def _adaptive(dae: dict[str, Any], dt: float, plugin: str) -> Run:
                 step.call()
         except RuntimeError:
             return lost
-        return (*end.tolist(), step.told()["nsteps"], 0.0, True)
+        return (*end.tolist(), step.statistics()["nsteps"], 0.0, True)
 
     return run
 
@@ -220,6 +220,6 @@ class _Bound:
             else:
                 self._buffer.set_res(function.index_out(name), array.data)
 
-    def told(self) -> Mapping[str, Any]:
+    def statistics(self) -> Mapping[str, Any]:
         """Statistics of the last call."""
         return self._buffer.stats()  # type: ignore[no-any-return]

@@ -21,7 +21,7 @@ def plain(x: Component) -> Any:
     return x.sx if isinstance(x, Expression) else x
 
 
-def _noted(function: Callable[..., Any]) -> Callable[..., Expression]:
+def _note(function: Callable[..., Any]) -> Callable[..., Expression]:
     return lambda *operands: Expression(function(*map(plain, operands)))
 
 
@@ -42,21 +42,21 @@ class Expression:
     def __bool__(self) -> bool:
         raise InputTypeError("the truth of a component is not known when its equations are written")
 
-    __add__, __radd__ = _noted(operator.add), _reflected(operator.add)
-    __sub__, __rsub__ = _noted(operator.sub), _reflected(operator.sub)
-    __mul__, __rmul__ = _noted(operator.mul), _reflected(operator.mul)
-    __truediv__, __rtruediv__ = _noted(operator.truediv), _reflected(operator.truediv)
-    __mod__, __rmod__ = _noted(operator.mod), _reflected(operator.mod)
-    __pow__, __rpow__ = _noted(operator.pow), _reflected(operator.pow)
-    __neg__, __pos__, __abs__ = _noted(operator.neg), _noted(operator.pos), _noted(casadi.fabs)
-    __lt__, __le__ = _noted(operator.lt), _noted(operator.le)
-    __gt__, __ge__ = _noted(operator.gt), _noted(operator.ge)
-    __eq__, __ne__ = _noted(operator.eq), _noted(operator.ne)  # type: ignore[assignment]
-    __and__ = __rand__ = _noted(casadi.logic_and)
-    __or__ = __ror__ = _noted(casadi.logic_or)
+    __add__, __radd__ = _note(operator.add), _reflected(operator.add)
+    __sub__, __rsub__ = _note(operator.sub), _reflected(operator.sub)
+    __mul__, __rmul__ = _note(operator.mul), _reflected(operator.mul)
+    __truediv__, __rtruediv__ = _note(operator.truediv), _reflected(operator.truediv)
+    __mod__, __rmod__ = _note(operator.mod), _reflected(operator.mod)
+    __pow__, __rpow__ = _note(operator.pow), _reflected(operator.pow)
+    __neg__, __pos__, __abs__ = _note(operator.neg), _note(operator.pos), _note(casadi.fabs)
+    __lt__, __le__ = _note(operator.lt), _note(operator.le)
+    __gt__, __ge__ = _note(operator.gt), _note(operator.ge)
+    __eq__, __ne__ = _note(operator.eq), _note(operator.ne)  # type: ignore[assignment]
+    __and__ = __rand__ = _note(casadi.logic_and)
+    __or__ = __ror__ = _note(casadi.logic_or)
 
 
-def _called(name: str) -> Callable[[Component], Component]:
+def _unary(name: str) -> Callable[[Component], Component]:
     """A function of one expression, or of a number."""
 
     def call(x: Component, /) -> Component:
@@ -73,14 +73,14 @@ class CasadiOps:
     epsilon = SCALAR.epsilon
     repeat = staticmethod(repeat)
 
-    sin, cos = staticmethod(_called("sin")), staticmethod(_called("cos"))
-    floor, sqrt = staticmethod(_called("floor")), staticmethod(_called("sqrt"))
-    tanh = staticmethod(_called("tanh"))
+    sin, cos = staticmethod(_unary("sin")), staticmethod(_unary("cos"))
+    floor, sqrt = staticmethod(_unary("floor")), staticmethod(_unary("sqrt"))
+    tanh = staticmethod(_unary("tanh"))
 
-    def usually(self, condition: Component, /) -> Component:
+    def assume_true(self, condition: Component, /) -> Component:
         return condition
 
-    rarely = usually
+    assume_false = assume_true
 
     def where(self, condition: Component, a: Component, b: Component, /) -> Component:
         if not isinstance(condition, Expression):

@@ -13,7 +13,7 @@ from integ_gym.support.optional import load
 from ..mechanics import Link
 from ..ops.ops import Components
 from .rigid import Array, RigidBodyEngine, moment
-from .stepping import Run, is_astray
+from .simulator import Run, is_astray
 
 _JOINTS = {"slide": ("Prismatic", (1.0, 0.0, 0.0)), "hinge": ("Revolute", (0.0, 1.0, 0.0))}
 
@@ -38,7 +38,7 @@ class DartEngine(RigidBodyEngine):
         self._skeleton = dart.dynamics.Skeleton(self.system.plant.name)
         body = None
         for link in self.mechanism.links:
-            body = self._added(dart.dynamics, body, link)
+            body = self._hang(dart.dynamics, body, link)
         self._world = dart.simulation.World()
         self._world.setTimeStep(self.dt)
         self._world.setGravity((0.0, 0.0, -self.mechanism.gravity))
@@ -92,7 +92,7 @@ class DartEngine(RigidBodyEngine):
 
         return run
 
-    def _added(self, dynamics: Any, parent: Any, link: Link) -> Any:
+    def _hang(self, dynamics: Any, parent: Any, link: Link) -> Any:
         """Hang a link on a body, or on the ground where that is None; its own body."""
         kind, axis = _JOINTS[link.joint]
         create = getattr(self._skeleton, f"create{kind}JointAndBodyNodePair")

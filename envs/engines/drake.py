@@ -14,7 +14,7 @@ from integ_gym.support.optional import load
 from ..mechanics import Link
 from ..ops.ops import Components
 from .rigid import Array, RigidBodyEngine
-from .stepping import Run, is_astray
+from .simulator import Run, is_astray
 
 SPAN = 64
 """Steps on either side of time zero that a clock counts before it is set back."""
@@ -265,8 +265,8 @@ class Stepper:
         self._prepare = self._integrator.ResetStatistics if from_rest else self._clock.forget
         self._statistics = self._integrator.GetStatisticsSummary
         names = [name for name, _ in self._statistics()]
-        told = (_ITERATIONS, _DIVISIONS, _FACTORIZATIONS)
-        self._iterations, self._divisions, self._factorizations = map(names.index, told)
+        found = (_ITERATIONS, _DIVISIONS, _FACTORIZATIONS)
+        self._iterations, self._divisions, self._factorizations = map(names.index, found)
         self._at_rest = (0.0,) * len(self._end), (0.0,) * (len(self._end) // 2)
         self._state: Components = ()
         self._force: Components = ()
@@ -287,14 +287,14 @@ class Stepper:
             RuntimeError: where Drake gives up.
         """
         try:
-            told = self._attempted(state, force)
-            whole = not told[self._divisions][1]
+            found = self._attempted(state, force)
+            whole = not found[self._divisions][1]
         except RuntimeError:
             whole = False
         if not whole:
             self._clock.now = SPAN
-            told = self._attempted(state, force)
-        return self._state, told[self._iterations][1], told[self._divisions][1]
+            found = self._attempted(state, force)
+        return self._state, found[self._iterations][1], found[self._divisions][1]
 
     def _attempted(self, state: Components, force: Components) -> Any:
         """Take a step; what the integrator tells of it."""
@@ -302,9 +302,9 @@ class Stepper:
             self._begin()
         self._prepare()
         self._take(state, force)
-        told = self._statistics()
-        self.spoiled = told[self._factorizations][1] > 0
-        return told
+        found = self._statistics()
+        self.spoiled = found[self._factorizations][1] > 0
+        return found
 
     def _begin(self) -> None:
         """Set the clock back, without matrices; make those at rest."""
@@ -377,7 +377,7 @@ class DrakeEngine(RigidBodyEngine):
             plant.SetUseSampledOutputPorts(False)
         parent = plant.world_frame()
         for link in self.mechanism.links:
-            parent = _added(plant, parent, link)
+            parent = _hang(plant, parent, link)
         plant.mutable_gravity_field().set_gravity_vector((0.0, 0.0, -self.mechanism.gravity))
         plant.Finalize()
 
@@ -414,7 +414,7 @@ class DrakeEngine(RigidBodyEngine):
         return rest_serves(self._plant, self.integrator, self.dt)
 
 
-def _added(plant: Any, parent: Any, link: Link) -> Any:
+def _hang(plant: Any, parent: Any, link: Link) -> Any:
     """Hang a link on a frame; its own frame."""
     tree = load("pydrake.multibody.tree", "drake")
     inertia = tree.RotationalInertia(link.inertia, link.inertia, link.inertia)

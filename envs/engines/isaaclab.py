@@ -16,7 +16,7 @@ from integ_gym.support.isolated import ISOLATED, Worker
 from ..mechanics import Link, Mechanism
 from ..ops.ops import Components
 from .rigid import Array, LanesEngine, moment
-from .stepping import Run
+from .simulator import Run
 
 ROOT = "mechanism"
 """Name of the prim that holds the bodies."""

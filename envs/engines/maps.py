@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, ClassVar, NamedTuple
 
-from ..integrators.implicit_euler import ImplicitEuler
-from ..integrators.interface import State, Step, System, along
+from ..integrators.implicit import ImplicitEuler
+from ..integrators.interface import State, Step, System
 from ..integrators.newton import Solved, differences, solve, solve_linear
-from ..mechanics import PlantSystem
-from ..ops.ops import Component, Components, Ops
+from ..ops.ops import Component, Components, Ops, along
 from ..registries import INTEGRATORS, MAPS, TRUTH
+from .stepping import PlantSystem
 
 Row = tuple[float, ...]
 Slopes = tuple[tuple[Components, ...], tuple[Components, ...]]
@@ -155,7 +154,7 @@ def along_row(x: Components, h: Component, row: Row, slopes: Sequence[Components
     )
 
 
-class LinearlyImplicit(ABC):
+class LinearlyImplicit:
     """Kick implicitly in some of the forces, then drift; losses by the rates of the end.
 
     The kick is Δv with (I - h ∂a/∂v) Δv = h a.
@@ -165,11 +164,8 @@ class LinearlyImplicit(ABC):
     losses_of: ClassVar[str] = "end"
     """End of the step whose rates of loss, times the step, are its losses."""
 
-    @abstractmethod
-    def slopes(
-        self, ops: Ops, system: PlantSystem, q: Components, v: Components, control: Component
-    ) -> tuple[Components, ...]:
-        """∂a/∂v by the forces that are taken implicitly."""
+    slopes: Callable[..., tuple[Components, ...]]
+    """(ops, system, q, v, control) to ∂a/∂v by the forces that are taken implicitly."""
 
     def step(
         self,

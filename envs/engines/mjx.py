@@ -9,15 +9,10 @@ import numpy as np
 
 from integ_gym.support.optional import load
 
-from ..mechanics import PlantSystem
-from ..ops.ops import (
-    SCALAR,
-    Component,
-    Components,
-    Ops,
-)
+from ..ops.ops import SCALAR, Component, Components, Ops
 from .rigid import MAPS, Array, LanesEngine, stop_law
-from .stepping import Run, quiet
+from .simulator import Run, silence_output
+from .stepping import PlantSystem
 
 
 class MjxEngine(LanesEngine):
@@ -36,7 +31,7 @@ class MjxEngine(LanesEngine):
     def build(self) -> None:
         """Make the program and place the model's numbers."""
         jax = load("jax", "mjx")
-        with quiet():
+        with silence_output():
             load("mujoco.mjx", "mjx")
             from .mjx_program import numbers, program_of
 
@@ -62,7 +57,7 @@ class MjxEngine(LanesEngine):
     def at_rest(self, q: Components) -> tuple[Array, Array]:
         """Mass matrix and minus the bias force, of a step that takes no time."""
         start = np.array([[*q, *(0.0,) * (2 * len(q))]])
-        _, mass, bias = self._called(self._still, start, 1)
+        _, mass, bias = self._run_lanes(self._still, start, 1)
         return np.asarray(mass), -np.asarray(bias)
 
     def run(self, count: int) -> Run:
@@ -81,7 +76,7 @@ class MjxEngine(LanesEngine):
         """Take ``count`` steps, some dozens of lanes in one call."""
         size = self._program.lanes
         parts = [starts[k : k + size] for k in range(0, len(starts), size)]
-        return np.concatenate([self._called(self._values, part, count)[0] for part in parts])
+        return np.concatenate([self._run_lanes(self._values, part, count)[0] for part in parts])
 
     def travel(
         self, ops: Ops, q: Components, v: Components, force: Components, count: int
@@ -106,7 +101,7 @@ class MjxEngine(LanesEngine):
         weight = np.linalg.inv(np.array(at_zero))[stops.coordinate, stops.coordinate]
         return stops.limit, float(weight)
 
-    def _called(self, values: Any, starts: Array, count: int) -> tuple[Array, Any, Any]:
+    def _run_lanes(self, values: Any, starts: Array, count: int) -> tuple[Array, Any, Any]:
         """Ends of some lanes, and of the last the mass matrix and the bias force."""
         filled, used = np.zeros((self._program.lanes, starts.shape[1])), len(starts)
         filled[:used] = starts

@@ -14,9 +14,7 @@ from mujoco import mjx
 from mujoco.mjx._src import forward
 
 from ..mechanics import Link, Mechanism
-from ..ops.ops import (
-    Component,
-)
+from ..ops.ops import Component
 from .rigid import LEAST_SHARE, mjcf
 
 Array = Any

@@ -9,16 +9,8 @@ from typing import Any, ClassVar
 from integ_gym.support.optional import load
 
 from ..ops.ops import Components
-from .rigid import (
-    LEAST_INERTIA,
-    MAPS,
-    Array,
-    RigidBodyEngine,
-    mass_matrix,
-    mjcf,
-    stop_law,
-)
-from .stepping import Run
+from .rigid import LEAST_INERTIA, MAPS, Array, RigidBodyEngine, mass_matrix, mjcf, stop_law
+from .simulator import Run
 
 _TOLD_OF = ("INERTIA", "BADQPOS", "BADQVEL", "BADQACC")
 
@@ -42,7 +34,7 @@ class MujocoEngine(RigidBodyEngine):
     def build(self) -> None:
         """Compile the model."""
         self._mujoco = load("mujoco", "mujoco")
-        self._model, self._data = self._made()
+        self._model, self._data = self._compile()
         self.reports = self.system.engine_stops is not None
         if self.reports:
             option = self._model.opt
@@ -74,24 +66,24 @@ class MujocoEngine(RigidBodyEngine):
 
     def run_with_speeds(self, count: int) -> Run:
         """Take ``count`` steps in one call, of which sensors keep the velocities."""
-        model, data = self._made(history=count)
+        model, data = self._compile(history=count)
         put, position, velocity = _setter(data), data.qpos, data.qvel
         step = self._stepper(model, data, count)
         # Sensors read a step's start: their first value is left out, the very last velocity added.
         ends = [address + 2 + 2 * count for address in model.sensor_historyadr.tolist()]
-        told = [data.history[end + 1 - count : end] for end in ends]
+        histories = [data.history[end + 1 - count : end] for end in ends]
 
         def run(*values: float) -> tuple[float, ...]:
             put(values)
             step()
             last = velocity.tolist()
-            pairs = zip(told, last, strict=True)
+            pairs = zip(histories, last, strict=True)
             squares = [(float(x.dot(x)) + end * end) / count for x, end in pairs]
             return (*position.tolist(), *last, *squares)
 
         return run
 
-    def _made(self, history: int = 0) -> tuple[Any, Any]:
+    def _compile(self, history: int = 0) -> tuple[Any, Any]:
         """A model and its data."""
         text = mjcf(self.mechanism, self.dt, self.integrator, history)
         model = self._mujoco.MjModel.from_xml_string(text)

@@ -13,13 +13,7 @@ from integ_gym.support.optional import load
 from ..mechanics import Mechanism
 from ..ops.ops import Components
 from .rigid import LEAST_INERTIA, MAPS, Array, moment
-from .warp import (
-    ROWS,
-    WarpEngine,
-    Worlds,
-    constraint_solver,
-    forces_at_rest,
-)
+from .warp import ROWS, WarpEngine, Worlds, constraint_solver, forces_at_rest
 
 FEATHERSTONE = "featherstone"
 
@@ -57,12 +51,12 @@ class NewtonEngine(WarpEngine):
         model = self._model(count, mechanism)
         solver = self._solver(model)
         now, then, control = model.state(), model.state(), model.control()
-        told = None
+        constraints = None
         if self.integrator in _MUJOCO:
-            told = constraint_solver(self._mjw, solver.mjw_model, solver.mjw_data)
+            constraints = constraint_solver(self._mjw, solver.mjw_model, solver.mjw_data)
 
         def step() -> None:
-            if told is not None:
+            if constraints is not None:
                 solver.mjw_data.qacc_warmstart.zero_()
             solver.step(now, then, control, None, self.dt)
             self._warp.copy(now.joint_q, then.joint_q)
@@ -70,7 +64,7 @@ class NewtonEngine(WarpEngine):
 
         memory = (now.joint_q, now.joint_qd, control.joint_f)
         q, v, force = (x.numpy().reshape(count, -1) for x in memory)
-        return Worlds(q, v, force, step, (model, solver, now, then, control), told)
+        return Worlds(q, v, force, step, (model, solver, now, then, control), constraints)
 
     def stop_parameters(self) -> dict[str, Any]:
         """`limit_ke` and `limit_kd` of the limited joint."""
@@ -81,9 +75,9 @@ class NewtonEngine(WarpEngine):
         """Mass matrix of the solver, and all of the generalized force."""
         _, solver, *_ = self.started(q).simulation
         if self.integrator in _MUJOCO:
-            told = solver.mj_model, solver.mjw_model, solver.mjw_data
+            constraints = solver.mj_model, solver.mjw_model, solver.mjw_data
             with self.here():
-                return forces_at_rest(self._mujoco, self._mjw, *told, q)
+                return forces_at_rest(self._mujoco, self._mjw, *constraints, q)
         mass, force = (np.array(x.numpy(), np.float64) for x in (solver.H, solver.joint_tau))
         return mass.reshape(len(q), -1), force.reshape(-1)[: len(q)]
 

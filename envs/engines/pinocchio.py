@@ -10,12 +10,12 @@ import numpy as np
 
 from integ_gym.support.optional import load
 
-from ..mechanics import Mechanism, PlantSystem
+from ..mechanics import Mechanism
 from ..ops.ops import Components, Ops
 from ..registries import INTEGRATORS
-from .native import NativeEngine
 from .rigid import Array, check_agreement, mechanism_of
-from .stepping import lacks_integrator, refuse_arrays
+from .simulator import integrator_error, refuse_arrays
+from .stepping import NativeEngine, PlantSystem
 
 Rows = tuple[Components, ...]
 
@@ -43,7 +43,7 @@ class PinocchioEngine(NativeEngine):
 
     def __init__(self, system: PlantSystem, integrator: str, dt: float) -> None:
         if integrator not in self.maps and ":" not in integrator:
-            raise lacks_integrator(self.name, integrator, self.maps)
+            raise integrator_error(self.name, integrator, self.maps)
         refuse_arrays(self.name, system)
         self._bodies = bodies = ArticulatedBodies(mechanism_of(self.name, system.plant))
         moved = copy(system.plant)

@@ -14,7 +14,7 @@ from integ_gym.support.errors import SetupError
 
 from ..ops.ops import Components
 from .rigid import Array, RigidBodyEngine, urdf
-from .stepping import Run, load_undisturbed
+from .simulator import Run, load_undisturbed
 
 UNCAPPED = 1e30
 """Joint speed at which Bullet clips, m/s or rad/s; 100 where it is not set."""
@@ -42,7 +42,7 @@ class PybulletEngine(RigidBodyEngine):
 
     def build(self) -> None:
         """Load the model into a world of its own."""
-        bullet = load_undisturbed("pybullet", "pybullet", banner="pybullet build time")
+        bullet = load_undisturbed("pybullet", "pybullet")
         self._bullet = bullet
         self._client = client = _connect(bullet)
         weakref.finalize(self, bullet.disconnect, client)
@@ -101,9 +101,9 @@ class PybulletEngine(RigidBodyEngine):
                 for solved in step(client):
                     most = max(most, solved["numIterationsUsed"])
                     worst = max(worst, solved["remainingResidual"])
-            told = states(body, joints, client)
+            ends = states(body, joints, client)
             report = (most, worst, most < cap) if reports else ()
-            return (*[state[0] for state in told], *[state[1] for state in told], *report)
+            return (*[state[0] for state in ends], *[state[1] for state in ends], *report)
 
         return run
 

@@ -6,19 +6,20 @@ from abc import abstractmethod
 from dataclasses import dataclass
 from functools import cache
 from math import nan
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
 from integ_gym.support.errors import InputError
 
-from ..integrators.interface import State, Step, along
-from ..mechanics import Link, Mechanism, PlantSystem, Stops
-from ..ops.ops import SCALAR, Component, Components, Ops
+from ..integrators.interface import State, Step
+from ..mechanics import Link, Mechanism, Stops
+from ..ops.ops import SCALAR, Component, Components, Ops, along
 from ..plants.interface import Plant
 from .maps import one_step_map
-from .stepping import ASTRAY, ForeignEngine, Run
+from .simulator import ASTRAY, ForeignEngine, Run
+from .stepping import PlantSystem
 
 Array = npt.NDArray[np.float64]
 
@@ -27,20 +28,6 @@ TOLERANCE = {64: 1e-9, 32: 1e-5}
 
 PROBES = ((0.3, -0.7), (-1.1, 2.2), (0.6, 1.4))
 """Configurations at which an engine is compared with the plant."""
-
-
-class Model(Protocol):
-    """An engine with a model of its own of the plant."""
-
-    name: ClassVar[str]
-    width: ClassVar[int]
-    version: str
-
-    def at_rest(self, q: Components) -> tuple[Array, Array]:
-        """The simulator's mass matrix, (dof, dof), kg, kg m, kg m^2, and its force of gravity.
-
-        That is a generalized force, (dof,), N or N m.
-        """
 
 
 def mechanism_of(engine: str, plant: Plant) -> Mechanism:
@@ -67,8 +54,12 @@ def mechanism_of(engine: str, plant: Plant) -> Mechanism:
     return mechanism
 
 
-def check_agreement(model: Model, plant: Plant) -> None:
+def check_agreement(model: Any, plant: Plant) -> None:
     """Compare mass matrix and gravity force with the plant's.
+
+    Args:
+        model: an engine with a model of its own, which :meth:`RigidBodyEngine.at_rest` tells of.
+        plant: with numbers as parameters.
 
     Raises:
         ValueError: if they differ.

@@ -14,7 +14,7 @@ from integ_gym.support.errors import InputError
 from ..mechanics import Mechanism
 from ..ops.ops import SCALAR, Components
 from .rigid import PROBES, TOLERANCE, Array, HeldForce, RigidBodyEngine
-from .stepping import Run, load_undisturbed
+from .simulator import Run, load_undisturbed
 
 SOLVERS = {
     "tgs": {"position_iterations": 10, "velocity_iterations": 1},
@@ -142,8 +142,8 @@ class SapienEngine(RigidBodyEngine):
         """
         force = (0.0,) * len(q)
         held = HeldForce(self.system.plant, force)
-        told = self._map.step(SCALAR, held, q, v, (0.0,), 0.0, self.dt)
-        expected = np.array((*told.q, *told.v))
+        step = self._map.step(SCALAR, held, q, v, (0.0,), 0.0, self.dt)
+        expected = np.array((*step.q, *step.v))
         got = np.array(_run_in(self._free, len(q), 1)(*q, *v, *force))
         if (np.abs(got - expected) > TOLERANCE[self.width] * (1.0 + np.abs(expected))).any():
             raise InputError(

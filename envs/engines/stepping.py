@@ -1,35 +1,267 @@
-"""One control period in integration steps, with the ledger of energy."""
+"""Engines: a plant advanced over one control period, step by step, with the ledger of energy."""
 
 from __future__ import annotations
 
 import copy
-import os
-import sys
-import tempfile
-import warnings
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext, redirect_stderr, redirect_stdout
-from functools import cache
-from math import hypot, nan
-from typing import Any, ClassVar, Self
+from collections.abc import Mapping
+from typing import Any, ClassVar, NamedTuple, Protocol, Self
 
-import numpy as np
-
-from integ_gym.support.errors import InputError
-from integ_gym.support.optional import load, running_version
-from integ_gym.support.parameters import suggestion
+from integ_gym.support.errors import InputError, InputTypeError
+from integ_gym.support.optional import check_versions, not_installed, running_version
 
 from ..integrators.interface import Step
-from ..mechanics import PlantSystem
-from ..ops.ops import (
-    FLOAT32_MAX,
-    Component,
-    Components,
-    Ops,
-)
-from ..registries import ENGINES
-from .interface import DIVERGENCE_SPEED, Motion, Segments
+from ..mechanics import Friction, Stops
+from ..ops.ops import FLOAT32_MAX, Component, Components, Ops
+from ..plants.interface import Plant
+from ..registries import ENGINES, INTEGRATORS, TRUTH
+
+DIVERGENCE_SPEED = 1e3
+"""A velocity component beyond this magnitude (rad/s or m/s) is a divergence."""
+
+
+class PlantSystem:
+    """A plant at a constant control, with its stops and friction, and an optional speed limit.
+
+    Args:
+        plant: the continuous-time plant.
+        max_speed: largest magnitude of each velocity component, rad/s or m/s, or None.
+        engine_stops: whether the stops are left to the engine.
+
+    Attributes:
+        stops: the plant's stops, or None where there are none of ours.
+        engine_stops: the plant's stops where the engine has them act by its own law, else None.
+        steep: whether there are stops or friction.
+        kinked: whether there are stops.
+        no_losses: zero of every loss component: (damping,), or (damping, contact) with stops of
+            either kind.
+    """
+
+    def __init__(
+        self, plant: Plant, max_speed: Component | None = None, engine_stops: bool = False
+    ) -> None:
+        self.plant = plant
+        self.max_speed = max_speed
+        stops: Stops | None = getattr(plant, "stops", None)
+        self.stops = None if engine_stops else stops
+        self.engine_stops = stops if engine_stops else None
+        self.kinked = self.stops is not None
+        self.no_losses: Components = (0.0,) if stops is None else (0.0, 0.0)
+        self._friction: Friction | None = getattr(plant, "dry_friction", None)
+        self.steep = self.stops is not None or self._friction is not None
+        self._before = (0.0,) * plant.actuated
+        self._after = (0.0,) * (len(plant.coordinates) - plant.actuated - 1)
+        self._jacobian = getattr(plant, "jacobian", None)
+
+    def generalized(self, control: Component) -> Components:
+        """The control as a generalized force, one entry per coordinate."""
+        return (*self._before, control, *self._after)
+
+    def rates(
+        self, ops: Ops, q: Components, v: Components, control: Component
+    ) -> tuple[Components, Components]:
+        """Accelerations and the power of each loss component, W."""
+        force = self.generalized(control)
+        plant = self.plant
+        if not self.steep:
+            return plant.acceleration(ops, q, v, force), (plant.dissipation(ops, q, v),)
+        force, losses = self._resisted(ops, q, v, force)
+        return plant.acceleration(ops, q, v, force), losses
+
+    def slopes(
+        self, ops: Ops, q: Components, v: Components, control: Component
+    ) -> tuple[tuple[Components, ...], tuple[Components, ...]] | None:
+        """(∂a/∂q, ∂a/∂v) of the plant with its stops and friction, or None if it gives none."""
+        if self._jacobian is None:
+            return None
+        force = self.generalized(control)
+        if not self.steep:
+            return self._jacobian(ops, q, v, force)  # type: ignore[no-any-return]
+        force, _ = self._resisted(ops, q, v, force)
+        by_q, by_v = self._jacobian(ops, q, v, force)
+        for j, (force_by_q, force_by_v) in enumerate(self._force_slopes(ops, q, v)):
+            response = self._response(ops, q, v, j)
+            by_q = _column_added(by_q, j, response, force_by_q)
+            by_v = _column_added(by_v, j, response, force_by_v)
+        return by_q, by_v
+
+    def limit(self, ops: Ops, v: Components) -> Components:
+        """``v`` with each component within ±max_speed."""
+        if self.max_speed is None:
+            return v
+        return tuple([ops.maximum(-self.max_speed, ops.minimum(x, self.max_speed)) for x in v])
+
+    def clearance(self, ops: Ops, q: Components, v: Components) -> tuple[Component, Component]:
+        """Distance from the nearer stop, m or rad, negative in contact, and its rate."""
+        assert self.stops is not None
+        return self.stops.clearance(ops, q, v)
+
+    def energy(self, ops: Ops, q: Components, v: Components) -> Component:
+        """Energy of the plant and of its stops, J."""
+        if self.stops is None:
+            return self.plant.energy(ops, q, v)
+        return self.plant.energy(ops, q, v) + self.stops.contact(ops, q, v).energy
+
+    def confined(self, ops: Ops, q: Components) -> Components:
+        """``q`` between the stops, ours or the engine's."""
+        stops = self.engine_stops if self.stops is None else self.stops
+        return q if stops is None else stops.confined(ops, q)
+
+    def resistance(self, ops: Ops, q: Components, v: Components) -> tuple[Components, Components]:
+        """Generalized forces of friction and stops, and the power of each loss component by them.
+
+        The plant's own damping is not among them.
+        """
+        force: Components = (0.0,) * len(v)
+        rubbed: Component = 0.0
+        if self._friction is not None:
+            force = self._friction.forces(ops, v)
+            for x, f in zip(v, force, strict=True):
+                rubbed = rubbed - f * x
+        if self.stops is None:
+            return force, (rubbed, *self.no_losses[1:])
+        contact = self.stops.contact(ops, q, v)
+        i = self.stops.coordinate
+        force = (*force[:i], force[i] + contact.force, *force[i + 1 :])
+        return force, (rubbed, contact.dissipated)
+
+    def _resisted(
+        self, ops: Ops, q: Components, v: Components, force: Components
+    ) -> tuple[Components, Components]:
+        """Force with friction and contact, and the power of each loss component."""
+        resisting, losses = self.resistance(ops, q, v)
+        total = tuple([a + b for a, b in zip(force, resisting, strict=True)])
+        return total, (self.plant.dissipation(ops, q, v) + losses[0], *losses[1:])
+
+    def _force_slopes(self, ops: Ops, q: Components, v: Components) -> list[Components]:
+        """(∂F_j/∂q_j, ∂F_j/∂v_j) of friction and contact, for each coordinate j."""
+        by_v = (0.0,) * len(v) if self._friction is None else self._friction.slopes(ops, v)
+        slopes: list[Components] = [(0.0, slope) for slope in by_v]
+        if self.stops is not None:
+            i = self.stops.coordinate
+            contact_by_q, contact_by_v = self.stops.slopes(ops, q, v)
+            slopes[i] = (contact_by_q, slopes[i][1] + contact_by_v)
+        return slopes
+
+    def _response(self, ops: Ops, q: Components, v: Components, j: int) -> Components:
+        """Accelerations per unit of force on coordinate ``j``: they are affine in the force."""
+        none = (0.0,) * len(v)
+        unit = (*none[:j], 1.0, *none[j + 1 :])
+        pushed = self.plant.acceleration(ops, q, v, unit)
+        free = self.plant.acceleration(ops, q, v, none)
+        return tuple([a - b for a, b in zip(pushed, free, strict=True)])
+
+
+def _column_added(
+    matrix: tuple[Components, ...], j: int, response: Components, slope: Component
+) -> tuple[Components, ...]:
+    """``matrix`` with ``response`` times ``slope`` added to its column ``j``."""
+    return tuple(
+        (*row[:j], row[j] + a * slope, *row[j + 1 :])
+        for row, a in zip(matrix, response, strict=True)
+    )
+
+
+class Motion(NamedTuple):
+    """A plant's motion over one control period."""
+
+    q: Components
+    v: Components
+    sampled_q: Components
+    """Configuration at the sensor's last sample in this period, if there was one."""
+    sampled_v: Components
+    work: Component
+    """Σ over sub-steps of control times the displacement of the actuated coordinate, J."""
+    losses: Components
+    """Energy lost per loss component, J: (damping,), or with stops (damping, contact)."""
+    clip_loss: Component
+    """Energy taken out by the speed limit, J."""
+    iterations: Component
+    """Most solver iterations of any sub-step."""
+    residual: Component
+    """Largest scaled solver residual of any sub-step."""
+    converged: Component
+    finite: Component
+    """False once a sub-step has diverged."""
+    penetration: Component = 0.0
+    """Deepest at the end of any sub-step, m or rad."""
+    contact_force: Component = 0.0
+    """Of largest magnitude at the end of any sub-step, N or N m."""
+
+
+Segments = tuple[tuple[Component, int], ...]
+"""(control, number of sub-steps) in the order in which they act."""
+
+
+class Engine(Protocol):
+    """Advances a plant; knows nothing of tasks.
+
+    Built from the system, the integrator's name and the sub-step ``dt`` in seconds.
+    """
+
+    batched: ClassVar[bool]
+    """Whether components may be of any kind, JAX's traced ones included."""
+    width: ClassVar[int]
+    """Bits of the floats that it computes with outside JAX."""
+    reports: bool
+    """Whether it tells its solver's iterations and convergence, and its residual if it has one."""
+    version: str
+
+    def advance(
+        self,
+        ops: Ops,
+        q: Components,
+        v: Components,
+        segments: Segments,
+        sample_at: Component | None,
+    ) -> Motion:
+        """Advance through the segments; note the state after sub-step ``sample_at`` (from 1)."""
+
+    def at(self, system: PlantSystem, dt: Component) -> Engine:
+        """The same engine for other values of the plant's parameters and the step; if batched."""
+
+    def solver(self) -> dict[str, Any]:
+        """`solver_tolerance` and `solver_cap`; None where there is none."""
+
+    def describe(self) -> dict[str, Any]:
+        """What the engine is, beyond its name, version and integrator, as plain data."""
+
+
+def missing_modules(engine: str) -> list[str]:
+    """Modules that an engine needs and that are not installed.
+
+    Its extra brings them; of an engine that runs in an environment of its own, what sets that up.
+    """
+    from integ_gym.support.isolated import ISOLATED
+
+    if engine in ISOLATED:
+        return [] if ISOLATED[engine].installed else [engine]
+    return not_installed(getattr(ENGINES.load(engine), "modules", ()))
+
+
+def make_engine(name: str, system: Any, integrator: str, dt: Any) -> Engine:
+    """An engine for a system.
+
+    Args:
+        name: of the engine, or ``"module:Class"``.
+        system: a `PlantSystem`.
+        integrator: as the engine calls it.
+        dt: integration step, s.
+
+    Raises:
+        ValueError: for an unknown engine or integrator, or a package of the engine that is older
+            than its extra asks for; see `check_versions`.
+    """
+    kind = ENGINES.load(name)
+    check_versions(name)
+    engine: Engine = kind(system, integrator, dt)
+    return engine
+
+
+def integrators_of(engine: str) -> tuple[str, ...]:
+    """The integrators of an engine, as it calls them; ours without the exact one."""
+    return tuple(ENGINES.load(engine).maps)
+
 
 CONSTRAINT_VIOLATION = "not applicable: generalized coordinates"
 """Of engines whose joints are coordinates: there is no constraint that a step could violate."""
@@ -76,7 +308,7 @@ class SteppedEngine(ABC):
     def at(self, system: PlantSystem, dt: Component) -> Self:
         """The same engine for other values of parameters and step, which are not looked at.
 
-        Of engines that are :attr:`~integ_gym.envs.engines.interface.Engine.batched`.
+        Of engines that are :attr:`~integ_gym.envs.engines.stepping.Engine.batched`.
         """
         other = copy.copy(self)
         other.system, other.dt = system, dt
@@ -182,269 +414,38 @@ def within_bounds(q: Components, v: Components, speed: float = DIVERGENCE_SPEED)
     return ok
 
 
-class MappedEngine(SteppedEngine):
-    """Advances a plant whose parameters are numbers by an integrator of the engine's own.
+class NativeEngine(SteppedEngine):
+    """Applies one of the integrators to the plant's equations of motion.
 
     Args:
         system: plant with its stops, friction and speed limit.
-        integrator: one of the engine's own; see :attr:`maps`.
+        integrator: a registered name or ``"module:Class"``.
         dt: integration step, s.
 
     Raises:
-        ValueError: for an integrator that the engine lacks, with those it has, and for plant
-            parameters given as arrays.
+        ValueError: for an unknown integrator.
     """
 
-    batched: ClassVar[bool] = False
-    modules: ClassVar[tuple[str, ...]]
-    """Modules that it imports from other packages."""
-    maps: ClassVar[Mapping[str, str]]
-    """Integrator, as the engine calls it, to the one-step map that it applies."""
-    stopless: ClassVar[frozenset[str]] = frozenset()
-    """Integrators to which the joint stops of an engine that has them do nothing."""
+    name: ClassVar[str] = "native"
+    package: ClassVar[str] = "integ-gym"
+    maps: ClassVar[Mapping[str, str]] = {n: n for n in INTEGRATORS.parts if n != TRUTH}
+    batched: ClassVar[bool] = True
+    reports: bool = True
 
-    def __init__(self, system: PlantSystem, integrator: str, dt: float) -> None:
+    def __init__(self, system: PlantSystem, integrator: str, dt: Component) -> None:
         super().__init__(system, dt)
-        if integrator not in self.maps:
-            raise lacks_integrator(self.name, integrator, self.maps)
-        refuse_arrays(self.name, system)
-        if system.engine_stops is not None and integrator in self.stopless:
-            others = ", ".join(name for name in self.maps if name not in self.stopless)
-            raise InputError(
-                f"integrator {integrator!r} of engine {self.name!r} ignores joint stops; use "
-                f"`integrator`: {others}, or `contact`='compliant', the same law in every engine"
-            )
-        self.integrator = integrator
+        self.integrator = INTEGRATORS.load(integrator)()
+        self.solver_tolerance = getattr(self.integrator, "solver_tolerance", None)
+        self.solver_cap = getattr(self.integrator, "solver_cap", None)
 
-    @property
-    def map(self) -> str:
-        """Name of the one-step map that the integrator applies."""
-        return self.maps[self.integrator]
-
-    def describe(self) -> dict[str, Any]:
-        """What every engine says, the map that is applied, and the engine's own stops."""
-        stops = None if self.system.engine_stops is None else self.stop_parameters()
-        return {**super().describe(), "map": self.map, "stops": stops}
-
-    def stop_parameters(self) -> dict[str, Any]:
-        """Parameters of the engine's own joint stops, in its own names."""
-        return {}
-
-
-def lacks_integrator(engine: str, integrator: str, maps: Mapping[str, str]) -> InputError:
-    """The error for an integrator that is none of an engine's, or that has another name there."""
-    alike = [name for name, applied in maps.items() if applied == integrator]
-    remedy = (
-        f"what applies it is {' or '.join(map(repr, alike))}. Valid choices: {', '.join(maps)}"
-        if alike
-        else f"give `integrator`. {suggestion(integrator, maps)}"
-    )
-    return InputError(f"engine {engine!r} has no integrator {integrator!r}; {remedy}")
-
-
-def refuse_arrays(engine: str, system: PlantSystem) -> None:
-    """Check that the plant's parameters are numbers.
-
-    Raises:
-        ValueError: for one given as an array.
-    """
-    for name, value in vars(system.plant).items():
-        if isinstance(value, np.ndarray):
-            raise InputError(
-                f"engine {engine!r} takes one value of `{name}` for all environments, got an "
-                "array; give a number, or use engine 'native'"
-            )
-
-
-Run = Callable[..., tuple[Any, ...]]
-"""(*q, *v, *force) to (*q, *v), and (iterations, residual, converged) of an engine that reports."""
-
-CALM_SPEED = DIVERGENCE_SPEED / 20.0
-"""Steps are taken by the stride only where no velocity is beyond this before and after them."""
-
-ASTRAY = 1e9
-"""An engine is not asked to go on from values whose norm is beyond this, or not finite."""
-
-
-class ForeignEngine(MappedEngine):
-    """Advances a plant by an engine that is called with floats; lanes one by one."""
-
-    guarded_strides: ClassVar[bool] = False
-    """Whether runs of several steps, too, are kept from values that are astray."""
-
-    def __init__(self, system: PlantSystem, integrator: str, dt: float) -> None:
-        super().__init__(system, integrator, dt)
-        self._run = cache(self._safe_run)
-
-    @abstractmethod
-    def run(self, count: int) -> Run:
-        """A function that takes ``count`` steps under a constant generalized force."""
-
-    @property
-    @abstractmethod
-    def straight(self) -> bool:
-        """Whether the steps of one control may be taken by one :meth:`stride`."""
-
-    def advance(
-        self,
-        ops: Ops,
-        q: Components,
-        v: Components,
-        segments: Segments,
-        sample_at: Component | None,
-    ) -> Motion:
-        """Advance through the segments of constant control, in one call each where possible.
-
-        A motion that is fast at either end of a call is done again step by step, so that a step at
-        which it diverges is seen.
-        """
-        if self.straight and sample_at is None:
-            motion, hurried = self._in_strides(ops, q, v, segments)
-            if ops.usually(ops.any(hurried) == False):  # noqa: E712
-                return motion
-        return super().advance(ops, q, v, segments, sample_at)
-
-    def _in_strides(
-        self, ops: Ops, q: Components, v: Components, segments: Segments
-    ) -> tuple[Motion, Component]:
-        """One call for each segment; and whether the motion was fast at an end of one."""
-        calm = within_bounds(q, v, CALM_SPEED)
-        actuated, work = self.system.plant.actuated, 0.0
-        losses, most, worst, converged = self.system.no_losses, 0, 0.0, True
-        for control, count in segments:
-            before = q[actuated]
-            force = self.system.generalized(control)
-            q, v, losses, iterations, residual, solved, _ = self.stride(
-                ops, q, v, losses, force, count
-            )
-            work = work + control * (q[actuated] - before)
-            most, worst = ops.maximum(most, iterations), ops.maximum(worst, residual)
-            converged = converged & solved
-            calm = calm & within_bounds(q, v, CALM_SPEED)
-        motion = Motion(q, v, q, v, work, losses, 0.0, most, worst, converged, calm)
-        return motion, calm == False  # noqa: E712
-
-    def stride(
-        self,
-        ops: Ops,
-        q: Components,
-        v: Components,
-        losses: Components,
-        force: Components,
-        count: int,
+    def move(
+        self, ops: Ops, q: Components, v: Components, losses: Components, control: Component
     ) -> Step:
-        """Take ``count`` steps in one call, without a loss."""
-        q, v, *report = self.travel(ops, q, v, force, count)
-        return Step(q, v, losses, *report)
-
-    def travel(
-        self, ops: Ops, q: Components, v: Components, force: Components, count: int
-    ) -> tuple[Components, Components, Component, Component, Component]:
-        """Take ``count`` steps; q, v, and the solver's iterations, residual and convergence."""
-        n = len(q)
-        flat, report = self._called_with(ops, self._run(count), (*q, *v, *force), 2 * n)
-        return flat[:n], flat[n:], *report
-
-    def _called_with(
-        self, ops: Ops, run: Run, values: Components, numbers: int
-    ) -> tuple[Components, Components]:
-        """What a run gives: so many numbers, and the solver's report or that nothing went wrong."""
-        truths = (*[False] * numbers, *((False, False, True) if self.reports else ()))
-        flat = ops.foreign(run, values, truths)
-        return flat[:numbers], flat[numbers:] or (0, 0.0, True)
-
-    def _safe_run(self, count: int) -> Run:
-        made = self.run(count)
-        if count > 1 and not self.guarded_strides:
-            return made
-        report = (0, 0.0, False) if self.reports else ()
-        return guarded(made, (*(nan,) * (2 * len(self.system.plant.coordinates)), *report))
-
-
-def guarded(run: Run, lost: tuple[Any, ...]) -> Run:
-    """``run``, but ``lost`` from arguments that are astray."""
-
-    def safe(*values: float) -> tuple[Any, ...]:
-        return run(*values) if hypot(*values) < ASTRAY else lost
-
-    return safe
-
-
-def is_astray(values: Sequence[float]) -> bool:
-    """Whether the values' norm is beyond :data:`ASTRAY`, or not finite."""
-    return not hypot(*values) < ASTRAY
-
-
-def load_undisturbed(module: str, extra: str, banner: str | None = None) -> Any:
-    """Import a module as :func:`load` does; its first import leaves no trace but the module.
-
-    Environment variables stay as they were, warnings of the import are not shown, and lines of
-    standard error that begin with ``banner`` are left out.
-
-    Raises:
-        ModuleNotFoundError: if its package is not installed.
-    """
-    if module in sys.modules:
-        return load(module, extra)
-    heard = nullcontext() if banner is None else _standard_error_without(banner.encode())
-    with _same_environment(), warnings.catch_warnings(), heard:
-        warnings.simplefilter("ignore")
-        return load(module, extra)
-
-
-@contextmanager
-def quiet() -> Iterator[None]:
-    """Leave out what is written to stdout and stderr meanwhile, by compiled code too; and warnings.
-
-    Of the whole process: what another thread writes at that time is lost as well.
-    """
-    with (
-        open(os.devnull, "w", encoding="utf-8") as nothing,
-        _written_to(nothing.fileno(), 1, 2),
-        redirect_stdout(nothing),
-        redirect_stderr(nothing),
-        warnings.catch_warnings(),
-    ):
-        warnings.simplefilter("ignore")
-        yield
-
-
-@contextmanager
-def _same_environment() -> Iterator[None]:
-    before = dict(os.environ)
-    try:
-        yield
-    finally:
-        for name in os.environ.keys() - before.keys():
-            del os.environ[name]
-        os.environ.update(before)
-
-
-@contextmanager
-def _standard_error_without(banner: bytes) -> Iterator[None]:
-    """Hold back what is written to file descriptor 2; then pass on all lines but the banner."""
-    with tempfile.TemporaryFile() as held:
-        try:
-            with _written_to(held.fileno(), 2):
-                yield
-        finally:
-            held.seek(0)
-            for line in held:
-                if not line.startswith(banner):
-                    os.write(2, line)
-
-
-@contextmanager
-def _written_to(target: int, *streams: int) -> Iterator[None]:
-    """Let one file descriptor stand for others of the process."""
-    sys.stdout.flush()
-    sys.stderr.flush()
-    kept = [os.dup(stream) for stream in streams]
-    try:
-        for stream in streams:
-            os.dup2(target, stream)
-        yield
-    finally:
-        for stream, copy in zip(streams, kept, strict=True):
-            os.dup2(copy, stream)
-            os.close(copy)
+        """One step of the integrator."""
+        step: Step = self.integrator.step(ops, self.system, q, v, losses, control, self.dt)
+        if not isinstance(step, tuple) or len(step) != len(Step._fields):
+            raise InputTypeError(
+                f"{type(self.integrator).__name__}.step must return an integ_gym.Step, got "
+                f"{step!r:.60}; docs/how-to/adding.md has an example"
+            )
+        return step

@@ -76,13 +76,6 @@ class Integrator(Protocol):
         """Advance (q, v, losses) by ``dt`` under a constant control."""
 
 
-def along(x: Components, h: Component, slope: Components) -> Components:
-    """``x + h * slope``, component by component."""
-    if len(x) == 1:
-        return (x[0] + h * slope[0],)
-    return tuple([a + h * b for a, b in zip(x, slope, strict=True)])
-
-
 UNLIMITED = float("inf")
 """Where there is no limit of stability."""
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, NamedTuple, Protocol
+from typing import Any, ClassVar, NamedTuple
 
-from ..ops.ops import Component, Components, Ops
-from .interface import System, along
+from ..ops.ops import Component, Components, Ops, along
+from .interface import System
 
 
 def time_of_kink(
@@ -68,16 +68,6 @@ class Solved:
     solver_cap: ClassVar[int] = CAP
 
 
-class Equation(Protocol):
-    """F(V) = 0 in velocities V, of as many degrees of freedom and stages as there are."""
-
-    def defect(self, velocity: Components) -> Components:
-        """F at ``velocity``."""
-
-    def derivative(self, velocity: Components, f: Components) -> tuple[Components, ...]:
-        """Rows of ∂F/∂V at ``velocity``, where F is ``f``."""
-
-
 class Solution(NamedTuple):
     """Root of an equation with the solver's report."""
 
@@ -104,8 +94,11 @@ def solve_velocity(
     return solve(ops, _VelocityEquation(ops, system, q, v, control, kick, drift), v, system.steep)
 
 
-def solve(ops: Ops, equation: Equation, start: Components, steep: bool) -> Solution:
-    """Solve an equation by Newton's method.
+def solve(ops: Ops, equation: Any, start: Components, steep: bool) -> Solution:
+    """Solve F(V) = 0 by Newton's method, in velocities of all degrees of freedom and stages.
+
+    ``equation`` has ``defect(velocity)``, which gives F, and ``derivative(velocity, f)``, which
+    gives the rows of ∂F/∂V where F is ``f``.
 
     In a steep system a correction after which the defect would be larger is halved, so that
     friction and stops do not throw the iteration from side to side.
@@ -175,7 +168,7 @@ class _VelocityEquation(NamedTuple):
 
 
 def differences(
-    ops: Ops, equation: Equation, velocity: Components, f: Components
+    ops: Ops, equation: Any, velocity: Components, f: Components
 ) -> tuple[Components, ...]:
     """Rows of ∂F/∂V at ``velocity``, where F is ``f``, by forward differences."""
     columns = []

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from ..ops.ops import Component, Components, Ops
-from .interface import LinearTheory, Step, System, along
+from ..ops.ops import Component, Components, Ops, along
+from .interface import LinearTheory, Step, System
 
 
 class RK4:

@@ -11,19 +11,10 @@ import numpy as np
 from integ_gym.support.errors import InputError
 from integ_gym.support.optional import load
 
-from ..mechanics import PlantSystem
-from ..ops.array_ops import ARRAY
-from ..ops.ops import SCALAR
-from ..plants.interface import Plant, join_state, split_state
-from .stepping import (
-    WIDTH,
-    Advance,
-    Array,
-    State,
-    advance,
-    advance_lanes,
-    jacobian,
-)
+from ..engines.stepping import PlantSystem
+from ..ops.ops import ARRAY, SCALAR, join_state, split_state
+from ..plants.interface import Plant
+from .stepping import WIDTH, Advance, Array, State, advance, advance_lanes, jacobian
 
 HALVINGS = (4, 5, 6, 7, 8, 9)
 """Steps are duration / 2**k."""

@@ -10,12 +10,9 @@ import numpy as np
 
 from integ_gym.support.errors import InputError
 
-from ..engines.interface import Motion
-from ..engines.native import NativeEngine
-from ..mechanics import PlantSystem
-from ..ops.array_ops import ARRAY
-from ..ops.ops import SCALAR
-from ..plants.interface import Plant, join_state, split_state
+from ..engines.stepping import Motion, NativeEngine, PlantSystem
+from ..ops.ops import ARRAY, SCALAR, join_state, split_state
+from ..plants.interface import Plant
 from ..settings import Setup
 from .stepping import Array, State
 

@@ -12,9 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ..engines.maps import map_names, one_step_map
-from ..mechanics import PlantSystem
-from ..ops.ops import SCALAR, Components
-from ..plants.interface import Plant, join_state
+from ..engines.stepping import PlantSystem
+from ..ops.ops import SCALAR, Components, join_state
+from ..plants.interface import Plant
 from ..plants.pendulum import Pendulum
 from ..registries import INTEGRATORS, PLANTS
 from .accuracy import (
@@ -364,7 +364,7 @@ def fingerprint(engine: str, integrator: str, plant: str = "pendulum") -> Finger
     start = probe_state(free)
     names, stride = (*map_names(), "reference"), STRIDE / fastest_rate(free, start)
     matches = {
-        name: _matched(method, moved, stride, cases_of(moved, controlled), names)
+        name: _match_converged(method, moved, stride, cases_of(moved, controlled), names)
         for name, (moved, controlled) in groups.items()
     }
     overall = {
@@ -395,7 +395,7 @@ def fingerprint(engine: str, integrator: str, plant: str = "pendulum") -> Finger
     )
 
 
-def _matched(
+def _match_converged(
     method: str, plant: Plant, dt: float, cases: Sequence[Case], names: Sequence[str]
 ) -> Match:
     """Comparison with the known maps, from where the engine's solver converges."""

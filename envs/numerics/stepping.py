@@ -10,13 +10,10 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from ..engines.interface import make_engine
-from ..engines.native import NativeEngine
-from ..mechanics import PlantSystem
-from ..ops.array_ops import ARRAY
-from ..ops.ops import SCALAR, Component, Components
-from ..plants._oscillator import Oscillator
-from ..plants.interface import Plant, join_state, split_state
+from ..engines.stepping import NativeEngine, PlantSystem, make_engine
+from ..ops.ops import ARRAY, SCALAR, Component, Components, join_state, split_state
+from ..plants.interface import Plant
+from ..plants.oscillator import Oscillator
 
 Array = npt.NDArray[np.float64]
 State = Sequence[float] | Array

@@ -6,94 +6,66 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
-from integ_gym.support.errors import IntegGymError
-
-from .ops import SCALAR
-
-
-class Syntax(Protocol):
-    """What the two languages write differently beyond single operations."""
-
-    def constant(self, value: bool | int | float | str) -> str:
-        """A number, truth value or text."""
-
-    def named(self, name: str, expression: str) -> str:
-        """A name that keeps its value."""
-
-    def variable(self, name: str, expression: str) -> str:
-        """A name that takes other values later."""
-
-    def assigned(self, names: Sequence[str], values: Sequence[str]) -> list[str]:
-        """Values taken all at once, as each may be made of any of the names."""
-
-    def counting(self, index: str, count: int | str, body: Sequence[str]) -> list[str]:
-        """A loop over 0 … count - 1."""
-
-    def forever(self, body: Sequence[str]) -> list[str]:
-        """A loop that is left by :meth:`leave_unless`."""
-
-    def leave_unless(self, condition: str) -> str:
-        """Leaves the loop where the condition does not hold."""
-
-    def either(self, condition: str, then: Sequence[str], other: Sequence[str]) -> list[str]:
-        """One of two blocks."""
-
-    def together(self, parts: Sequence[str]) -> str:
-        """A tuple, as a value or taken apart."""
-
-    def entries(self, parts: Sequence[tuple[str, str]]) -> str:
-        """A dictionary of (key, value)."""
-
-    def function(self, arguments: Sequence[str], targets: Sequence[str], body: Sequence[str],
-                 result: str) -> str:  # fmt: skip
-        """A function that takes each argument apart into its target."""
+from .ops import SCALAR, NotTraceable, Unusual
 
 
 class Python:
-    """Statements of Python."""
+    """What the two languages write differently beyond single operations: in Python."""
 
     def constant(self, value: bool | int | float | str) -> str:
+        """A number, truth value or text."""
         return repr(value)
 
     def named(self, name: str, expression: str) -> str:
+        """A name that keeps its value."""
         return f"{name} = {expression}"
 
-    variable = named
+    def variable(self, name: str, expression: str) -> str:
+        """A name that takes other values later."""
+        return f"{name} = {expression}"
 
     def assigned(self, names: Sequence[str], values: Sequence[str]) -> list[str]:
+        """Values taken all at once, as each may be made of any of the names."""
         return [f"{', '.join(names)} = {', '.join(values)}"] if names else []
 
     def counting(self, index: str, count: int | str, body: Sequence[str]) -> list[str]:
+        """A loop over 0 … count - 1."""
         return [f"for {index} in range({count}):", *_indented(body or ["pass"])]
 
     def forever(self, body: Sequence[str]) -> list[str]:
+        """A loop that is left by :meth:`leave_unless`."""
         return ["while True:", *_indented(body)]
 
     def leave_unless(self, condition: str) -> str:
+        """Leaves the loop where the condition does not hold."""
         return f"if not ({condition}): break"
 
     def either(self, condition: str, then: Sequence[str], other: Sequence[str]) -> list[str]:
+        """One of two blocks."""
         return [f"if {condition}:", *_indented(then), "else:", *_indented(other)]
 
     def together(self, parts: Sequence[str]) -> str:
+        """A tuple, as a value or taken apart."""
         return "(" + "".join(f"{part}, " for part in parts) + ")"
 
     def entries(self, parts: Sequence[tuple[str, str]]) -> str:
+        """A dictionary of (key, value)."""
         return "{" + ", ".join(f"{key!r}: {value}" for key, value in parts) + "}"
 
     def function(
         self, arguments: Sequence[str], targets: Sequence[str], body: Sequence[str], result: str
     ) -> str:
+        """A function that takes each argument apart into its target."""
         lines = [f"{target} = {name}" for name, target in zip(arguments, targets, strict=True)]
         lines += [*body, f"return {result}"]
         return f"def traced({', '.join(arguments)}):\n" + "".join(f"    {line}\n" for line in lines)
 
 
-class JavaScript:
+class JavaScript(Python):
     """Statements of JavaScript, not indented; tuples are arrays, and a function is an arrow."""
 
     def constant(self, value: bool | int | float | str) -> str:
@@ -141,19 +113,12 @@ def _indented(lines: Sequence[str]) -> list[str]:
     return [f"    {line}" for line in lines]
 
 
-PYTHON_SYNTAX: Syntax = Python()
-
-
-JAVASCRIPT_SYNTAX: Syntax = JavaScript()
+PYTHON_SYNTAX = Python()
 
 
 def tuple_of(names: Any) -> str:
     """Names in nested tuples, as Python writes them."""
     return PYTHON_SYNTAX.together([tuple_of(x) if isinstance(x, tuple) else x for x in names])
-
-
-class Unusual(ArithmeticError):
-    """What a traced function took for granted does not hold; ask the plain one."""
 
 
 @dataclass(frozen=True)
@@ -165,7 +130,7 @@ class Dialect:
         written: templates of operations that are not written as a call of their name. `expect` is
             a statement, which refuses to go on unless {0} holds; `own` a copy, where
             entries of dictionaries must be objects of their own, and `own computed` the same of
-            what was computed and not given; `and rarely` where {0} holds in few lanes, if in any.
+            what was computed and not given; `and false` where {0} holds in few lanes, if in any.
         finite: whether numbers are taken to be finite, so that 0.0 times one of them is 0.0, and
             the sign of a zero to mean nothing.
         lanes: whether components are arrays. Then a loop goes on in the lanes where its condition
@@ -181,7 +146,7 @@ class Dialect:
     lanes: bool = False
     raises: bool = False
     refused: frozenset[str] = frozenset()
-    syntax: Syntax = PYTHON_SYNTAX
+    syntax: Python = PYTHON_SYNTAX
 
     def operator(self, template: str) -> str:
         """How an operation that Python writes by ``template`` is written.
@@ -189,17 +154,15 @@ class Dialect:
         Raises:
             NotTraceable: if it is refused.
         """
-        self._check(template)
+        if template in self.refused:
+            name = template.format("x", "y")
+            raise NotTraceable(f"`{name}` does not come to the same there")
         return self.written.get(template, template)
 
     def template(self, operation: str, count: int = 1) -> str:
-        """How an operation on so many operands is written.
-
-        Raises:
-            NotTraceable: if it is refused.
-        """
-        self._check(operation)
-        return self.written.get(operation, called(operation, count))
+        """How an operation on so many operands is written; refused as by :meth:`operator`."""
+        self.operator(operation)
+        return self.written.get(operation, call_template(operation, count))
 
     def expected_after(self, limits: Sequence[float]) -> str:
         """How `expect` is written where sums of squares up to ``limits`` are enough.
@@ -212,13 +175,8 @@ class Dialect:
         refusal = self.template("expect").removeprefix("if ")
         return f"if not ({' and '.join(sums)}) and {refusal}"
 
-    def _check(self, operation: str) -> None:
-        if operation in self.refused:
-            name = operation.format("x", "y")
-            raise NotTraceable(f"`{name}` does not come to the same there")
 
-
-def called(name: str, count: int) -> str:
+def call_template(name: str, count: int) -> str:
     """Template of a call with so many arguments."""
     return f"{name}({', '.join(f'{{{place}}}' for place in range(count))})"
 
@@ -272,7 +230,7 @@ ARRAYS = Dialect(
         "or": "{0} | {1}",
         "any": "any_lane({0})",
         "expect": "if not {0}.all(): raise Unusual",
-        "and rarely": "{0} & {1} if count_nonzero({0}) else {0}.copy()",
+        "and false": "{0} & {1} if count_nonzero({0}) else {0}.copy()",
         "own computed": "{0}.copy()",
     },
     finite=True,
@@ -285,7 +243,7 @@ ONE_LANE = Dialect(
     written={
         **{name: SCALARS.written[name] for name in ("logical_not", "where", "minimum", "maximum")},
         **{name: ARRAYS.written[name] for name in ("and", "or")},
-        "and rarely": "({0} & {1})",
+        "and false": "({0} & {1})",
         "expect": "usual &= {0}",
     },
     finite=True,
@@ -313,16 +271,12 @@ JAVASCRIPT = Dialect(
         "own": "{0}",
         "own computed": "{0}",
     },
-    syntax=JAVASCRIPT_SYNTAX,
+    syntax=JavaScript(),
 )
 
 
-def target(syntax: Syntax, value: Any) -> str:
+def target(syntax: Python, value: Any) -> str:
     """Left side of the assignment that takes an argument apart."""
     if isinstance(value, tuple):
         return syntax.together([target(syntax, part) for part in value])
     return str(value.name)
-
-
-class NotTraceable(IntegGymError, TypeError):
-    """A function that needs to know the value of a component while it is traced."""

@@ -43,11 +43,11 @@ class JaxOps:
         self.epsilon = float(np.finfo(dtype).eps)
 
     @staticmethod
-    def usually(condition: Component, /) -> Component:
+    def assume_true(condition: Component, /) -> Component:
         """The condition itself."""
         return condition
 
-    rarely = usually
+    assume_false = assume_true
 
     def while_loop(
         self, condition: Callable[[Carry], Component], body: Callable[[Carry], Carry], carry: Carry

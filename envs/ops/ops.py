@@ -1,10 +1,4 @@
-"""The arithmetic that plants, integrators and tasks are written in, and its scalar form.
-
-Equations are written once, over *components*: a component is one state variable, held as a
-Python ``float`` (one environment), a NumPy array (a batch of environments) or a JAX array.
-``+ - * / %``, ``abs`` and comparisons mean the same in the three worlds; whatever does not is a
-method of :class:`Ops`. ``x ** y`` may differ in the last bit: write ``x * x`` and ``ops.sqrt(x)``.
-"""
+"""The arithmetic that plants, integrators and tasks are written in: its scalar and array forms."""
 
 from __future__ import annotations
 
@@ -13,6 +7,9 @@ from collections.abc import Callable, Sequence
 from typing import Any, Protocol, TypeAlias, TypeVar
 
 import numpy as np
+import numpy.typing as npt
+
+from integ_gym.support.errors import IntegGymError
 
 Component: TypeAlias = Any
 """One state variable: ``float``, ``numpy.ndarray`` or ``jax.Array``, of shape () or (lanes,)."""
@@ -57,13 +54,13 @@ class Ops(Protocol):
     def any(self, condition: Component, /) -> Component:
         """Whether ``condition`` holds in at least one lane."""
 
-    def usually(self, condition: Component, /) -> Component:
+    def assume_true(self, condition: Component, /) -> Component:
         """``condition``, of which it is known that it holds in every lane but for rare cases.
 
         Code that is written for the usual case takes it for True, and hands the others back.
         """
 
-    def rarely(self, condition: Component, /) -> Component:
+    def assume_false(self, condition: Component, /) -> Component:
         """``condition``, of which it is known that it holds in no lane but for rare cases.
 
         What is wanted only where it holds, written as ``condition & …``, may then not be computed.
@@ -142,10 +139,10 @@ class ScalarOps:
         return x // 1.0
 
     @staticmethod
-    def usually(condition: bool, /) -> bool:
+    def assume_true(condition: bool, /) -> bool:
         return condition
 
-    rarely = usually
+    assume_false = assume_true
 
     @staticmethod
     def where(condition: bool, a: float, b: float, /) -> float:
@@ -194,8 +191,97 @@ def leaves_of(value: Any) -> list[Any]:
     return [value]
 
 
-def rebuilt(pattern: Any, leaves: Sequence[Any]) -> Any:
+def rebuild(pattern: Any, leaves: Sequence[Any]) -> Any:
     """A nested tuple like ``pattern`` with other components."""
     rest = iter(leaves)
     (tree,) = map_leaves(lambda _: next(rest), (pattern,))
     return tree
+
+
+Array = npt.NDArray[Any]
+
+
+class ArrayOps:
+    """Components are float64 arrays of shape (lanes,), or scalars that broadcast to it."""
+
+    epsilon = float(np.finfo(np.float64).eps)
+    sin = staticmethod(np.sin)
+    cos = staticmethod(np.cos)
+    floor = staticmethod(np.floor)
+    sqrt = staticmethod(np.sqrt)
+    tanh = staticmethod(np.tanh)
+    where = staticmethod(np.where)
+    minimum = staticmethod(np.minimum)
+    maximum = staticmethod(np.maximum)
+    isfinite = staticmethod(np.isfinite)
+    any = staticmethod(np.any)
+    repeat = staticmethod(repeat)
+
+    @staticmethod
+    def assume_true(condition: Array, /) -> Array:
+        return condition
+
+    assume_false = assume_true
+
+    @staticmethod
+    def while_loop(
+        condition: Callable[[Carry], Array], body: Callable[[Carry], Carry], carry: Carry
+    ) -> Carry:
+        """Masked loop: lanes that have finished keep their values."""
+        active = condition(carry)
+        while np.any(active):
+            kept, carry = carry, body(carry)
+            if not np.all(active):
+                pairs = zip(carry, kept, strict=True)
+                carry = tuple(np.where(active, new, old) for new, old in pairs)  # type: ignore[assignment]
+            active = condition(carry)
+        return carry
+
+    @staticmethod
+    def foreign(
+        function: Callable[..., Components], arguments: Components, truths: tuple[bool, ...]
+    ) -> Components:
+        """One lane after the other."""
+        columns = [a.tolist() for a in np.broadcast_arrays(*arguments)]
+        results = zip(*map(function, *columns), strict=True)
+        return tuple(
+            [np.array(x, dtype=bool if t else float) for x, t in zip(results, truths, strict=True)]
+        )
+
+
+ARRAY = ArrayOps()
+
+
+def rows_of(components: Components, count: int, dtype: npt.DTypeLike = np.float64) -> Array:
+    """Components, each one number or of shape (count,), as rows of shape (count, n)."""
+    rows = np.empty((count, len(components)), dtype)
+    for column, values in enumerate(components):
+        rows[:, column] = values
+    return rows
+
+
+def join_state(q: tuple[Any, ...], v: tuple[Any, ...]) -> tuple[Any, ...]:
+    """(q, v) to state order (q0, v0, q1, v1, …); velocities last where their numbers differ."""
+    if len(q) != len(v):
+        return (*q, *v)
+    return tuple([x for pair in zip(q, v, strict=True) for x in pair])
+
+
+def split_state(state: Components) -> tuple[Components, Components]:
+    """State order (q0, v0, q1, v1, …) to (q, v)."""
+    return tuple(state[0::2]), tuple(state[1::2])
+
+
+def along(x: Components, h: Component, slope: Components) -> Components:
+    """``x + h * slope``, component by component."""
+    if len(x) == 1:
+        return (x[0] + h * slope[0],)
+    return tuple([a + h * b for a, b in zip(x, slope, strict=True)])
+
+
+class Unusual(ArithmeticError):
+    """What a traced function took for granted does not hold; ask the plain one."""
+
+
+class NotTraceable(IntegGymError, TypeError):
+    """A function that needs to know the value of a component while it is traced."""

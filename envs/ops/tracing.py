@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from .dialects import Dialect, NotTraceable, called
-from .ops import SCALAR, Carry, leaves_of, rebuilt
+from .dialects import Dialect, call_template
+from .ops import SCALAR, Carry, NotTraceable, leaves_of, rebuild
 
 Operator = Callable[["Symbol", Any], Any]
 
@@ -21,12 +21,12 @@ def _operator(template: str, of_truths: bool = False) -> tuple[Operator, Operato
     """An operation with the symbol on the left, and with the symbol on the right."""
 
     def left(self: Symbol, other: Any) -> Any:
-        return noted(self, self, other)
+        return note(self, self, other)
 
     def right(self: Symbol, other: Any) -> Any:
-        return noted(self, other, self)
+        return note(self, other, self)
 
-    def noted(self: Symbol, *operands: Any) -> Any:
+    def note(self: Symbol, *operands: Any) -> Any:
         truths = of_truths and all(map(is_boolean, operands))
         if not truths:
             check_numbers(*operands)
@@ -274,7 +274,7 @@ class Trace:
     def note(self, template: str, *arguments: Any, boolean: bool = False) -> Any:
         """The symbol of an operation; the one at hand where an equal one was noted."""
         arguments = tuple(plain(argument) for argument in arguments)
-        known = _folded(template, arguments) if self.dialect.finite else None
+        known = _fold(template, arguments) if self.dialect.finite else None
         if known is not None:
             return known
         key = (template, *map(identity, arguments))
@@ -297,7 +297,7 @@ class Trace:
             self.block.add(key, Symbol(self, template, tuple(operands), statement=True))
         return True
 
-    def rarely(self, condition: Any) -> Any:
+    def assume_false(self, condition: Any) -> Any:
         """``condition``, marked for :meth:`both`."""
         if not self.dialect.finite or not isinstance(condition, Symbol):
             return condition
@@ -315,7 +315,7 @@ class Trace:
         """The symbol of a call that is made as it stands, every time."""
         name = f"f{len(self.functions)}"
         self.functions[name] = function
-        symbol = Symbol(self, called(name, len(arguments)), tuple(map(plain, arguments)))
+        symbol = Symbol(self, call_template(name, len(arguments)), tuple(map(plain, arguments)))
         symbol.raising = True
         self.block.items.append(symbol)
         return symbol
@@ -328,7 +328,7 @@ class Trace:
         if not (a.boolean and b.boolean):
             raise NotTraceable("bitwise operations on numbers are not traced")
         if a.template == _RARE and not absorbing:
-            template = self.dialect.template("and rarely", 2)
+            template = self.dialect.template("and false", 2)
             return self.note(template, *a.arguments, b, boolean=True)
         template = self.dialect.template("or" if absorbing else "and", 2)
         return self.note(template, a, b, boolean=True)
@@ -351,9 +351,9 @@ class Trace:
                     for start, changes in zip(starts, changing, strict=True)
                 ]
                 index = self.variable() if condition is None else None
-                goes_on = None if condition is None else condition(rebuilt(carry, held))
+                goes_on = None if condition is None else condition(rebuild(carry, held))
                 self.block.split = len(self.block.items)
-                ends = leaves_of(body(index, rebuilt(carry, held)))
+                ends = leaves_of(body(index, rebuild(carry, held)))
             finally:
                 inner, self.block = self.block, outer
             now = [
@@ -367,7 +367,7 @@ class Trace:
             return carry
         variables, before, after = (list(compress(x, changing)) for x in (held, starts, ends))
         self.block.items.append(Loop(variables, before, inner, after, goes_on, index, count))
-        return rebuilt(carry, held)  # type: ignore[no-any-return]
+        return rebuild(carry, held)  # type: ignore[no-any-return]
 
 
 _RARE = "({0})"
@@ -387,7 +387,7 @@ _ABSORBING = {"{0} * {1}": (0.0, 0.0), "{0} / {1}": (0.0, None)}
 """Numbers that leave nothing."""
 
 
-def _folded(template: str, arguments: tuple[Any, ...]) -> Any:
+def _fold(template: str, arguments: tuple[Any, ...]) -> Any:
     """What an operation with 0.0 or 1.0 on finite numbers comes to, or None if it must be done."""
     if template not in _NEUTRAL:
         return None
@@ -402,7 +402,7 @@ def _folded(template: str, arguments: tuple[Any, ...]) -> Any:
     return None
 
 
-def _called(name: str, boolean: bool = False) -> Callable[[Any, Any], Any]:
+def _unary(name: str, boolean: bool = False) -> Callable[[Any, Any], Any]:
     """A function of one number, as the dialect writes it; of a known one in the scalar world."""
 
     def call(self: SymbolicOps, x: Any, /) -> Any:
@@ -423,15 +423,15 @@ class SymbolicOps:
     def __init__(self, trace: Trace) -> None:
         self._trace = trace
 
-    sin, cos, sqrt, tanh = _called("sin"), _called("cos"), _called("sqrt"), _called("tanh")
-    floor = _called("floor")
-    isfinite, any = _called("isfinite", boolean=True), _called("any", boolean=True)
+    sin, cos, sqrt, tanh = _unary("sin"), _unary("cos"), _unary("sqrt"), _unary("tanh")
+    floor = _unary("floor")
+    isfinite, any = _unary("isfinite", boolean=True), _unary("any", boolean=True)
 
-    def usually(self, condition: Any, /) -> Any:
+    def assume_true(self, condition: Any, /) -> Any:
         return self._trace.expect(condition)
 
-    def rarely(self, condition: Any, /) -> Any:
-        return self._trace.rarely(condition)
+    def assume_false(self, condition: Any, /) -> Any:
+        return self._trace.assume_false(condition)
 
     def where(self, condition: Any, a: Any, b: Any, /) -> Any:
         if isinstance(condition, bool):

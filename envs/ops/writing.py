@@ -13,7 +13,7 @@ from .ops import leaves_of
 from .tracing import Block, Loop, Symbol, Trace, plain, symbols_in
 
 
-def needed(item: Symbol | Loop) -> list[Symbol]:
+def needed_symbols(item: Symbol | Loop) -> list[Symbol]:
     """Symbols whose source an operation, or what surrounds a loop, holds."""
     if isinstance(item, Loop):
         return symbols_in(tuple(item.starts))
@@ -35,14 +35,16 @@ def live_items(block: Block, wanted: Sequence[Symbol]) -> list[Symbol | Loop]:
         if isinstance(item, Loop):
             if _raising_within(item.inner) or _trim(item, live):
                 kept.append(item)
-                live |= {id(symbol) for symbol in needed(item)} | _reach_inside(item, {}).keys()
+                live |= {id(symbol) for symbol in needed_symbols(item)} | _reach_inside(
+                    item, {}
+                ).keys()
         elif item.raising or id(item) in live:
             kept.append(item)
-            live |= {id(symbol) for symbol in needed(item)}
+            live |= {id(symbol) for symbol in needed_symbols(item)}
     return kept[::-1]
 
 
-def carried(block: Block, state: Any, result: Any) -> dict[int, Symbol]:
+def find_carried(block: Block, state: Any, result: Any) -> dict[int, Symbol]:
     """Operations on a state that are done on the next state as well.
 
     Args:
@@ -122,7 +124,7 @@ def _reach(block: Block, wanted: Sequence[Symbol], found: dict[int, Symbol]) -> 
         found[id(symbol)] = symbol
         waiting += symbols_in(symbol.arguments)
         if id(symbol) in loops:
-            waiting += needed(loops[id(symbol)])
+            waiting += needed_symbols(loops[id(symbol)])
             _reach_inside(loops[id(symbol)], found)
     return found
 
@@ -149,7 +151,7 @@ class Writer:
     def block(self, block: Block, wanted: Sequence[Symbol]) -> list[str]:
         """The statements that compute the ``wanted`` symbols."""
         live = live_items(block, wanted)
-        for symbol in (*wanted, *chain.from_iterable(map(needed, live))):
+        for symbol in (*wanted, *chain.from_iterable(map(needed_symbols, live))):
             symbol.uses += 1 if symbol.block is block else 2
         lines: list[str] = []
         first = {id(item) for item in block.items[: block.split]}
@@ -245,7 +247,7 @@ def _inlined(value: Any) -> bool:
     return isinstance(value, Symbol) and not value.name
 
 
-def executed(source: str, names: dict[str, Any]) -> Callable[..., Any]:
+def execute(source: str, names: dict[str, Any]) -> Callable[..., Any]:
     """The function ``traced`` of a source, which is its docstring.
 
     Args:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, ClassVar, Protocol
 
-from ..ops.ops import Component, Components, Ops
+from ..ops.ops import Component, Components, Ops, join_state
 
 MASS_DISTRIBUTIONS = ("uniform", "point")
 """Of a link: a uniform rod, or a point mass at its end."""
@@ -25,7 +25,7 @@ class Plant(Protocol):
     - ``mechanism``, a :class:`integ_gym.envs.mechanics.Mechanism`: without it, engines
       that move rigid bodies refuse the plant.
 
-    Stops and friction are forces that :class:`integ_gym.envs.mechanics.PlantSystem` adds to
+    Stops and friction are forces that :class:`integ_gym.envs.engines.stepping.PlantSystem` adds to
     the control: ``acceleration``, ``energy``, ``dissipation`` and ``jacobian`` leave them out.
     """
 
@@ -53,13 +53,6 @@ class Plant(Protocol):
         """Mass matrix M(q), so that canonical momenta are p = M(q) v."""
 
 
-def join_state(q: tuple[Any, ...], v: tuple[Any, ...]) -> tuple[Any, ...]:
-    """(q, v) to state order (q0, v0, q1, v1, …); velocities last where their numbers differ."""
-    if len(q) != len(v):
-        return (*q, *v)
-    return tuple([x for pair in zip(q, v, strict=True) for x in pair])
-
-
 def state_names(plant: Any) -> tuple[str, ...]:
     """Names of a plant's or plant class's state, in state order."""
     return join_state(plant.coordinates, plant.velocities)
@@ -70,8 +63,3 @@ def state_units(plant: Any) -> tuple[str, ...]:
     own = getattr(plant, "velocity_units", None)
     rates = tuple(f"{unit}/s" for unit in plant.coordinate_units) if own is None else own
     return join_state(plant.coordinate_units, rates)
-
-
-def split_state(state: Components) -> tuple[Components, Components]:
-    """State order (q0, v0, q1, v1, …) to (q, v)."""
-    return tuple(state[0::2]), tuple(state[1::2])

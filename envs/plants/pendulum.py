@@ -6,13 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar
 
-from integ_gym.support.parameters import (
-    nonnegative,
-    one_of,
-    optional,
-    parameter,
-    positive,
-)
+from integ_gym.support.parameters import nonnegative, one_of, optional, parameter, positive
 
 from ..mechanics import Friction, Link, Mechanism, Stops, friction_of, stops_at
 from ..ops.ops import Component, Components, Ops

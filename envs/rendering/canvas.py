@@ -185,11 +185,11 @@ class Canvas:
 
         It is made smaller where it would be wider than the picture.
         """
-        image = _written(text, round(size * self._scale), colour)
+        image = _render_text(text, round(size * self._scale), colour)
         widest = self._surface.get_width() - 2 * 16 * self._scale
         if image.get_width() > widest:
             smaller = size * widest / image.get_width()
-            image = _written(text, round(smaller * self._scale), colour)
+            image = _render_text(text, round(smaller * self._scale), colour)
         x = where[0] * self._scale - align * image.get_width()
         y = where[1] * self._scale - image.get_height() / 2
         self._surface.blit(image, (round(x), round(y)))
@@ -208,7 +208,7 @@ class Canvas:
 
 
 @lru_cache(1024)
-def _written(text: str, size: int, colour: Colour) -> Any:
+def _render_text(text: str, size: int, colour: Colour) -> Any:
     """A line of text as a picture, in pygame's own font, which is the same everywhere.
 
     Pictures are kept and the font is not: ``pygame.quit()`` breaks fonts.

@@ -31,7 +31,7 @@ from .canvas import (
     draw_bars,
     tint,
 )
-from .plants import drawing
+from .plants import find_drawing
 
 _EDGE, _SCALE, _HEAD, _FOOT = 14.0, 56.0, 10.0, 22.0
 _TICKS = 4
@@ -156,7 +156,7 @@ class Panes:
     ) -> None:
         self._panes, self._heading, self._note = panes, heading, note
         self._low, self._high = min(0.0, reach[0]), max(1e-9, 0.0, reach[1])
-        self._drawing = drawing(panes[0].setup.plant.name)
+        self._drawing = find_drawing(panes[0].setup.plant.name)
         self._shrink = (_WIDTH - 2 * _GAP) / self._drawing.size[0]
         rows = math.ceil(len(panes) / _MOST_COLUMNS)
         columns = math.ceil(len(panes) / rows)
@@ -266,7 +266,7 @@ class Cockpit:
 
     def __init__(self, setup: Setup, help_lines: Sequence[str]) -> None:
         self._setup, self._help = setup, help_lines
-        self._drawing = drawing(setup.plant.name)
+        self._drawing = find_drawing(setup.plant.name)
         self._canvas = Canvas(_SIZE, oversize=2)
 
     def frame(self, view: View) -> Any:

@@ -11,21 +11,8 @@ import numpy as np
 from ..ops.ops import SCALAR
 from ..plants.interface import state_names, state_units
 from ..settings import Setup
-from ..tasks.elastic_pendulum_quiet import NEAR_PLUMB
-from ..tasks.pendulum_swing_up import NEAR_UPRIGHT, wrapped
-from .canvas import (
-    BLUE,
-    FAINT,
-    GREEN,
-    INK,
-    MUTED,
-    VERMILION,
-    WHITE,
-    Canvas,
-    Point,
-    polar,
-    tint,
-)
+from ..tasks import NEAR_PLUMB, NEAR_UPRIGHT, wrap_angle
+from .canvas import BLUE, FAINT, GREEN, INK, MUTED, VERMILION, WHITE, Canvas, Point, polar, tint
 
 _TRAIL = 0.1
 """How much of the past motion the trail behind a moving tip shows, s."""
@@ -45,22 +32,22 @@ class Drawing(NamedTuple):
     """Draws (canvas, setup, state, control) on a white canvas."""
 
 
-def drawing(plant: str) -> Drawing:
+def find_drawing(plant: str) -> Drawing:
     """The drawing of a plant; for one that has none, its state in words."""
-    return DRAWINGS.get(plant, Drawing((600, 400), draw_state))
+    return DRAWINGS.get(plant, Drawing((600, 400), draw_state_in_words))
 
 
 def draw_pendulum(canvas: Canvas, setup: Setup, state: Sequence[float], torque: float) -> None:
     """Rod or bob, the goal around upright, and an arc arrow that leaves the rod with the torque."""
     theta, theta_dot = state
     hinge, reach = (250.0, 250.0), 172.0
-    near = abs(wrapped(SCALAR, theta)) < NEAR_UPRIGHT
+    near = abs(wrap_angle(SCALAR, theta)) < NEAR_UPRIGHT
     _goal(canvas, hinge, reach + 28.0, NEAR_UPRIGHT, near)
     canvas.arc(hinge, (reach + 27.0, reach + 29.0), (0.0, 2.0 * math.pi), FAINT)
     canvas.arc(hinge, (reach + 25.0, reach + 31.0), (-NEAR_UPRIGHT, NEAR_UPRIGHT), GREEN)
     _joint_stops(canvas, hinge, reach + 28.0, setup)
     _trail(canvas, hinge, reach, 16.0, theta, theta_dot)
-    _torque(canvas, hinge, theta, relative(torque, setup))
+    _torque(canvas, hinge, theta, share_of_limit(torque, setup))
     _rod(canvas, hinge, polar(hinge, reach, theta), 24.0, setup.plant)
     canvas.disc(hinge, 8.0, WHITE)
     canvas.disc(hinge, 5.0, INK)
@@ -77,10 +64,10 @@ def draw_cart_pole(canvas: Canvas, setup: Setup, state: Sequence[float], force: 
     _track(canvas, hinge[1] + 27.0, end)
     _track_stops(canvas, hinge[1], scale, setup)
     reach = pole_reach(setup.plant, scale)
-    near = abs(wrapped(SCALAR, theta)) <= goal and abs(x) <= end
+    near = abs(wrap_angle(SCALAR, theta)) <= goal and abs(x) <= end
     _goal(canvas, hinge, reach + 16.0, goal, near)
     _trail(canvas, hinge, reach, 9.0, -theta, -theta_dot)
-    _force(canvas, hinge, relative(force, setup))
+    _force(canvas, hinge, share_of_limit(force, setup))
     _cart(canvas, hinge)
     _rod(canvas, hinge, polar(hinge, reach, -theta), 12.0, setup.plant)
     canvas.disc(hinge, 4.0, WHITE)
@@ -99,11 +86,13 @@ def draw_elastic_pendulum(
     canvas.box((300.0, 225.0), (2.0 * NEAR_PLUMB * scale, 270.0), 1.0, tint(GREEN, strength))
     canvas.line((240.0, pivot[1]), (360.0, pivot[1]), 4.0, MUTED)
     _spring(canvas, pivot, bob)
-    _force(canvas, bob, relative(force, setup))
+    _force(canvas, bob, share_of_limit(force, setup))
     canvas.disc(bob, 18.0, BLUE)
 
 
-def draw_state(canvas: Canvas, setup: Setup, state: Sequence[float], control: float) -> None:
+def draw_state_in_words(
+    canvas: Canvas, setup: Setup, state: Sequence[float], control: float
+) -> None:
     """The state in words, for a plant without a picture of its own."""
     names, units = state_names(setup.plant), state_units(setup.plant)
     canvas.text(setup.plant.name, (300.0, 70.0), 32, INK, align=0.5)
@@ -111,7 +100,7 @@ def draw_state(canvas: Canvas, setup: Setup, state: Sequence[float], control: fl
     for row, (name, value, unit) in enumerate(zip(names, state, units, strict=True)):
         y = 125.0 + row * step
         canvas.text(name, (280.0, y), 0.7 * step, MUTED, align=1.0)
-        canvas.text(f"{signed(value, 4)} {unit}", (310.0, y), 0.7 * step, INK)
+        canvas.text(f"{format_signed(value, 4)} {unit}", (310.0, y), 0.7 * step, INK)
 
 
 DRAWINGS: dict[str, Drawing] = {
@@ -122,13 +111,13 @@ DRAWINGS: dict[str, Drawing] = {
 """Plant name to drawing."""
 
 
-def relative(control: float, setup: Setup) -> float:
+def share_of_limit(control: float, setup: Setup) -> float:
     """Control divided by its limit, in [-1, 1]."""
     limit = float(np.max(setup.task.control_limit))
     return max(-1.0, min(1.0, control / limit))
 
 
-def signed(value: float, digits: int) -> str:
+def format_signed(value: float, digits: int) -> str:
     """A number with its sign, unless it is zero as written."""
     text = f"{value:+.{digits}f}" if abs(value) < 1e6 else f"{value:+.{digits}e}"
     return text.replace("-", "−") if float(text) else f"{0:.{digits}f}"

@@ -11,15 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from ..settings import Setup
-from .canvas import (
-    INK,
-    MUTED,
-    WHITE,
-    Canvas,
-    load_pygame,
-    open_screen,
-)
-from .plants import drawing, signed
+from .canvas import INK, MUTED, WHITE, Canvas, load_pygame, open_screen
+from .plants import find_drawing, format_signed
 
 _MAX_FPS = 60
 _LARGEST_LAG = 0.25
@@ -42,7 +35,7 @@ class Renderer:
 
     def __init__(self, setup: Setup, mode: str, fps: int) -> None:
         self._setup = setup
-        self._drawing = drawing(setup.plant.name)
+        self._drawing = find_drawing(setup.plant.name)
         self._canvas = Canvas(self._drawing.size)
         self._pane = _Pane(self._drawing.size) if mode == "human" else None
         self._pace = _Pace(fps)
@@ -96,7 +89,7 @@ def control_label(setup: Setup, control: float) -> str:
     """Name, value and unit of the control, with the digits that its limit asks for."""
     limit = float(np.max(setup.task.control_limit))
     digits = max(2, 1 - math.floor(math.log10(limit)))
-    return f"{setup.plant.control_name} {signed(control, digits)} {setup.plant.control_unit}"
+    return f"{setup.plant.control_name} {format_signed(control, digits)} {setup.plant.control_unit}"
 
 
 class _Pace:

@@ -1,11 +1,11 @@
-"""What testbeds have in common whose environments are stepped one after the other."""
+"""What a testbed is, and the testbeds whose environments are stepped one after the other."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 import gymnasium as gym
 from gymnasium.envs.registration import EnvSpec
@@ -19,14 +19,123 @@ from ..foreign import (
     Repeated,
     ReturnGoal,
     Rewards,
+    SequentialVectorEnv,
     StatedEnv,
     return_of_success,
     time_limit,
     without_time_limit,
 )
-from ..sequential_vector import DiscretizedVectorEnv, SequentialVectorEnv
+from ..lanes import DiscretizedVectorEnv
 from ..settings import Discretization, whole_multiple
-from .interface import REFINEMENTS, Applied, Success
+
+REFINEMENTS = (1, 2, 4)
+"""Parts of a home's coarsest step that are evaluated where no steps are given."""
+
+
+@dataclass(frozen=True)
+class Applied:
+    """What a made environment really does, read back from it.
+
+    Attributes:
+        discretization: engine, integrator, step and control period.
+        substeps: integration steps in a control period.
+    """
+
+    discretization: Discretization
+    substeps: int
+
+
+@dataclass(frozen=True)
+class Success:
+    """What success is.
+
+    Attributes:
+        goal: in words, with numbers and units.
+        parameter: the argument that sets another goal, or None.
+        suggested: a value for it that is known from elsewhere, or None.
+    """
+
+    goal: str
+    parameter: str | None = None
+    suggested: float | None = None
+
+
+class Testbed(Hashable, Protocol):
+    """A task with fixed arguments, in any of the discretizations that it offers.
+
+    Built from an environment id and the arguments that all discretizations have in common; a
+    user's own, ``"module:Class"``, from the arguments alone. Nothing is checked before something
+    is asked for.
+
+    Attributes:
+        arguments: those arguments.
+        batched: whether lanes advance together, so that many cost little more than one.
+        home: the discretization that the task has by itself.
+        control_period: the only one that it can have, s; None: any that ``dt`` divides.
+        horizon: name of the argument that sets how long an episode lasts, s; None where that
+            cannot be set.
+        success: what success is.
+        controller: name of its hand-made controller among the baselines, or ``"module:Class"``;
+            None: none is known.
+    """
+
+    @property
+    def arguments(self) -> Mapping[str, Any]: ...
+
+    @property
+    def batched(self) -> bool: ...
+
+    @property
+    def home(self) -> Discretization: ...
+
+    @property
+    def control_period(self) -> float | None: ...
+
+    @property
+    def horizon(self) -> str | None: ...
+
+    @property
+    def success(self) -> Success: ...
+
+    @property
+    def controller(self) -> str | None: ...
+
+    def integrators(self, engine: str) -> tuple[str, ...]:
+        """Names of the integrators that it offers on an engine, the truth's left out."""
+
+    def steps(self, home: Discretization) -> tuple[float, ...]:
+        """Steps, s, to evaluate a policy of that home at, where none are chosen."""
+
+    def truth(self, control_period: float) -> Discretization | None:
+        """The discretization that solves the plant to rounding; None where there is none."""
+
+    def make(
+        self, discretization: Discretization, lanes: int, **arguments: Any
+    ) -> DiscretizedVectorEnv:
+        """A vector environment in a discretization.
+
+        Args:
+            discretization: one that it offers.
+            lanes: number of environments.
+            arguments: that differ from the testbed's, and ``autoreset_mode``.
+
+        Raises:
+            TypeError, ValueError: for what cannot be made.
+        """
+
+    def applied(self, environments: DiscretizedVectorEnv) -> Applied:
+        """What the environments that it made really do."""
+
+
+def split_period(testbed: Testbed, discretization: Discretization) -> tuple[float, int]:
+    """The control period asked for, s, else the testbed's own; and its integration steps.
+
+    Raises:
+        ValueError: for a step that does not divide it.
+    """
+    asked = discretization.control_period
+    period = testbed.control_period if asked is None else asked
+    return period, whole_multiple("control_period", period, "dt", discretization.dt)
 
 
 class SequentialTestbed:
@@ -67,7 +176,7 @@ class SequentialTestbed:
         return
 
     def lane(self, discretization: Discretization, arguments: dict[str, Any]) -> gym.Env[Any, Any]:
-        """One environment, a :class:`~integ_gym.envs.sequential_vector.Lane`.
+        """One environment, as :class:`~integ_gym.envs.foreign.SequentialVectorEnv` takes it.
 
         Args:
             discretization: on this engine.
@@ -175,8 +284,8 @@ class GymTestbed(SequentialTestbed):
         """
         count = whole_multiple("control_period", self.home.control_period, "dt", discretization.dt)
         limit = time_limit(env)
-        made: gym.Env[Any, Any] = Repeated(without_time_limit(env), count, rewards)
-        return made if limit is None else TimeLimit(made, limit)
+        env_of_periods: gym.Env[Any, Any] = Repeated(without_time_limit(env), count, rewards)
+        return env_of_periods if limit is None else TimeLimit(env_of_periods, limit)
 
     def as_applied(self, integrator: str, dt: float, env: gym.Env[Any, Any]) -> Applied:
         """What an environment that :meth:`held` made applies, given what was read back from it.
@@ -212,7 +321,7 @@ class GymTestbed(SequentialTestbed):
     @cached_property
     def registered(self) -> EnvSpec | None:
         """What Gymnasium's registration says of the environment; None without one."""
-        env = self._built(self.home, self.arguments)
+        env = self._build_checked(self.home, self.arguments)
         spec = env.spec
         env.close()
         return spec
@@ -230,12 +339,12 @@ class GymTestbed(SequentialTestbed):
         if discretization.integrator not in self.choices:
             kind = f"integrator of {self.title}"
             raise InputError(unknown_name(kind, discretization.integrator, self.choices))
-        env = self._built(discretization, arguments)
+        env = self._build_checked(discretization, arguments)
         given = {name: x for name, x in arguments.items() if name != "success_return"}
         wanted = arguments.get("success_return")
         return StatedEnv(env, self.read(env).discretization, wanted, given)
 
-    def _built(
+    def _build_checked(
         self, discretization: Discretization, arguments: Mapping[str, Any]
     ) -> gym.Env[Any, Any]:
         """What :meth:`build` makes, given all arguments of the testbed."""
@@ -308,12 +417,12 @@ class ClassicControl(GymTestbed):
         Raises:
             ValueError: for a step that does not divide the control period.
         """
-        made = gym.make(self.env_id, **arguments)
-        inner: Any = made.unwrapped
+        env_of_periods = gym.make(self.env_id, **arguments)
+        inner: Any = env_of_periods.unwrapped
         setattr(inner, self._knobs.step, discretization.dt)
         if self._knobs.kind is not None:
             setattr(inner, self._knobs.kind, self._knobs.integrators[discretization.integrator])
-        return self.held(made, discretization, rewards="rate")
+        return self.held(env_of_periods, discretization, rewards="rate")
 
     def read(self, env: gym.Env[Any, Any]) -> Applied:
         """From the attributes."""

@@ -18,8 +18,7 @@ from integ_gym.support.optional import check_versions, load
 from integ_gym.support.parameters import unknown_name
 
 from ..settings import Discretization
-from .gym_testbed import GymTestbed
-from .interface import Applied, split_period
+from .gym_testbed import Applied, GymTestbed, split_period
 
 
 class StatePassing(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
@@ -65,8 +64,9 @@ class StatePassing(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         return self._observation(), reward, done, False, {}
 
     def _observation(self) -> NDArray[np.float32]:
-        told = self._state.obs
-        return np.array(told[self._entry] if isinstance(told, dict) else told, np.float32)
+        observed = self._state.obs
+        chosen = observed[self._entry] if isinstance(observed, dict) else observed
+        return np.array(chosen, np.float32)
 
 
 @lru_cache(maxsize=32)
@@ -85,9 +85,25 @@ def _compiled(inner: Any) -> tuple[Any, Any]:
     )
 
 
-def step_told(step: Any) -> float:
+def round_trip_step(step: Any) -> float:
     """A step that is kept in single precision, s, as the number that it was given as."""
     return float(str(np.float32(step)))
+
+
+class StatePassingTestbed(GymTestbed):
+    """A task of a library that passes its state; each discretization of it is made once.
+
+    Args:
+        task: its name.
+        success_return: see :class:`GymTestbed`.
+        arguments: of the task.
+    """
+
+    def __init__(self, task: str, success_return: float | None, **arguments: Any) -> None:
+        super().__init__(success_return, **arguments)
+        self.task = self.title = task
+        self.registered = EnvSpec(f"{task}-v0")
+        self._tasks: dict[Any, Any] = {}
 
 
 PLAYGROUND = "playground"
@@ -95,7 +111,7 @@ INTEGRATORS = {"Euler": 0, "RK4": 1, "implicitfast": 3}
 """MuJoCo's numbers of those that MJX has."""
 
 
-class Playground(GymTestbed):
+class Playground(StatePassingTestbed):
     """A task of MuJoCo Playground, ``"playground:CartpoleBalance"``, computed by MJX.
 
     Playground rounds the number of steps in a control period, so that a step that does not divide
@@ -116,16 +132,13 @@ class Playground(GymTestbed):
     choices = tuple(INTEGRATORS)
 
     def __init__(self, task: str, success_return: float | None = None, **arguments: Any) -> None:
-        super().__init__(success_return, **arguments)
-        self.task = self.title = task
-        self.registered = EnvSpec(f"{task}-v0")
+        super().__init__(task, success_return, **arguments)
         check_versions("playground")
         self._registry = load("mujoco_playground", "playground").registry
         if task not in self._registry.ALL_ENVS:
             raise InputError(unknown_name("task of Playground", task, self._registry.ALL_ENVS))
-        self._tasks: dict[tuple[str | None, str], Any] = {}
         config = self._registry.get_default_config(task)
-        stock = self._made(None, config.sim_dt, config.ctrl_dt, **arguments)
+        stock = self._make(None, config.sim_dt, config.ctrl_dt, **arguments)
         self.home = self.read(stock).discretization
 
     def build(self, discretization: Discretization, **arguments: Any) -> gym.Env[Any, Any]:
@@ -136,36 +149,29 @@ class Playground(GymTestbed):
                 Playground does not take.
         """
         period, _ = split_period(self, discretization)
-        made: gym.Env[Any, Any] = self._made(
-            discretization.integrator, discretization.dt, period, **arguments
-        )
-        return made
+        return self._make(discretization.integrator, discretization.dt, period, **arguments)
 
     def read(self, env: gym.Env[Any, Any]) -> Applied:
         """From the compiled model, and from how often the task steps it."""
         task: Any = env.unwrapped.inner  # type: ignore[attr-defined]
-        number = int(task.mjx_model.opt.integrator)
+        number, count = int(task.mjx_model.opt.integrator), task.n_substeps
         name = next((own for own, n in INTEGRATORS.items() if n == number), str(number))
-        step = step_told(task.mjx_model.opt.timestep)
-        return Applied(
-            Discretization(name, step, step * task.n_substeps, PLAYGROUND), task.n_substeps
-        )
+        step = round_trip_step(task.mjx_model.opt.timestep)
+        return Applied(Discretization(name, step, step * count, PLAYGROUND), count)
 
-    def _made(self, integrator: str | None, dt: float, period: float, **arguments: Any) -> Any:
+    def _make(
+        self, integrator: str | None, dt: float, period: float, **arguments: Any
+    ) -> gym.Env[Any, Any]:
         overrides = {"impl": "jax", **arguments, "sim_dt": dt, "ctrl_dt": period}
         key = integrator, json.dumps(overrides, sort_keys=True)
         if key not in self._tasks:
-            self._tasks[key] = self._task(integrator, overrides)
+            task = self._tasks[key] = self._registry.load(self.task, config_overrides=overrides)
+            if integrator is not None:
+                mjx = load("mujoco.mjx", "mjx")
+                task.mj_model.opt.integrator = INTEGRATORS[integrator]
+                task._mjx_model = mjx.put_model(task.mj_model, impl=overrides["impl"])
         length = self._registry.get_default_config(self.task).episode_length
         return TimeLimit(StatePassing(self.task, self._tasks[key]), length)
-
-    def _task(self, integrator: str | None, overrides: dict[str, Any]) -> Any:
-        task = self._registry.load(self.task, config_overrides=overrides)
-        if integrator is not None:
-            mjx = load("mujoco.mjx", "mjx")
-            task.mj_model.opt.integrator = INTEGRATORS[integrator]
-            task._mjx_model = mjx.put_model(task.mj_model, impl=overrides["impl"])
-        return task
 
 
 BRAX = "brax"
@@ -174,7 +180,7 @@ DECISIONS = 1000
 """Of an episode, as Brax's own training has them."""
 
 
-class BraxTask(GymTestbed):
+class BraxTask(StatePassingTestbed):
     """A task of Brax's, ``"brax:inverted_pendulum"``, whose integrators are Brax's backends.
 
     Choosing a backend changes what Brax's task is: its step, its steps per decision and, of some
@@ -201,17 +207,13 @@ class BraxTask(GymTestbed):
         success_return: float | None = None,
         **arguments: Any,
     ) -> None:
-        super().__init__(success_return, **arguments)
-        self.task = self.title = task
-        self.registered = EnvSpec(f"{task}-v0")
-        self._tasks: dict[tuple[Any, ...], Any] = {}
+        super().__init__(task, success_return, **arguments)
         check_versions("brax")
         self._envs = load("brax.envs", "brax")
         if task not in self._envs._envs:
             raise InputError(unknown_name("task of Brax", task, self._envs._envs))
         stock = self._envs.get_environment(task, backend=backend, **arguments)
-        step = step_told(stock.sys.opt.timestep)
-        self.home = Discretization(backend, step, step * stock._n_frames, BRAX)
+        self.home = self._applied(stock).discretization
 
     def build(self, discretization: Discretization, **arguments: Any) -> gym.Env[Any, Any]:
         """The task on a backend, with its step and its steps per decision.
@@ -230,9 +232,8 @@ class BraxTask(GymTestbed):
 
     def read(self, env: gym.Env[Any, Any]) -> Applied:
         """From the task's system and its steps per decision."""
-        task: Any = env.unwrapped.inner  # type: ignore[attr-defined]
-        step = step_told(task.sys.opt.timestep)
-        return Applied(
-            Discretization(task._backend, step, step * task._n_frames, BRAX),
-            task._n_frames,
-        )
+        return self._applied(env.unwrapped.inner)  # type: ignore[attr-defined]
+
+    def _applied(self, task: Any) -> Applied:
+        step, count = round_trip_step(task.sys.opt.timestep), task._n_frames
+        return Applied(Discretization(task._backend, step, step * count, BRAX), count)

@@ -1,26 +1,141 @@
-"""integ-gym's own environments as testbeds."""
+"""The testbed of an environment id: of our own environments, of MuJoCo tasks, of others."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from inspect import getattr_static
 from typing import Any
 
 import gymnasium as gym
 from gymnasium.vector import AutoresetMode
 
-from integ_gym.support.errors import InputError, InputTypeError, translate_errors
+from integ_gym.support.errors import (
+    InputError,
+    InputTypeError,
+    describe_exception,
+    translate_errors,
+)
+from integ_gym.support.optional import check_versions, load
+from integ_gym.support.parameters import suggestion
 
-from ..catalogue.lookup import environment_class, environment_setup, is_integ_environment
-from ..registries import ENGINES, TESTBEDS, TRUTH
-from ..sequential_vector import DiscretizedVectorEnv
+from ..environment import OTHER_TESTBEDS, environment_class, environment_setup, is_integ_environment
+from ..lanes import DiscretizedVectorEnv
+from ..rediscretized import RediscretizedEnv, integrator_numbers, rediscretize
+from ..registries import ENGINES, ENVIRONMENTS, TESTBEDS, TRUTH
 from ..settings import DISCRETIZATION, Discretization, agrees, dividing_step
-from .gym_testbed import CLASSIC, ClassicControl
-from .interface import REFINEMENTS, Applied, Success, Testbed
-from .mujoco_tasks import MujocoTestbed
+from .gym_testbed import (
+    CLASSIC,
+    REFINEMENTS,
+    Applied,
+    ClassicControl,
+    SequentialTestbed,
+    Success,
+    Testbed,
+)
+
+ENGINE = "mujoco"
+
+
+class MujocoTestbed(SequentialTestbed):
+    """A MuJoCo task, rediscretized. It has no truth: contacts have no reference solution.
+
+    Args:
+        env_id: its id.
+        arguments: of its ``gymnasium.make``, and ``success_return``: an episode succeeds if its
+            return reaches this; without it, if it is not terminated.
+    """
+
+    engine = ENGINE
+
+    def __init__(self, env_id: str, **arguments: Any) -> None:
+        super().__init__(arguments)
+        self.env_id = self.title = env_id
+
+    @cached_property
+    def _setup(self) -> Any:
+        env = _make_task(self.env_id, self.arguments)
+        env.close()
+        return env.setup
+
+    @property
+    def home(self) -> Discretization:
+        """The stock task, with its model's integrator and timestep."""
+        return Discretization.of(self._setup)
+
+    @property
+    def success(self) -> Success:
+        """Survival, or a return."""
+        threshold = gym.spec(self.env_id.rpartition(":")[2]).reward_threshold
+        return Success(self._setup.task.goal, "success_return", threshold)
+
+    def integrators(self, engine: str) -> tuple[str, ...]:
+        """MuJoCo's."""
+        return tuple(integrator_numbers())
+
+    def lane(self, discretization: Discretization, arguments: dict[str, Any]) -> RediscretizedEnv:
+        """A rediscretized task.
+
+        Raises:
+            ValueError: for another integrator or step than it can have.
+        """
+        chosen = {"integrator": discretization.integrator, "dt": discretization.dt}
+        return _make_task(self.env_id, arguments, **chosen)
+
+    def applied(self, environments: DiscretizedVectorEnv) -> Applied:
+        """From the compiled model of the first lane."""
+        task: RediscretizedEnv = environments.unwrapped.envs[0]  # type: ignore[attr-defined]
+        integrator, step, count = task.applied
+        return Applied(Discretization(integrator, step, step * count, ENGINE), count)
+
+
+def _make_task(env_id: str, arguments: Mapping[str, Any], **chosen: Any) -> RediscretizedEnv:
+    others = {name: value for name, value in arguments.items() if name != "success_return"}
+    goal = arguments.get("success_return")
+    return rediscretize(stock_task(env_id, others), success_return=goal, **chosen)
+
+
+def stock_task(env_id: str, arguments: Mapping[str, Any]) -> gym.Env[Any, Any]:
+    """A MuJoCo task as Gymnasium makes it.
+
+    Raises:
+        ValueError: for an environment that Gymnasium cannot make or that is no MuJoCo task, or one
+            without a time limit.
+    """
+    possible = f"give {', '.join(ENVIRONMENTS)}, {OTHER_TESTBEDS}"
+    module, _, name = env_id.rpartition(":")
+    if module:
+        with translate_errors(f"{module} cannot be imported"):
+            load(module, "robotics")
+    try:
+        gym.spec(name)
+    except gym.error.Error as error:
+        own = suggestion(env_id, ENVIRONMENTS)
+        meant = "" if own.startswith("Did you mean") else f" {error}"
+        raise InputError(
+            f"unknown environment: {env_id!r}.{meant} {own}, {OTHER_TESTBEDS}"
+        ) from error
+    check_versions("robotics" if module else "mujoco")
+    load("mujoco", "mujoco")
+    load("imageio", "mujoco")
+    from gymnasium.envs.mujoco import MujocoEnv
+
+    try:
+        env = gym.make(name, **arguments)
+    except Exception as error:  # whatever the task's constructor raises
+        raise InputError(
+            f"Gymnasium cannot make {env_id!r}: {describe_exception(error)}; {possible}"
+        ) from error
+    if not isinstance(env.unwrapped, MujocoEnv):
+        raise InputError(f"{env_id!r} is no MuJoCo task; {possible}")
+    if env.spec is None or env.spec.max_episode_steps is None:
+        raise InputError(
+            f"{env_id!r} has no time limit, so its episodes may never end; register it with "
+            "`max_episode_steps`"
+        )
+    return env
 
 
 class IntegTestbed:
@@ -72,9 +187,9 @@ class IntegTestbed:
     ) -> DiscretizedVectorEnv:
         """As ``gymnasium.make_vec``."""
         given = {**self.arguments, **discretization.arguments(), **arguments}
-        made = gym.make_vec(self.env_id, lanes, vectorization_mode="vector_entry_point", **given)
-        assert isinstance(made, DiscretizedVectorEnv)
-        return made
+        env = gym.make_vec(self.env_id, lanes, vectorization_mode="vector_entry_point", **given)
+        assert isinstance(env, DiscretizedVectorEnv)
+        return env
 
     def applied(self, environments: DiscretizedVectorEnv) -> Applied:
         """From the setup, which is what the environments step."""
@@ -120,8 +235,8 @@ def _found(env_id: str, arguments: str) -> Testbed:
     library, _, task = env_id.partition(":")
     if task and library in TESTBEDS:
         with translate_errors(f"{env_id} cannot be made"):
-            made: Testbed = TESTBEDS.load(library)(task, **given)
-            return made
+            testbed: Testbed = TESTBEDS.load(library)(task, **given)
+            return testbed
     if task and library != _ROBOTICS:
         owner = TESTBEDS.load(env_id)
         with translate_errors(f"the testbed {env_id} cannot be made"):
@@ -185,12 +300,12 @@ def _check(asked: Discretization, applied: Applied) -> None:
         )
     found = applied.discretization
     whole = replace(found, control_period=applied.substeps * found.dt)
-    for made in (found.arguments(), whole.arguments()):
+    for applies in (found.arguments(), whole.arguments()):
         for name, wanted in asked.arguments().items():
-            if not agrees({name: wanted}, made):
+            if not agrees({name: wanted}, applies):
                 raise InputError(
-                    f"`{name}`={wanted} was asked for, but the environment applies {made[name]}; "
-                    "ask for what it can apply"
+                    f"`{name}`={wanted} was asked for, but the environment applies "
+                    f"{applies[name]}; ask for what it can apply"
                 )
 
 

@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 from integ_gym.support.isolated import ISOLATED, IsolatedEnvironment, Worker
 
 from ..settings import Discretization
-from .gym_testbed import GymTestbed
-from .interface import Applied, split_period
+from .gym_testbed import Applied, GymTestbed, split_period
 
 STARTING = 900.0
 """Time in which a library is imported and a task made, its programs compiled, s."""
@@ -32,16 +31,16 @@ class RemoteEnv(gym.Env[NDArray[np.float64], NDArray[np.float32]]):
     Args:
         title: what it is called.
         worker: serves the task.
-        made: what it told of the lane: its number, the size of an observation, the actions' bounds.
+        lane: its number, the size of an observation, the bounds of actions.
     """
 
-    def __init__(self, title: str, worker: Worker, made: Mapping[str, Any]) -> None:
+    def __init__(self, title: str, worker: Worker, lane: Mapping[str, Any]) -> None:
         self.title, self.worker = title, worker
-        self.lane = int(made["lane"])
+        self.lane = int(lane["lane"])
         self.spec = EnvSpec(f"{title}-v0")
-        low, high = (np.array(made[name], np.float32) for name in ("low", "high"))
+        low, high = (np.array(lane[name], np.float32) for name in ("low", "high"))
         self.action_space = spaces.Box(low, high)
-        self.observation_space = spaces.Box(-np.inf, np.inf, (made["observations"],), np.float64)
+        self.observation_space = spaces.Box(-np.inf, np.inf, (lane["observations"],), np.float64)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -56,8 +55,8 @@ class RemoteEnv(gym.Env[NDArray[np.float64], NDArray[np.float32]]):
     ) -> tuple[NDArray[np.float64], float, bool, bool, dict[str, Any]]:
         """Advance one decision."""
         given = np.asarray(action, np.float64).ravel().tolist()
-        told, reward, terminated = self.worker.call("step", lane=self.lane, action=given)
-        return np.array(told), float(reward), bool(terminated), False, {}
+        answer, reward, terminated = self.worker.call("step", lane=self.lane, action=given)
+        return np.array(answer), float(reward), bool(terminated), False, {}
 
 
 class RemoteTestbed(GymTestbed):
@@ -91,8 +90,9 @@ class RemoteTestbed(GymTestbed):
             ValueError: for an unknown task.
         """
         given = {n: x for n, x in self.arguments.items() if n != "success_return"}
-        told = self.apart.start(self.served).call("home", STARTING, task=self.task, arguments=given)
-        return Discretization(**told, engine=self.apart.name)
+        worker = self.apart.start(self.served)
+        answer = worker.call("home", STARTING, task=self.task, arguments=given)
+        return Discretization(**answer, engine=self.apart.name)
 
     def build(self, discretization: Discretization, **arguments: Any) -> gym.Env[Any, Any]:
         """A lane in a discretization.
@@ -109,15 +109,15 @@ class RemoteTestbed(GymTestbed):
         worker = self._workers.get(key)
         if worker is None:
             worker = self._workers[key] = self.apart.start(self.served)
-        made = worker.call("make", STARTING, **given)
-        return TimeLimit(RemoteEnv(self.title, worker, made), made["decisions"])
+        lane = worker.call("make", STARTING, **given)
+        return TimeLimit(RemoteEnv(self.title, worker, lane), lane["decisions"])
 
     def read(self, env: gym.Env[Any, Any]) -> Applied:
         """From the lane itself."""
         lane: Any = env.unwrapped
-        told = lane.worker.call("applied", lane=lane.lane)
-        count = told.pop("substeps")
-        return Applied(Discretization(**told, engine=self.apart.name), count)
+        answer = lane.worker.call("applied", lane=lane.lane)
+        count = answer.pop("substeps")
+        return Applied(Discretization(**answer, engine=self.apart.name), count)
 
 
 class DmControlTask(RemoteTestbed):

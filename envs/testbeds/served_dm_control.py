@@ -36,15 +36,15 @@ class Served:
         options = stock.physics.model.opt
         options.integrator = _number(integrator)
         options.timestep = dt
-        made = import_module("dm_control.rl.control").Environment(
+        env = import_module("dm_control.rl.control").Environment(
             stock.physics, stock.task, time_limit=inf, control_timestep=control_period,
             flat_observation=True,
         )  # fmt: skip
-        self._lanes.append(made)
-        actions = made.action_spec()
+        self._lanes.append(env)
+        actions = env.action_spec()
         return {
             "lane": len(self._lanes) - 1,
-            "observations": len(_told(made.reset())),
+            "observations": len(_observations(env.reset())),
             "low": actions.minimum.tolist(),
             "high": actions.maximum.tolist(),
             "decisions": round(stock._step_limit),
@@ -65,7 +65,7 @@ class Served:
         """Start an episode; its first observation."""
         env = self._lanes[lane]
         env.task.random.seed(seed)
-        return _told(env.reset())
+        return _observations(env.reset())
 
     def step(self, lane: int, action: list[float]) -> tuple[list[float], float, bool]:
         """One decision; what is observed, the reward, and whether the task ended the episode.
@@ -76,8 +76,8 @@ class Served:
         try:
             now = env.step(action)
         except self._lost:
-            return [0.0] * len(_told(env.reset())), 0.0, True
-        return _told(now), float(now.reward), bool(now.last())
+            return [0.0] * len(_observations(env.reset())), 0.0, True
+        return _observations(now), float(now.reward), bool(now.last())
 
 
 def _stock(task: str, arguments: dict[str, Any]) -> Any:
@@ -99,6 +99,6 @@ def _integrator(physics: Any) -> str:
     return known[kinds(physics.model.opt.integrator).name.removeprefix("mjINT_")]
 
 
-def _told(now: Any) -> list[float]:
+def _observations(now: Any) -> list[float]:
     observed: list[float] = now.observation["observations"].tolist()
     return observed

@@ -18,7 +18,7 @@ class Served:
     """One environment of the task, into which each lane's state is put when it is stepped."""
 
     def __init__(self) -> None:
-        self._made: dict[str, Any] = {}
+        self._shared: dict[str, Any] = {}
         self._lanes: list[tuple[Any, Any]] = []
 
     def home(self, task: str, arguments: dict[str, Any]) -> dict[str, Any]:
@@ -44,13 +44,13 @@ class Served:
             "control_period": control_period, "arguments": arguments,
         }  # fmt: skip
         if not self._lanes:
-            self._env, self._made = _environment(**asked), asked
+            self._env, self._shared = _environment(**asked), asked
             self._robot = self._env.scene["cartpole"]
             self._solver = import_module("isaaclab_newton.physics").NewtonManager._solver
             self._start = self._env._reset_idx
             self._env._reset_idx = lambda ids: None  # by which a step would start the next episode
-        if asked != self._made:
-            raise ValueError(f"this process has {self._made}, and cannot have {asked}")
+        if asked != self._shared:
+            raise ValueError(f"this process has {self._shared}, and cannot have {asked}")
         self._lanes.append(self._state())
         cfg = self._env.cfg
         limit = cfg.scene.cartpole.actuators["cart_actuator"].joint_effort_limit / cfg.action_scale
@@ -114,8 +114,8 @@ class Served:
         return self._observed(), float(reward[0]), bool(terminated[0])
 
     def _state(self) -> tuple[Any, Any]:
-        told = self._robot.data
-        return told.joint_pos.torch.clone(), told.joint_vel.torch.clone()
+        data = self._robot.data
+        return data.joint_pos.torch.clone(), data.joint_vel.torch.clone()
 
     def _observed(self) -> list[float]:
         observed: list[float] = self._env._get_observations()["policy"][0].tolist()

@@ -152,7 +152,7 @@ def _losses(found: Sequence[Point]) -> bytes:
             continue
         lost = paired_difference(point.at_home, point.on_truth, 0.95).interval
         rates = (point.at_home.mean(), point.on_truth.mean(), point.recovered.mean())
-        numbers = (*rates, lost.estimate, lost.low, lost.high)
+        numbers = (*rates, lost.estimate, *lost.ends)
         table.writerow(
             [point.home.name, f"{point.ratio:g}", len(point.seeds)]
             + [f"{number:z.4f}" for number in numbers]

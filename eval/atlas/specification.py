@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from integ_gym.envs import numerics
-from integ_gym.envs.catalogue.lookup import environment_setup
+from integ_gym.envs.environment import environment_setup
 from integ_gym.envs.settings import Discretization
 
 from ..panel.cells import SpecError

@@ -297,12 +297,14 @@ def _difference_by_chance(
     for home, found in intervals.items():
         if found is None or overall is None:
             raise InputError("one seed tells nothing of what another processor changes")
-        if found.low > 0.0 or found.high < 0.0:
+        low, high = found.ends
+        if low > 0.0 or high < 0.0:
             raise InputError(f"block {name}, success of {home} is another: by {found}")
     assert overall is not None
-    if max(-overall.low, overall.high) > MARGIN:
+    low, high = overall.ends
+    if max(-low, high) > MARGIN:
         raise InputError(f"block {name}, success may be another: by {overall}")
-    return overall.estimate, overall.low, overall.high
+    return overall.estimate, low, high
 
 
 def note(agreement: Agreement, folder: Path) -> None:

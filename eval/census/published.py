@@ -17,9 +17,9 @@ import gymnasium
 import numpy as np
 
 from integ_gym.envs import numerics
-from integ_gym.envs.ops.ops import SCALAR, Components
+from integ_gym.envs.ops.ops import SCALAR, Components, join_state, split_state
 from integ_gym.envs.plants.cart_pole import CartPole
-from integ_gym.envs.plants.interface import Plant, join_state, split_state
+from integ_gym.envs.plants.interface import Plant
 from integ_gym.envs.plants.pendulum import Pendulum
 from integ_gym.envs.testbeds.making import find_testbed, make_checked
 from integ_gym.support.errors import InputError

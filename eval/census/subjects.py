@@ -12,7 +12,7 @@ from typing import Any, Literal, NamedTuple, Protocol
 import numpy as np
 
 from integ_gym.envs import numerics
-from integ_gym.envs.mechanics import PlantSystem
+from integ_gym.envs.engines.stepping import PlantSystem
 from integ_gym.envs.ops.ops import Components
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.plants.interface import Plant

@@ -13,15 +13,14 @@ import gymnasium as gym
 import numpy as np
 
 from integ_gym.envs import numerics
-from integ_gym.envs.engines.native import NativeEngine
+from integ_gym.envs.engines.stepping import NativeEngine, PlantSystem
 from integ_gym.envs.environment import IntegEnv
-from integ_gym.envs.mechanics import PlantSystem
-from integ_gym.envs.ops.ops import Component, Components, Ops
-from integ_gym.envs.plants.interface import join_state, state_names, state_units
+from integ_gym.envs.ops.ops import Component, Components, Ops, join_state
+from integ_gym.envs.plants.interface import state_names, state_units
 from integ_gym.envs.registries import PLANTS
-from integ_gym.envs.tasks.interface import BoxTask
+from integ_gym.envs.tasks import BoxTask
 from integ_gym.envs.vector import IntegVectorEnv
-from integ_gym.evidence.context import EpisodeContext
+from integ_gym.evidence.labels import EpisodeContext
 from integ_gym.evidence.recorder import RecordEvidence
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.evidence.vector_recorder import RecordVectorEvidence
@@ -86,7 +85,7 @@ class Rollout:
 
     def so_far(self, name: str) -> Array:
         """What was booked under a name up to each instant, shape (instants, lanes)."""
-        return np.cumsum(self.info[name], axis=0)
+        return np.asarray(np.cumsum(self.info[name], axis=0))
 
     def residual(self) -> Array:
         """Σ |energy residual| over the control periods, J, shape (lanes,); NaN where diverged."""
@@ -94,7 +93,7 @@ class Rollout:
 
     def diverged(self) -> Array:
         """Whether an episode ended before its time, shape (lanes,)."""
-        return ~np.isfinite(self.info["energy"][-1])
+        return np.asarray(~np.isfinite(self.info["energy"][-1]))
 
 
 def follow(

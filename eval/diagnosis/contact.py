@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from integ_gym.envs.ops.ops import SCALAR
-from integ_gym.envs.plants.interface import split_state
+from integ_gym.envs.ops.ops import SCALAR, split_state
 from integ_gym.envs.registries import TRUTH
 
 from .bench import Commands, Rollout
@@ -174,12 +173,13 @@ def _strike(
 def rebound(rollout: Rollout) -> Array:
     """Energy after the impact as a share of that before, shape (lanes,); inf where it diverged."""
     start, end = rollout.info["energy"][0], rollout.info["energy"][-1]
-    return np.where(np.isfinite(end), end / start, np.inf)
+    return np.asarray(np.where(np.isfinite(end), end / start, np.inf))
 
 
 def penetration(rollout: Rollout) -> Array:
     """Deepest penetration, m or rad, shape (lanes,); inf where it diverged."""
-    return np.where(rollout.diverged(), np.inf, np.nanmax(rollout.info["penetration"], axis=0))
+    deepest = np.nanmax(rollout.info["penetration"], axis=0)
+    return np.asarray(np.where(rollout.diverged(), np.inf, deepest))
 
 
 def _add_default(diagnosis: Diagnosis, integrator: str, impact: Impact) -> None:

@@ -8,15 +8,9 @@ from typing import Any
 import numpy as np
 
 from integ_gym.envs import numerics
-from integ_gym.envs.mechanics import PlantSystem
-from integ_gym.envs.ops.array_ops import ARRAY
-from integ_gym.envs.plants.interface import (
-    Plant,
-    join_state,
-    split_state,
-    state_names,
-    state_units,
-)
+from integ_gym.envs.engines.stepping import PlantSystem
+from integ_gym.envs.ops.ops import ARRAY, join_state, split_state
+from integ_gym.envs.plants.interface import Plant, state_names, state_units
 from integ_gym.envs.registries import TRUTH
 
 from .lines import ANY, Diagnosis, Expectation, above, amount, below, near, undeclared
@@ -60,7 +54,7 @@ def diagnose_plant(diagnosis: Diagnosis) -> None:
     def agree(defect: float, what: str) -> tuple[float, str, Expectation]:
         return defect, "", below(EXACT, (defect,), "", f"{what} agree")
 
-    found = {
+    found: dict[str, tuple[float, str, Expectation] | None] = {
         "rate of energy − power of the control + dissipation, by the largest of them": agree(
             energy_defect(plant, states), "energy, accelerations and dissipation"
         ),
@@ -81,7 +75,8 @@ def diagnose_plant(diagnosis: Diagnosis) -> None:
 
 def states_around(rest: Array) -> Array:
     """Random states around a state of shape (n,), shape (STATES, n)."""
-    return rest + np.random.default_rng(0).uniform(-_SPREAD, _SPREAD, (STATES, len(rest)))
+    spread = np.random.default_rng(0).uniform(-_SPREAD, _SPREAD, (STATES, len(rest)))
+    return np.asarray(rest + spread)
 
 
 def rest_energy(plant: Plant, rest: Array) -> float:

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from integ_gym.envs import numerics
-from integ_gym.envs.mechanics import PlantSystem
-from integ_gym.envs.ops.array_ops import ARRAY
-from integ_gym.envs.plants.interface import Plant, split_state, state_names, state_units
+from integ_gym.envs.engines.stepping import PlantSystem
+from integ_gym.envs.ops.ops import ARRAY, split_state
+from integ_gym.envs.plants.interface import Plant, state_names, state_units
 
 from .bench import Rollout
 from .lines import Diagnosis, Expectation, amount, near, undeclared

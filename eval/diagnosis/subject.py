@@ -12,11 +12,10 @@ import numpy as np
 import numpy.typing as npt
 
 from integ_gym.envs import numerics
-from integ_gym.envs.catalogue.lookup import environment_class, environment_setup
+from integ_gym.envs.environment import environment_class, environment_setup
 from integ_gym.envs.integrators.interface import LinearTheory
-from integ_gym.envs.ops.array_ops import ARRAY
-from integ_gym.envs.ops.ops import Components
-from integ_gym.envs.plants.interface import Plant, join_state
+from integ_gym.envs.ops.ops import ARRAY, Components, join_state
+from integ_gym.envs.plants.interface import Plant
 from integ_gym.envs.registries import ENVIRONMENTS, INTEGRATORS, PLANTS
 from integ_gym.envs.settings import whole_multiple
 from integ_gym.support.errors import InputError

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from itertools import chain
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from integ_gym.envs import numerics
@@ -82,7 +83,7 @@ class Tried:
         own = []
         if self.success:
             rates = float(np.mean(self.success)), float(np.mean(self.recovered))
-            own = [Attempt("Hand-made controller", *rates)]
+            own = [Attempt(None, *rates)]
         return achieved([*others, *own], self.search)
 
 
@@ -160,7 +161,7 @@ def try_and_note(spec: PanelSpec, directory: RunDirectory, cell: Cell) -> None:
     start = time.time()
     store, unit = EvidenceStore(directory.evidence), unit_of_cell(spec, cell)
     found, tables = try_cell(spec, cell, store)
-    search = None if found.search is None else vars(found.search)
+    search = msgspec.to_builtins(found.search)
     directory.discard_remains(unit)
     if tables:
         store.commit_all(unit, tables)
@@ -177,7 +178,7 @@ def tried_in(marker: Mapping[str, Any]) -> Tried:
     return Tried(
         tuple(marker["success"]),
         tuple(marker["recovered"]),
-        None if search is None else Search(**search),
+        msgspec.convert(search, Search | None),
     )
 
 
@@ -187,7 +188,7 @@ def _together(parts: Sequence[Tried]) -> Tried:
     search = None
     if len(searches) == len(parts):
         highest = tuple(chain.from_iterable(own.highest for own in searches))
-        search = replace(searches[0], highest=highest)
+        search = msgspec.structs.replace(searches[0], highest=highest)
     return Tried(
         tuple(chain.from_iterable(own.success for own in parts)),
         tuple(chain.from_iterable(own.recovered for own in parts)),

@@ -12,36 +12,14 @@ from typing import Any, Final
 
 import msgspec
 
-from integ_gym.envs.settings import Discretization
 from integ_gym.support.processes import host, instruction_sets
 
-from ..power import (
-    WITHOUT_VERDICT,
-    Judgement,
-    judge_family,
-    postponed,
-    seeds_wanted,
-)
-from ..statistics import draws_for, rate_interval
-from ..verdict import PolicyCell, compare_policies
+from ..power import WITHOUT_VERDICT, Verdict, judge_family, postponed, seeds_wanted
+from ..verdict import PolicyCell, PolicyComparison, compare_policies
 from .cells import Cell
-from .conclusions import answer_lines
 from .findings import paired_episodes, rankings, remedies
-from .matrix import Matrix, PanelLayout, Row
-from .result import (
-    FILE_NAME,
-    EngineAgreement,
-    Estimate,
-    Failure,
-    Panel,
-    Policy,
-    PolicyComparison,
-    Verdict,
-    build,
-    read_panel,
-)
-from .result import Cell as PanelCell
-from .result import Row as PanelRow
+from .matrix import Matrix, PanelLayout, mean_success
+from .result import FILE_NAME, Failure, OtherVersionError, Panel, Row, Stage, read_panel
 from .run_directory import RunDirectory
 
 FAILURE_SAMPLE = 40
@@ -51,47 +29,43 @@ FAILURE_SAMPLE = 40
 def build_artefact(
     layout: PanelLayout,
     matrix: Matrix,
-    policies: Mapping[str, Policy],
     files: Mapping[str, tuple[str, ...]],
     *,
     directory: str,
     training_steps: int | None = None,
-    engine_agreement: tuple[EngineAgreement, ...] = (),
-    undecided: str = "",
-    **told: Any,
+    stage: Stage | None = None,
+    **other: Any,
 ) -> Panel:
     """Everything that a panel found.
 
     Args:
         layout: rows and cells.
         matrix: outcomes.
-        policies: by id.
         files: evidence files that hold the records of a policy, by id, beside ``panel.json``.
         directory: see :class:`Panel`.
         training_steps: decisions that each policy was trained for; None where none was.
-        engine_agreement: see :class:`Panel`.
-        undecided: why there are no verdicts yet, in a sentence; nothing where there are.
-        told: attributes of :class:`Panel` that the outcome does not tell.
+        stage: see :class:`Panel`; there are no verdicts yet where it is given.
+        other: attributes of :class:`Panel` that the outcome does not tell.
     """
-    judgements, losses = _judge(layout, matrix), layout.losses(matrix)
-    if undecided:
-        judgements = tuple(postponed(judgement, undecided) for judgement in judgements)
+    losses = layout.losses(matrix)
     places = [(row, cell) for row in layout.rows for cell in layout.cells_of[row.name]]
     failures = [
         failure
         for row, cell in places
-        if row.kind != "baseline"
+        if not row.baseline
         for failure in matrix.failures(row.name, cell)
     ]
-    panel = Panel(
-        **told,
-        answer="",
+    known = [(p.id, p.hash) for row in layout.rows for p in row.policies if p.hash]
+    hashes = dict(sorted(known))
+    return Panel(
+        **other,
+        stage=stage,
         directory=directory,
         created=datetime.now(UTC).replace(microsecond=0),
         platform=host(),
         instruction_sets=instruction_sets(),
-        weights=_weights(policies),
-        rows=tuple(_row(row, matrix, policies, training_steps) for row in layout.rows),
+        weights=hashlib.sha256(json.dumps(hashes).encode()).hexdigest() if hashes else "",
+        rows=tuple(_row(row, matrix, training_steps) for row in layout.rows),
         cells=tuple(_cell(cell, layout, matrix) for cell in layout.cells.values()),
         matrix=tuple(
             matrix.entry(
@@ -100,55 +74,36 @@ def build_artefact(
                 layout.native(cell),
                 layout.reference_of(matrix, cell),
                 losses.get((row.name, cell)),
-                tuple(dict.fromkeys(file for policy in row.policies for file in files[policy])),
+                tuple(dict.fromkeys(file for policy in row.policy_ids for file in files[policy])),
                 _query(directory, row, cell),
             )
             for row, cell in places
         ),
         paired=paired_episodes(layout, matrix),
-        verdicts=tuple(
-            _verdict(
-                judgement, *pair, None if undecided else _wanted(layout, matrix, judgements, k)
-            )
-            for k, (judgement, pair) in enumerate(zip(judgements, layout.family, strict=True))
-        ),
+        verdicts=_verdicts(layout, matrix, decided=stage is None),
         policy_comparisons=tuple(_compare(layout, matrix, a, b) for a, b in layout.compare),
         remedies=remedies(layout, matrix, losses),
-        engine_agreement=engine_agreement,
         rankings=rankings(layout, matrix),
         failures=_spread([one for one in failures if matrix.has_trace(one.episode_index)]),
         failures_total=len(failures),
     )
-    lines = (*([undecided] if undecided else []), *answer_lines(panel))
-    return msgspec.structs.replace(panel, answer="\n".join(lines))
 
 
-def _weights(policies: Mapping[str, Policy]) -> str:
-    hashes = {name: policy.hash for name, policy in sorted(policies.items()) if policy.hash}
-    return hashlib.sha256(json.dumps(hashes).encode()).hexdigest() if hashes else ""
-
-
-def _verdict(judgement: Judgement, row: str, cell: str, wanted: int | None) -> Verdict:
-    told = {name: value for name, value in vars(judgement).items() if name != "loss"}
-    parts = vars(judgement.loss)
-    return build(Verdict, row=row, cell=cell, seeds_wanted=wanted, **told, **parts)
-
-
-def _wanted(
-    layout: PanelLayout, matrix: Matrix, judgements: Sequence[Judgement], place: int
-) -> int | None:
-    """With how many seeds a verdict is to be expected where there is none for want of them."""
-    if judgements[place].verdict != "inconclusive":
-        return None
-    tested = sum(judgement.verdict not in WITHOUT_VERDICT for judgement in judgements)
-    rates = layout.rates(matrix, *layout.family[place])
-    assert rates is not None
-    return seeds_wanted(rates, tested, layout.looked)
-
-
-def _judge(layout: PanelLayout, matrix: Matrix) -> tuple[Judgement, ...]:
-    comparisons = [layout.comparison(matrix, row, cell) for row, cell in layout.family]
-    return judge_family(comparisons, layout.looks_before) if comparisons else ()
+def _verdicts(layout: PanelLayout, matrix: Matrix, *, decided: bool) -> tuple[Verdict, ...]:
+    """Verdicts on the family, with how many seeds are to be expected to decide what is open."""
+    family = [layout.comparison(matrix, row, cell) for row, cell in layout.family]
+    verdicts = judge_family(family, layout.looks_before) if family else ()
+    if not decided:
+        return tuple(map(postponed, verdicts))
+    tested = sum(verdict.verdict not in WITHOUT_VERDICT for verdict in verdicts)
+    return tuple(
+        msgspec.structs.replace(
+            verdict, seeds_wanted=seeds_wanted(one.rates, tested, layout.looks_so_far)
+        )
+        if verdict.verdict == "inconclusive"
+        else verdict
+        for one, verdict in zip(family, verdicts, strict=True)
+    )
 
 
 def _compare(layout: PanelLayout, matrix: Matrix, a: str, b: str) -> PolicyComparison:
@@ -156,62 +111,44 @@ def _compare(layout: PanelLayout, matrix: Matrix, a: str, b: str) -> PolicyCompa
 
     The finest step of both rows' own integrators decides, and so does the reference.
     """
-    homes = [home for row in (a, b) if (home := matrix.rows[row].trained_on)]
-    own = {(d.engine, d.integrator) for home in homes for d in home.shares}
+    homes = [layout.cells[name] for row in (a, b) for name in matrix.rows[row].shares]
+    own = {(home.engine, home.integrator) for home in homes}
     cells = []
     for name in layout.cells_of[a]:
         cell = layout.cells[name]
         if cell.kind not in ("grid", "reference") or name not in layout.cells_of[b]:
             continue
-        role: Any = cell.role
-        place = cell.discretization
-        if role == "quarter_step" and (place.engine, place.integrator) not in own:
-            role = None
-        cells.append(PolicyCell(name, matrix.rates(a, name), matrix.rates(b, name), role))
-    return build(PolicyComparison, a=a, b=b, **vars(compare_policies(cells, layout.share)))
+        decides = cell.role != "quarter_step" or (cell.engine, cell.integrator) in own
+        rates = matrix.rates(a, name), matrix.rates(b, name)
+        cells.append(PolicyCell(name, *rates, cell.role if decides else None))
+    return compare_policies(cells, layout.share, a=a, b=b)
 
 
-def _row(
-    row: Row, matrix: Matrix, policies: Mapping[str, Policy], training_steps: int | None
-) -> PanelRow:
-    home = row.trained_on if isinstance(row.trained_on, Discretization) else None
+def _row(row: Row, matrix: Matrix, training_steps: int | None) -> Row:
+    """A row with what came out."""
     rates = matrix.home_rates(row.name)
-    return PanelRow(
-        name=row.name,
-        kind=row.kind,
-        home=row.home,
-        shares=row.shares,
-        integrator=home.integrator if home else None,
-        dt=home.dt if home else None,
-        control_period=row.trained_on.control_period if row.trained_on else None,
-        seeds=len(row.policies),
-        policies=tuple(policies[policy] for policy in row.policies),
-        home_success=None
-        if rates is None
-        else Estimate.of(rate_interval(rates, draws=draws_for(len(rates)))),
+    return msgspec.structs.replace(
+        row,
+        home_success=None if rates is None else mean_success(rates),
         learned=matrix.learned(row.name),
         training_steps=training_steps if row.kind == "trained" else None,
     )
 
 
-def _cell(cell: Cell, layout: PanelLayout, matrix: Matrix) -> PanelCell:
-    can = layout.achieved(matrix, cell.name) if cell.name in layout.columns() else None
-    return build(
-        PanelCell,
-        name=cell.name,
-        **cell.discretization.arguments(),
-        kind=cell.kind,
-        perturbation=cell.perturbation.name if cell.perturbation else None,
-        role=cell.role,
-        applied=layout.applied.get(cell.name),
-        achievability=can and can.status,
-        achievability_reason=can and can.reason,
+def _cell(cell: Cell, layout: PanelLayout, matrix: Matrix) -> Cell:
+    """A cell with what was applied and whether it can be solved."""
+    applied = layout.applied.get(cell.name)
+    if cell.name not in layout.columns():
+        return msgspec.structs.replace(cell, applied=applied)
+    can = layout.achieved(matrix, cell.name)
+    return msgspec.structs.replace(
+        cell, applied=applied, achievability=can.status, best=can.best, search=can.search
     )
 
 
 def _query(directory: str, row: Row, cell: str) -> str:
     """The command that lists the records behind an entry."""
-    policies = ", ".join(_quoted(policy) for policy in row.policies)
+    policies = ", ".join(_quoted(policy) for policy in row.policy_ids)
     sql = (
         "SELECT record_id, episode_index, success, failure_label FROM records "
         f"WHERE cell = {_quoted(cell)} AND policy_id IN ({policies})"
@@ -268,7 +205,10 @@ def as_sealed(directory: RunDirectory, made: Panel) -> Panel:
     """The panel that a run was sealed with, where it says the same; else the one that was made."""
     if not directory.was_sealed:
         return made
-    held = read_panel(directory.path / FILE_NAME)
+    try:
+        held = read_panel(directory.path / FILE_NAME)
+    except OtherVersionError:
+        return made
     other = (place for place, *_ in _of_parts(held, made, (*VOLATILE, *_CALLED)))
     return made if any(not place.endswith(_COMMAND) for place in other) else held
 

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import math
 import re
+import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any, TypeAlias
+from typing import Annotated, Any, Literal, TypeAlias, TypeVar
 
-from integ_gym.envs.catalogue.lookup import is_integ_environment
-from integ_gym.envs.engines.interface import missing_modules
+import msgspec
+
 from integ_gym.envs.engines.maps import map_names
+from integ_gym.envs.engines.stepping import missing_modules
+from integ_gym.envs.environment import is_integ_environment
+from integ_gym.envs.lanes import DiscretizedVectorEnv
 from integ_gym.envs.registries import ENGINES
-from integ_gym.envs.sequential_vector import DiscretizedVectorEnv
 from integ_gym.envs.settings import (
     DISCRETIZATION,
     NATIVE,
@@ -21,24 +24,19 @@ from integ_gym.envs.settings import (
     Discretization,
     dividing_step,
 )
-from integ_gym.envs.testbeds.interface import Testbed
+from integ_gym.envs.testbeds.gym_testbed import Testbed
 from integ_gym.envs.testbeds.making import make_checked
-from integ_gym.support.errors import InputError, IntegGymError
+from integ_gym.support.errors import IntegGymError
 from integ_gym.support.isolated import ISOLATED
 from integ_gym.support.optional import install_command, running_version
 from integ_gym.support.parameters import unknown_name
 
-LARGEST_SEED = 2**32 - 1
+from ..statistics import Part
+from ..verdict import Achievability, Attempt, CellRole, Search
 
 
 class SpecError(IntegGymError, ValueError):
     """A specification that cannot be run, in one sentence with the remedy."""
-
-
-def check_keys(kind: str, data: Mapping[str, Any], valid: Sequence[str]) -> None:
-    """Refuse keys of a table that mean nothing."""
-    for key in data:
-        check_known(kind, key, valid)
 
 
 def check_known(kind: str, name: str, valid: Iterable[str]) -> None:
@@ -58,57 +56,74 @@ def many(value: Any) -> list[Any]:
     return value if isinstance(value, list) else [value]
 
 
-def list_of(data: Mapping[str, Any], key: str) -> list[Any]:
-    """A list under a key; empty where it is left out."""
-    value = data.get(key, [])
-    if not isinstance(value, list):
-        raise SpecError(f"`{key}` must be a list, got {value!r}")
-    return value
+T = TypeVar("T")
 
 
-def table(data: Mapping[str, Any], key: str) -> Mapping[str, Any]:
-    """A table under a key; empty where it is left out."""
-    value = data.get(key, {})
-    if not isinstance(value, Mapping):
-        raise SpecError(f"`{key}` must be a table, got {value!r}")
-    return value
+def convert(place: str, value: Any, kind: type[T]) -> T:
+    """Plain data of a specification as what it must be.
+
+    Raises:
+        SpecError: saying what was expected where, and what came.
+    """
+    try:
+        return msgspec.convert(value, kind)
+    except msgspec.ValidationError as error:
+        found, _, path = str(error).partition(" - at `$")
+        for word, plain in (("Object ", "Table "), ("`object`", "`table`"), ("array", "list")):
+            found = found.replace(word, plain)
+        at = (place + path.rstrip("`")).lstrip(".")
+        where = f" - at `{at}`" if at else ""
+        raise SpecError(f"{found}{where}; docs/reference/panel.md has the format") from None
 
 
-def text(key: str, value: Any) -> str:
-    """A name."""
-    if not isinstance(value, str) or not value:
-        raise SpecError(f"`{key}` must be made of names in quotes, got {value!r}")
-    return value
+Name: TypeAlias = Annotated[str, msgspec.Meta(min_length=1)]
+Positive: TypeAlias = Annotated[float, msgspec.Meta(gt=0.0, le=sys.float_info.max)]
+Count: TypeAlias = Annotated[int, msgspec.Meta(ge=0, le=2**32 - 1)]
+_Finite: TypeAlias = Annotated[float, msgspec.Meta(ge=-sys.float_info.max, le=sys.float_info.max)]
 
 
-def flag(key: str, value: Any) -> bool:
-    """True or false."""
-    if not isinstance(value, bool):
-        raise SpecError(f"`{key}` must be true or false, got {value!r}")
-    return value
+class Places(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A table of `train` or `evaluate`: every integrator at every step.
+
+    Attributes:
+        dt: integration step or steps, s.
+        integrator: integrator or integrators, as the engine calls them.
+        engine: what advances the plant; None: as at home. `installed`: every installed one.
+        map: in place of `integrator` for all installed engines: names of one-step maps, the
+            preferred one first.
+        weight: of each member of a mixture.
+    """
+
+    dt: Positive | list[Positive]
+    integrator: Name | list[Name] | None = None
+    engine: Name | None = None
+    map: Name | list[Name] | None = None
+    weight: Positive | None = None
+
+    def discretizations(self, home: Discretization) -> list[Discretization]:
+        """Every integrator at every step; on every installed engine where it asks for these."""
+        chosen = [(self.engine or home.engine, name) for name in many(self.integrator or [])]
+        if self.engine == INSTALLED:
+            maps = many(self.map)
+            found = ((engine, integrator_applying(engine, maps)) for engine in installed_engines())
+            chosen = [(engine, integrator) for engine, integrator in found if integrator]
+        return [
+            replace(home, engine=engine, integrator=integrator, dt=dt)
+            for engine, integrator in chosen
+            for dt in many(self.dt)
+        ]
 
 
-def positive(key: str, value: Any) -> float:
-    """A finite number above 0."""
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 < value < math.inf:
-        raise SpecError(f"`{key}` must be a finite number above 0, got {value!r}")
-    return float(value)
+class MixtureTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A table of `train` with a name, and members whose weight holds for each discretization.
 
+    Attributes:
+        mixture: name.
+        members: what training episodes draw from.
+    """
 
-def integer(key: str, value: Any) -> int:
-    """A whole number from 0 to `LARGEST_SEED`."""
-    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= LARGEST_SEED:
-        raise SpecError(
-            f"`{key}` must be made of whole numbers from 0 to {LARGEST_SEED}, got {value!r}"
-        )
-    return value
-
-
-def pair_of(key: str, value: Any) -> tuple[str, str]:
-    """Two names."""
-    if not isinstance(value, list) or len(value) != 2:
-        raise SpecError(f"every entry of `{key}` must be a pair of names, got {value!r}")
-    return str(value[0]), str(value[1])
+    mixture: Name
+    members: list[Places]
 
 
 @dataclass(frozen=True)
@@ -152,37 +167,116 @@ def main_home(home: Home | None) -> Discretization | None:
     return max(shares, key=lambda member: shares[member], default=None)
 
 
-@dataclass(frozen=True)
-class Perturbation:
-    """Environment arguments that differ from the panel's, on the home and reference cells."""
+class Perturbation(Part, frozen=True):
+    """A change of the plant or its delays, on the home and reference cells.
+
+    Attributes:
+        name: name of the change, unique.
+        environment: constructor arguments of the environment that differ from the panel's.
+    """
+
+    name: Name
+    environment: Annotated[Mapping[str, Any], msgspec.Meta(min_length=1)]
+
+
+CellKind: TypeAlias = Literal["grid", "reference", "perturbation", "ladder"]
+"""Of the grid; the truth; with a changed plant or delay; the control period follows the step."""
+
+
+class AppliedDiscretization(Part, frozen=True, kw_only=True):
+    """What the environments of a cell really did, read back from those that were made.
+
+    Attributes:
+        engine: what advanced the plant.
+        engine_version: its version; null where it tells none.
+        integrator: integrator, as the engine calls it.
+        dt: integration step, s.
+        substeps: integration steps in a control period.
+        control_period: time between two decisions, s.
+    """
+
+    engine: str
+    engine_version: str | None
+    integrator: str
+    dt: float
+    substeps: int
+    control_period: float
+
+
+class Cell(Part, frozen=True, kw_only=True):
+    """One discretization, perturbed or not, in which policies are evaluated.
+
+    Attributes:
+        name: name of the cell, unique.
+        engine: `native`, or the simulator that advances the plant.
+        integrator: integrator, as the engine calls it.
+        dt: integration step, s.
+        control_period: time between two decisions, s.
+        kind: `grid`, `reference`, `perturbation` or `ladder`.
+        perturbation: change of the plant or its delays; null without one.
+        role: `reference` or `quarter_step` where the cell decides a comparison of policies.
+        applied: what its records tell of the environments; null without records.
+        achievability: `achievable`, `too_slow` (within two horizons alone), `unachievable` or
+            `undecided`; null where it was not asked.
+        best: the attempt that shows this, or that comes nearest; null without one.
+        search: the search that rules the goal out; null without one.
+    """
 
     name: str
-    environment: Mapping[str, Any]
-
-
-@dataclass(frozen=True)
-class Cell:
-    """One evaluation column: a discretization, perturbed or not."""
-
-    discretization: Discretization
-    kind: str
-    """`grid`, `reference`, `perturbation` or `ladder` (the control period follows dt)."""
+    engine: str
+    integrator: str
+    dt: float
+    control_period: float
+    kind: CellKind
     perturbation: Perturbation | None = None
-    role: str | None = None
-    """`reference` or `quarter_step` where the cell decides a comparison of policies."""
+    role: CellRole | None = None
+    applied: AppliedDiscretization | None = None
+    achievability: Achievability | None = None
+    best: Attempt | None = None
+    search: Search | None = None
+
+    @classmethod
+    def of(
+        cls,
+        place: Discretization,
+        kind: CellKind,
+        perturbation: Perturbation | None = None,
+        role: CellRole | None = None,
+    ) -> Cell:
+        """A cell before anything was evaluated in it."""
+        name = f"{place.name} control={place.control_period:g}" if kind == "ladder" else place.name
+        return cls(
+            name=f"{name}, {perturbation.name}" if perturbation else name,
+            **place.arguments(),
+            kind=kind,
+            perturbation=perturbation,
+            role=role,
+        )
 
     @property
-    def name(self) -> str:
-        """Unique within a panel."""
-        base = self.discretization.name
-        if self.kind == "ladder":
-            base = f"{base} control={self.discretization.control_period:g}"
-        return f"{base}, {self.perturbation.name}" if self.perturbation else base
+    def discretization(self) -> Discretization:
+        """Its engine, integrator and steps."""
+        return Discretization(self.integrator, self.dt, self.control_period, self.engine)
+
+    @property
+    def reference(self) -> bool:
+        """Whether this is the truth column."""
+        return self.perturbation is None and "reference" in (self.kind, self.role)
+
+    @property
+    def scheme(self) -> str:
+        """Integrator, and the engine where it is not ours."""
+        return self.integrator if self.engine == NATIVE else f"{self.engine} {self.integrator}"
+
+    @property
+    def plain(self) -> bool:
+        """Whether the plant and its delays are those of the spec."""
+        return self.perturbation is None and self.kind != "perturbation"
 
     def arguments(self, environment: Mapping[str, Any]) -> dict[str, Any]:
         """Constructor arguments of this cell's environment."""
         values = {**environment, **self.discretization.arguments(), **changes_of(self)}
-        if self.discretization.integrator == "reference":
+        if self.integrator == "reference":
             values["dt"] = dividing_step(values)
         return values
 
@@ -217,7 +311,7 @@ def nominal_setup(testbed: Testbed, control_period: float) -> Any:
 
     Baselines are designed from its parameters.
     """
-    cell = Cell(testbed.truth(control_period) or testbed.home, "grid")
+    cell = Cell.of(testbed.truth(control_period) or testbed.home, "grid")
     environments = environments_of(testbed, cell, 1)
     environments.close()
     return environments.setups[0]
@@ -231,9 +325,9 @@ def training_arguments(home: Home, environment: Mapping[str, Any]) -> dict[str, 
         environment: arguments common to all discretizations.
     """
     if isinstance(home, Discretization):
-        return Cell(home, "grid").arguments(environment)
+        return Cell.of(home, "grid").arguments(environment)
     own = ("engine", "integrator", "dt")
-    cells = [(Cell(d, "grid").arguments(environment), weight) for d, weight in home.weights]
+    cells = [(Cell.of(d, "grid").arguments(environment), weight) for d, weight in home.weights]
     mixture = [{**{name: a[name] for name in own}, WEIGHT: weight} for a, weight in cells]
     common = {name: value for name, value in cells[0][0].items() if name not in own}
     return {**common, "mixture": mixture}
@@ -251,43 +345,14 @@ _EASIEST = "mujoco"
 """Of the engines that could be installed, where it serves."""
 
 
-def check_some_installed(grid: Iterable[Discretization], maps: Sequence[str]) -> None:
-    """Refuse a panel that is about engines where it has none but the native one.
-
-    Args:
-        grid: its discretizations.
-        maps: names of the one-step maps that it asks of installed engines.
-
-    Raises:
-        SpecError: with the command that installs one.
-    """
-    if any(discretization.engine != NATIVE for discretization in grid):
-        return
-    serving = [
-        name
-        for name in absent_engines()
-        if name not in ISOLATED and integrator_applying(name, maps)
-    ]
-    name = min(serving or [_EASIEST], key=lambda name: name != _EASIEST)
-    raise SpecError(
-        "it is about other engines, and none that it could use is installed; run: "
-        f"{install_command(name)}, or see `integ-gym engines` for the others"
-    )
-
-
-def foreign_engines() -> tuple[str, ...]:
-    """Names of all engines but the native one, installed or not."""
-    return tuple(name for name in ENGINES.names() if name != NATIVE)
-
-
 def absent_engines() -> tuple[str, ...]:
     """Names of the engines whose extra is not installed."""
-    return tuple(name for name in foreign_engines() if missing_modules(name))
+    return tuple(name for name in ENGINES.names() if name != NATIVE and missing_modules(name))
 
 
 def installed_engines() -> tuple[str, ...]:
     """Names of the installed engines, without the native one."""
-    return tuple(name for name in foreign_engines() if not missing_modules(name))
+    return tuple(name for name in ENGINES.names() if name != NATIVE and not missing_modules(name))
 
 
 def integrator_applying(engine: str, maps: Sequence[str]) -> str | None:
@@ -321,118 +386,76 @@ def engine_versions(engines: Iterable[str]) -> dict[str, str]:
     return {package: running_version(package) for package in sorted(packages)}
 
 
-def on_installed(entry: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """A table of ``engine = "installed"`` and ``map`` as one table per installed engine.
-
-    Args:
-        entry: with ``map``, one name or several, the preferred one first, and ``dt``.
-
-    Returns:
-        Tables of ``engine``, ``integrator`` and ``dt``; engines that apply none of the maps are
-        left out.
-
-    Raises:
-        ValueError: for an integrator, which engines call differently, and for unknown maps.
-    """
-    if "integrator" in entry or "map" not in entry:
-        raise InputError(
-            f'engine "{INSTALLED}" takes `map` in place of `integrator`, for engines call their '
-            f"integrators differently; known maps: {', '.join(map_names())}"
-        )
-    maps = many(entry["map"])
-    for name in maps:
-        check_known("map in `evaluate`", str(name), map_names())
-    chosen = {engine: integrator_applying(engine, maps) for engine in installed_engines()}
-    others = {key: value for key, value in entry.items() if key not in ("engine", "map")}
-    return [
-        {"engine": engine, "integrator": integrator, **others}
-        for engine, integrator in chosen.items()
-        if integrator is not None
-    ]
-
-
-def trained(data: Mapping[str, Any], of: Discretization) -> tuple[Home, ...]:
+def training_homes(entries: Sequence[Mapping[str, Any]], home: Discretization) -> tuple[Home, ...]:
     """Training discretizations and mixtures, in order.
 
     Args:
-        data: of the specification.
-        of: what has their control period, and the engine of those that name none.
+        entries: the tables of `train`.
+        home: what has their control period, and the engine of those that name none.
     """
     found: list[Home] = []
-    for entry in list_of(data, "train"):
-        if isinstance(entry, Mapping) and "mixture" in entry:
-            found.append(_mixture(entry, of))
+    for k, entry in enumerate(entries):
+        if "mixture" in entry:
+            found.append(_mixture(convert(f"train[{k}]", entry, MixtureTable), home))
         else:
-            found += [member for member, _ in _expand("train", entry, of)]
+            found += _expand("train", convert(f"train[{k}]", entry, Places), home)
     return tuple(dict.fromkeys(found))
 
 
-def evaluated(data: Mapping[str, Any], of: Discretization) -> tuple[Discretization, ...]:
+def evaluation_grid(entries: Sequence[Places], home: Discretization) -> tuple[Discretization, ...]:
     """Discretizations of the grid, in order; on every installed engine where it asks for that.
 
     Args:
-        data: of the specification.
-        of: see :func:`trained`.
+        entries: the tables of `evaluate`.
+        home: see :func:`training_homes`.
 
     Raises:
         SpecError: if it asks for installed engines, and there is none.
     """
-    entries: list[Any] = []
-    for entry in list_of(data, "evaluate"):
-        entries += on_installed(entry) if asks_for_installed(entry) else [entry]
-    found = [member for entry in entries for member, _ in _expand("evaluate", entry, of)]
-    asked = [entry["map"] for entry in list_of(data, "evaluate") if asks_for_installed(entry)]
-    if asked:
-        check_some_installed(found, [name for maps in asked for name in many(maps)])
+    found = [one for entry in entries for one in _expand("evaluate", entry, home)]
+    maps = [name for one in entries if one.engine == INSTALLED for name in many(one.map)]
+    if maps and all(one.engine == NATIVE for one in found):
+        absent = absent_engines()
+        could = [n for n in absent if n not in ISOLATED and integrator_applying(n, maps)]
+        name = min(could or [_EASIEST], key=lambda name: name != _EASIEST)
+        raise SpecError(
+            "it is about other engines, and none that it could use is installed; run: "
+            f"{install_command(name)}, or see `integ-gym engines` for the others"
+        )
     return tuple(dict.fromkeys(found))
 
 
-def asks_for_installed(entry: Any) -> bool:
-    """Whether a table of `evaluate` is for every installed engine."""
-    return isinstance(entry, Mapping) and entry.get("engine") == INSTALLED
+def _expand(key: str, entry: Places, home: Discretization) -> list[Discretization]:
+    """The discretizations of a table that says all that it must, and no more."""
+    if entry.engine == INSTALLED and key == "evaluate":
+        if entry.integrator is not None or entry.map is None:
+            raise SpecError(
+                f'engine "{INSTALLED}" takes `map` in place of `integrator`, for engines call '
+                f"their integrators differently; known maps: {', '.join(map_names())}"
+            )
+        for name in many(entry.map):
+            check_known("map in `evaluate`", name, map_names())
+    elif entry.integrator is None or entry.map is not None:
+        raise SpecError(f"every entry of `{key}` needs `integrator` and `dt`, and no `map`")
+    if entry.weight is not None and key in ("train", "evaluate"):
+        raise SpecError(f"`{WEIGHT}` in `{key}` is for members of a mixture; leave it out")
+    return entry.discretizations(home)
 
 
-def _mixture(entry: Mapping[str, Any], of: Discretization) -> DiscretizationMixture:
-    """A table with a name and ``members``, whose weights hold for each that they expand to."""
-    check_keys("key of a mixture in `train`", entry, ("mixture", "members"))
-    name = text("mixture", entry["mixture"])
+def _mixture(table: MixtureTable, home: Discretization) -> DiscretizationMixture:
+    label = f"members of {table.mixture}"
     members = [
-        expanded
-        for member in list_of(entry, "members")
-        for expanded in _expand(f"members of {name}", member, of, (WEIGHT,))
+        (one, 1.0 if entry.weight is None else entry.weight)
+        for entry in table.members
+        for one in _expand(label, entry, home)
     ]
     if len(members) < 2:
         raise SpecError(
-            f"mixture {name!r} needs at least two `members`, got {len(members)}; a single "
+            f"mixture {table.mixture!r} needs at least two `members`, got {len(members)}; a single "
             "discretization is trained on without a mixture"
         )
-    check_unique(f"members of {name}", [member.name for member, _ in members])
-    return DiscretizationMixture(name, tuple(members))
-
-
-def _expand(
-    key: str, entry: Any, of: Discretization, more: tuple[str, ...] = ()
-) -> list[tuple[Discretization, float]]:
-    """Discretizations of a table in which integrator and dt may be lists, with their weight."""
-    if not isinstance(entry, Mapping):
-        raise SpecError(
-            f"every entry of `{key}` must be a table with `integrator` and `dt`, got {entry!r}"
-        )
-    check_keys(f"key in `{key}`", entry, ("integrator", "dt", "engine", *more))
-    if "integrator" not in entry or "dt" not in entry:
-        raise SpecError(f"every entry of `{key}` needs `integrator` and `dt`")
-    engine = text("engine", entry.get("engine", of.engine))
-    weight = positive(WEIGHT, entry.get(WEIGHT, 1.0))
-    return [
-        (
-            replace(
-                of, integrator=text("integrator", integrator), dt=positive("dt", dt), engine=engine
-            ),
-            weight,
-        )
-        for integrator in many(entry["integrator"])
-        for dt in many(entry["dt"])
-    ]
+    check_unique(label, [member.name for member, _ in members])
+    return DiscretizationMixture(table.mixture, tuple(members))
 
 
 def standard_perturbations(setup: Any) -> tuple[Perturbation, ...]:
@@ -451,23 +474,16 @@ def standard_perturbations(setup: Any) -> tuple[Perturbation, ...]:
     return tuple(found)
 
 
-def perturbations_of(data: Mapping[str, Any], setup: Any) -> tuple[Perturbation, ...]:
-    """Those given; where the key is left out, those of every panel."""
-    if "perturbations" in data:
-        return tuple(_perturbation(entry) for entry in list_of(data, "perturbations"))
-    return standard_perturbations(setup)
+class SweepTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A table of `sweep`.
 
+    Attributes:
+        argument: constructor argument of the environment.
+        values: what it takes, two numbers or more.
+    """
 
-def _perturbation(entry: Any) -> Perturbation:
-    if not isinstance(entry, Mapping) or not isinstance(entry.get("environment", {}), Mapping):
-        raise SpecError(
-            f"every perturbation must be a table with a `name` and a table `environment`, got "
-            f"{entry!r}"
-        )
-    check_keys("key in `perturbations`", entry, ("name", "environment"))
-    if not entry.get("name") or not entry.get("environment"):
-        raise SpecError("every perturbation needs a `name` and an `environment` table")
-    return Perturbation(str(entry["name"]), dict(entry["environment"]))
+    argument: Name
+    values: Annotated[list[_Finite], msgspec.Meta(min_length=2)]
 
 
 @dataclass(frozen=True)
@@ -497,40 +513,37 @@ def swept_name(argument: str, value: float) -> str:
     return f"{argument}={value:g}"
 
 
-def sweeps_of(data: Mapping[str, Any], nominal: Any) -> tuple[Sweep, ...]:
+def sweeps_of(env_id: str, entries: Sequence[SweepTable], nominal: Any) -> tuple[Sweep, ...]:
     """The tables under ``sweep``.
 
+    Args:
+        env_id: of the panel.
+        entries: the tables.
+        nominal: setup of the undisturbed task.
+
     Raises:
-        SpecError: for an argument that the environment lacks, that holds no number, that cells
-            vary, or for less than two values.
+        SpecError: for an argument that the environment lacks, that holds no number or that cells
+            vary.
     """
-    ours = is_integ_environment(str(data.get("env_id")))
-    found = tuple(_sweep(entry, nominal, ours) for entry in list_of(data, "sweep"))
-    check_unique("sweep", [sweep.argument for sweep in found])
-    return found
-
-
-def _sweep(entry: Any, nominal: Any, ours: bool) -> Sweep:
-    if not isinstance(entry, Mapping) or set(entry) != {"argument", "values"}:
-        if isinstance(entry, Mapping):
-            check_keys("key in `sweep`", entry, ("argument", "values"))
-        raise SpecError(f"every sweep must be a table with `argument` and `values`, got {entry!r}")
-    argument, arguments = text("argument", entry["argument"]), nominal.arguments()
-    if argument in DISCRETIZATION:
-        raise SpecError(f"`sweep` of `{argument}`, which is what cells vary; use `evaluate` for it")
-    if not ours and not _is_number(arguments.get(argument)):
-        raise SpecError(
-            f"`sweep` of `{argument}`, whose number the environment does not tell; state the value "
-            "that it has otherwise under `environment`"
-        )
+    arguments, ours = nominal.arguments(), is_integ_environment(env_id)
+    check_unique("sweep", [entry.argument for entry in entries])
     numbers = [n for n, x in arguments.items() if _is_number(x) or x is None]
-    check_known("argument in `sweep`", argument, [n for n in numbers if n not in DISCRETIZATION])
-    values = list_of(entry, "values")
-    if len(values) < 2 or not all(map(_is_number, values)):
-        raise SpecError(f"`values` of the sweep of `{argument}` must be two numbers or more")
-    check_unique(f"values of the sweep of {argument}", values)
-    unit = nominal.units().get(argument, "")
-    return Sweep(argument, tuple(sorted(float(value) for value in values)), unit)
+    for entry in entries:
+        name = entry.argument
+        if name in DISCRETIZATION:
+            raise SpecError(f"`sweep` of `{name}`, which is what cells vary; use `evaluate` for it")
+        if not ours and not _is_number(arguments.get(name)):
+            raise SpecError(
+                f"`sweep` of `{name}`, whose number the environment does not tell; state the value "
+                "that it has otherwise under `environment`"
+            )
+        check_known("argument in `sweep`", name, [n for n in numbers if n not in DISCRETIZATION])
+        check_unique(f"values of the sweep of {name}", entry.values)
+    units = nominal.units()
+    return tuple(
+        Sweep(entry.argument, tuple(sorted(entry.values)), units.get(entry.argument, ""))
+        for entry in entries
+    )
 
 
 def _is_number(value: Any) -> bool:

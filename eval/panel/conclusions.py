@@ -1,7 +1,8 @@
-"""What a panel answers, in sentences: terminal, page and ``panel.json`` take them from here.
+"""What a panel concludes, in sentences: terminal, page and figures take them from here.
 
-The first line always has the same order: success at home, on the truth, what is lost, and whether
-dt is the cause. Everything is read from a :class:`Panel`; nothing is computed here but means.
+The answer's first line always has the same order: success at home, on the truth, what is lost, and
+whether dt is the cause. Everything is read from a :class:`Panel`, which holds numbers and codes;
+nothing is computed here but means.
 """
 
 from __future__ import annotations
@@ -10,25 +11,32 @@ import json
 import math
 import shlex
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final, Literal, TypeAlias
 
 from integ_gym.envs.settings import NATIVE
 from integ_gym.support.terminal import fixed, percent, plural
 
-from ..power import WITHOUT_VERDICT
+from ..power import WITHOUT_VERDICT, Verdict
+from ..statistics import Estimate
 from ..verdict import (
     ALPHA,
     EQUIVALENCE_MARGIN,
     FAIL_MARGIN,
     LEARNED,
+    MIN_SEEDS,
     UNSOLVABLE,
+    UNSOLVED,
     Achievability,
+    CellFinding,
+    PolicyComparison,
     adjust_for_look,
+    p_text,
     share_of_look,
 )
-from .result import Cell, EngineAgreement, Entry, Estimate, PairedEpisodes, Panel, Row, Verdict
+from .cells import Cell
+from .result import EngineAgreement, Entry, PairedEpisodes, Panel, Remedy, Row, Stage
 
 Cause: TypeAlias = Literal["cause", "not_cause", "gained", "closed", "not_learned", "undecided"]
 """Whether dt is the cause of a loss.
@@ -47,6 +55,9 @@ finest step that was evaluated. `exploratory`: a loss of a panel that declared n
 
 RETURN_MARGIN: Final = 0.1
 """Returns are practically equal within this share of the policy's lead over random at home."""
+
+UNSKILLED: Final = ("random", "zero")
+"""Baselines that know nothing of a task."""
 
 _NAMED: Final = 3  # cells in one sentence
 
@@ -79,18 +90,104 @@ class Finding:
 def answer_lines(panel: Panel) -> tuple[str, ...]:
     """The answer, a line for each thing that is said; the first is the headline.
 
-    Where the rule of success looks wrong, the headline begins with that.
+    Where the rule of success looks wrong, the headline begins with that; where training seeds are
+    missing, a line says so before it.
     """
-    first, *others = _lines(panel)
-    doubt = panel.success_doubt
-    return (f"{doubt} {first}" if doubt else first, *others)
-
-
-def _lines(panel: Panel) -> tuple[str, ...]:
     if panel.given_alone:
         finding = finding_of(panel)
-        return ("There is nothing to judge.",) if finding is None else _given(panel, finding)
-    return _trained(panel)
+        lines = ("There is nothing to judge.",) if finding is None else _given(panel, finding)
+    else:
+        lines = _trained(panel)
+    first, *others = lines
+    doubt = success_doubt(panel)
+    undecided = [] if panel.stage is None else [_stage_words(panel.stage)]
+    return (*undecided, f"{doubt} {first}" if doubt else first, *others)
+
+
+def warning_lines(panel: Panel) -> tuple[str, ...]:
+    """What a reader must know before trusting a panel: doubts, and that it was looked at before."""
+    if panel.stage is not None:
+        return (*panel.doubts, _stage_words(panel.stage))
+    return (*panel.doubts, *_look_warnings(panel))
+
+
+def _stage_words(stage: Stage) -> str:
+    return (
+        f"Not decided yet: {stage.seeds} of {stage.of} training seeds are here; the rest is being "
+        "trained and judged, and this page is written again as they arrive."
+    )
+
+
+def _look_warnings(panel: Panel) -> Iterator[str]:
+    """That what is concluded was seen before, with fewer seeds or starts."""
+    if not panel.looks:
+        return
+    planned, now = panel.spec.get("looks") or (), panel.looks[-1]
+    if planned and now.seeds not in planned:
+        yield (
+            f"This look at {plural(now.seeds, 'seed')} was not planned: the specification's "
+            f"`looks` are at {', '.join(map(str, planned))} seeds, which have the whole level. So "
+            "it gives no verdict."
+        )
+    if len(panel.looks) < 2:
+        return
+    before, number = panel.looks[-2], len(panel.looks)
+    if any(row.kind == "given" for row in panel.rows):
+        yield (
+            f"These results were seen before, the last time on {plural(before.episodes, 'start')}: "
+            f"this is look {number}. Looks share the level of {ALPHA}, so p-values are multiplied "
+            f"by {1.0 / share_of_look(number):.0f} here. What is called practically equal goes by "
+            "95 % intervals, which are not adjusted for looks: it is no verdict."
+        )
+    if not (panel.verdicts or panel.policy_comparisons):
+        return
+    seen = f"{plural(before.seeds, 'seed')} of {plural(before.episodes, 'start')}"
+    if before.adopted:
+        seen += " in the run whose policies were taken"
+    levels = {"fails": now.level_exceeds, "transfers": now.level_equivalent}
+    shares = (
+        f"{level:.2g} to `{verdict}`" if level else f"nothing to `{verdict}`"
+        for verdict, level in levels.items()
+    )
+    yield (
+        f"Verdicts were seen before, the last on {seen}; this is look {number}. Looks share the "
+        f"level of {ALPHA}: this one gives {' and '.join(shares)}, and its p-values are multiplied "
+        "accordingly."
+    )
+
+
+def success_doubt(panel: Panel) -> str:
+    """Why the rule of success looks wrong, in a sentence; empty where nothing speaks for it.
+
+    It looks wrong where a baseline that knows nothing of the task succeeds more than a policy and
+    returns less, on the same starts.
+    """
+    found = []
+    for entry in panel.matrix:
+        if panel.row(entry.row).baseline or entry.returns is None:
+            continue
+        for name in UNSKILLED:
+            base = panel.entry(name, entry.cell)
+            if base is None or base.returns is None:
+                continue
+            more = base.success.estimate - entry.success.estimate
+            low = entry.returns.low
+            least = entry.returns.estimate if low is None else low
+            if more > FAIL_MARGIN and base.returns.estimate < least:
+                found.append((more, entry, base))
+    if not found:
+        return ""
+    _, entry, base = max(found, key=lambda one: one[0])
+    theirs, own = (
+        f"{one.row} succeeds in {percent(one.success.estimate)} of episodes with a mean return of "
+        f"{fixed(one.returns.estimate if one.returns else None, 1)}"
+        for one in (base, entry)
+    )
+    return (
+        f"The rule of success looks wrong: on {panel.in_words(entry.cell)}, {theirs}, and {own}. "
+        "Compare returns, or say which return is a success (--success-return R, where the task "
+        "takes it)."
+    )
 
 
 def finding_of(panel: Panel) -> Finding | None:
@@ -99,10 +196,18 @@ def finding_of(panel: Panel) -> Finding | None:
     if panel.given_alone:
         return _finding_of_given(panel, given[0]) if given else None
     if judged := _judged(panel):
-        return _finding_of_verdict(panel, _worst(panel, judged))
-    if panel.verdicts or not panel.exploratory:
-        return None
-    return _finding_of_transfer(panel, panel.exploratory[0])
+        worst = _worst(panel, judged)
+        row, cell, lost = worst.row, worst.cell, worst.total
+        codes: dict[str, Status] = {"fails": "cause", "transfers": "not_cause"}
+        status = codes.get(worst.verdict, "undecided")
+    else:
+        entry = None if panel.verdicts else next(iter(panel.exploratory), None)
+        if entry is None or entry.home_drop is None:
+            return None
+        row, cell, lost, status = entry.row, entry.cell, entry.home_drop, "exploratory"
+    own, there = panel.row(row), _value(panel.entry(row, cell), "success")
+    at_home = None if own.home_success is None else own.home_success.estimate
+    return Finding(row, own.home, cell, "success", status, at_home, there, lost)
 
 
 # A policy that was given.
@@ -113,7 +218,7 @@ def _finding_of_given(panel: Panel, row: Row) -> Finding:
     known = bool(row.shares) and all(panel.entry(row.name, cell) for cell in row.shares)
     cell = panel.truth or (_finest(panel, row) if known else None)
     measure: Literal["success", "return"] = "success" if _succeeds(panel, row.name) else "return"
-    at_home = _mean_at_home(panel, row, measure) if known else None
+    at_home = _mean_over(panel, row.name, row.shares, measure) if known else None
     there = None if cell is None else _value(panel.entry(row.name, cell.name), measure)
     found = None if cell is None or not known else _paired_in(panel, row.name, cell.name)
     lost = None if found is None else found.success if measure == "success" else found.returns
@@ -192,13 +297,13 @@ def _finest(panel: Panel, row: Row) -> Cell | None:
     return finest
 
 
-def _mean_at_home(panel: Panel, row: Row, measure: str) -> float | None:
-    values = [
-        (share, _value(panel.entry(row.name, cell), measure)) for cell, share in row.shares.items()
-    ]
-    if any(value is None for _, value in values):
+def _mean_over(panel: Panel, row: str, shares: Mapping[str, float], measure: str) -> float | None:
+    """What a row reaches over cells by their shares; None where one of them is not known."""
+    values = [_value(panel.entry(row, cell), measure) for cell in shares]
+    known = [value for value in values if value is not None]
+    if len(known) < len(values):
         return None
-    return sum(share * value for share, value in values if value is not None)
+    return sum(share * value for share, value in zip(shares.values(), known, strict=True))
 
 
 def _value(entry: Entry | None, measure: str) -> float | None:
@@ -215,17 +320,8 @@ def _paired_in(panel: Panel, row: str, cell: str) -> PairedEpisodes | None:
 
 def _lead(panel: Panel, row: Row) -> float:
     """By how much a row's mean return at home exceeds random's; 0 where that is not known."""
-    random = next((one for one in panel.rows if one.name == "random"), None)
-    own = _mean_at_home(panel, row, "return")
-    if random is None or own is None:
-        return 0.0
-    parts = [
-        (share, _value(panel.entry(random.name, cell), "return"))
-        for cell, share in row.shares.items()
-    ]
-    if any(value is None for _, value in parts):
-        return 0.0
-    return own - sum(share * value for share, value in parts if value is not None)
+    own, random = (_mean_over(panel, name, row.shares, "return") for name in (row.name, "random"))
+    return 0.0 if own is None or random is None else own - random
 
 
 def _margin(panel: Panel, row: Row, measure: str) -> float:
@@ -237,10 +333,11 @@ def _margin(panel: Panel, row: Row, measure: str) -> float:
 
 def _given(panel: Panel, finding: Finding) -> tuple[str, ...]:
     row = panel.row(finding.row)
+    split = finding.status == "cause" and finding.measure == "success"
     lines = [
         _first(panel, finding, row),
         _about_home(panel, finding, row),
-        _parts_of_loss(panel, finding),
+        _split(panel.entry(row.name, finding.cell)) if split and finding.cell else "",
         *_compared(panel, finding, row),
         _returns(panel, finding, row),
         *_closed(panel),
@@ -322,7 +419,7 @@ class _Numbers:
 def _where(panel: Panel, cell: str | None) -> str:
     if cell is None or panel.truth is None:
         return f"at the finest step ({cell})"
-    return "on the truth" if cell == panel.truth.name else f"on {cell}"
+    return f"on {panel.in_words(cell)}"
 
 
 def _lost(panel: Panel, finding: Finding, row: Row) -> str:
@@ -350,7 +447,7 @@ def _about_home(panel: Panel, finding: Finding, row: Row) -> str:
     scope = f"One policy from the same {starts} everywhere; another training seed may differ."
     if finding.status == "home_unknown":
         return f"{_range(panel, finding)}{scope}"
-    home = finding.home or "a mixture of " + _named(list(row.shares))
+    home = panel.in_words(finding.home or "") or "a mixture of " + _named(panel, row.shares)
     remark = ""
     if panel.truth is not None and finding.measure == "return":
         remark = " It never succeeds, so returns are compared."
@@ -361,7 +458,8 @@ def _about_home(panel: Panel, finding: Finding, row: Row) -> str:
 
 def _range(panel: Panel, finding: Finding) -> str:
     """How a policy of unknown home does from the worst discretization to the best."""
-    found = [(panel.entry(finding.row, cell.name), cell.name) for cell in panel.columns]
+    places = [(cell.name, panel.in_words(cell.name)) for cell in panel.columns]
+    found = [(panel.entry(finding.row, cell), place) for cell, place in places]
     known = [(x, cell) for e, cell in found if (x := _value(e, finding.measure)) is not None]
     if not known:
         return ""
@@ -372,23 +470,16 @@ def _range(panel: Panel, finding: Finding) -> str:
     return f"{what} is from {told.number(low)} ({worst}) to {told.number(high)} ({best}). "
 
 
-def _parts_of_loss(panel: Panel, finding: Finding) -> str:
+def _split(loss: Entry | Verdict | None) -> str:
     """Of what a loss of success is made."""
-    entry = panel.entry(finding.row, finding.cell) if finding.cell else None
-    if finding.status != "cause" or finding.measure != "success" or entry is None:
+    if loss is None or not (loss.overfitting and loss.deadline and loss.difficulty):
         return ""
-    if entry.overfitting is None or entry.deadline is None or entry.difficulty is None:
-        return ""
-    return _split(entry.overfitting, entry.deadline, entry.difficulty)
-
-
-def _split(overfitting: Estimate, deadline: Estimate, difficulty: Estimate) -> str:
-    low, high = overfitting.ends
-    interval = f" ({fixed(low)} to {fixed(high)})" if overfitting.bounded else ""
+    low, high = loss.overfitting.ends
+    interval = f" ({fixed(low)} to {fixed(high)})" if loss.overfitting.bounded else ""
     return (
-        f"Of that loss, {fixed(overfitting.estimate)}{interval} is overfitting to home, "
-        f"{fixed(deadline.estimate)} comes back in twice the time, and "
-        f"{fixed(difficulty.estimate)} others lose there too."
+        f"Of that loss, {fixed(loss.overfitting.estimate)}{interval} is overfitting to home, "
+        f"{fixed(loss.deadline.estimate)} comes back in twice the time, and "
+        f"{fixed(loss.difficulty.estimate)} others lose there too."
     )
 
 
@@ -417,7 +508,9 @@ def _tally(
         status = cause_of(lost, shown=p < ALPHA, margin=margin)
         counts[status] += 1
         if status in ("cause", "gained"):
-            changed.append((abs(lost.estimate), f"{one.cell} {told.difference(lost)}"))
+            changed.append(
+                (abs(lost.estimate), f"{panel.in_words(one.cell)} {told.difference(lost)}")
+            )
     parts = [
         f"{counts[status]} {words}"
         for status, words in (
@@ -447,7 +540,7 @@ def _returns(panel: Panel, finding: Finding, row: Row) -> str:
     """Returns beside success."""
     if finding.measure == "return" or finding.cell is None:
         return ""
-    at_home = _mean_at_home(panel, row, "return") if row.shares else None
+    at_home = _mean_over(panel, row.name, row.shares, "return") if row.shares else None
     there = _value(panel.entry(row.name, finding.cell), "return")
     found = _paired_in(panel, row.name, finding.cell)
     lost = None if found is None else found.returns
@@ -488,30 +581,13 @@ def _worst(panel: Panel, judged: Sequence[Verdict]) -> Verdict:
     return max(failed or open_ones, key=lambda one: one.overfitting.estimate)
 
 
-def _finding_of_verdict(panel: Panel, judged: Verdict) -> Finding:
-    statuses: dict[str, Status] = {"fails": "cause", "transfers": "not_cause"}
-    status = statuses.get(judged.verdict, "undecided")
-    return _transfer(panel, judged.row, judged.cell, judged.total, status)
-
-
-def _finding_of_transfer(panel: Panel, entry: Entry) -> Finding:
-    assert entry.home_drop is not None
-    return _transfer(panel, entry.row, entry.cell, entry.home_drop, "exploratory")
-
-
-def _transfer(panel: Panel, row: str, cell: str, lost: Estimate, status: Status) -> Finding:
-    home, there = panel.row(row).home_success, _value(panel.entry(row, cell), "success")
-    at_home = None if home is None else home.estimate
-    return Finding(row, panel.row(row).home, cell, "success", status, at_home, there, lost)
-
-
 def _trained(panel: Panel) -> tuple[str, ...]:
     judged, finding = _judged(panel), finding_of(panel)
     if judged and finding is not None:
         worst = _worst(panel, judged)
         return (
             f"{_trained_first(panel, finding)}: {_verdict_words(worst)}",
-            _split(worst.overfitting, worst.deadline, worst.difficulty),
+            _split(worst),
             _family(panel, judged),
             *_closed(panel),
         )
@@ -521,10 +597,9 @@ def _trained(panel: Panel) -> tuple[str, ...]:
         return agreed, *_closed(panel)
     trained = [row for row in panel.rows if row.kind == "trained"]
     if not any(row.learned is not False for row in trained):
-        known = {row.name: row.home_success.estimate for row in trained if row.home_success}
-        return (_unlearned("no policies have learned", known),)
+        return (_unlearned(panel, "no policies have learned", trained),)
     if finding is None:
-        names = _named([row.name for row in trained])
+        names = _named(panel, [row.name for row in trained])
         return (f"Policies trained on {names} were judged nowhere but at home.", *_closed(panel))
     return (*_exploratory(panel, finding), *_closed(panel))
 
@@ -534,7 +609,7 @@ def _trained_first(panel: Panel, finding: Finding) -> str:
     return (
         f"Success at home {fixed(finding.at_home)}, {_where(panel, finding.cell)} "
         f"{fixed(finding.there)}, {_Numbers(finding).difference(finding.lost, True)}, trained on "
-        f"{finding.row}"
+        f"{panel.in_words(finding.row)}"
     )
 
 
@@ -558,9 +633,13 @@ def _family(panel: Panel, judged: Sequence[Verdict]) -> str:
         ("transfers", "holds", "hold"),
         ("inconclusive", "is undecided", "are undecided"),
     ):
-        names = [f"{x.row} on {x.cell}" for x in judged if x.verdict == verdict]
+        names = [
+            f"{panel.in_words(x.row)} on {panel.in_words(x.cell)}"
+            for x in judged
+            if x.verdict == verdict
+        ]
         if names:
-            parts.append(f"{len(names)} {one if len(names) == 1 else more} ({_named(names)})")
+            parts.append(f"{len(names)} {one if len(names) == 1 else more} ({_listed(names)})")
     some = " that can be judged" if len(judged) < len(panel.verdicts) else ""
     total = plural(sum(counts.values()), "declared transfer")
     return f"Of {total}{some}, {', '.join(parts)}."
@@ -578,8 +657,7 @@ def _exploratory(panel: Panel, finding: Finding) -> tuple[str, ...]:
     losses = [entry.overfitting.estimate for entry in found if entry.overfitting]
     small, large = sum(loss <= EQUIVALENCE_MARGIN for loss in losses), panel.exploratory_failures
     lines = [f"{_trained_first(panel, finding)}: {word}"]
-    if worst.deadline is not None and worst.difficulty is not None:
-        lines.append(_split(lost, worst.deadline, worst.difficulty))
+    lines.append(_split(worst))
     lines.append(
         f"Of {plural(len(found), 'transfer')} to cells that can be solved in time, {large} "
         f"{'loses' if large == 1 else 'lose'} more than {FAIL_MARGIN} of success by overfitting "
@@ -597,16 +675,20 @@ def _unjudged(panel: Panel) -> tuple[str, ...]:
             *_closed(panel),
         )
     rows = [panel.row(name) for name in dict.fromkeys(one.row for one in panel.verdicts)]
+    return (_unlearned(panel, "no policies of the declared transfers have learned", rows),)
+
+
+def _unlearned(panel: Panel, who: str, rows: Iterable[Row]) -> str:
     home = {row.name: row.home_success.estimate for row in rows if row.home_success}
-    return (_unlearned("no policies of the declared transfers have learned", home),)
-
-
-def _unlearned(who: str, home: dict[str, float]) -> str:
-    best = max(home, key=lambda row: home[row])
+    nearest = ""
+    if home:
+        best = max(home, key=lambda row: home[row])
+        nearest = (
+            f"; those trained on {panel.in_words(best)} come nearest, with {fixed(home[best])}"
+        )
     return (
-        f"Not answered: {who}, which takes a success of {LEARNED} at home; those trained on {best} "
-        f"come nearest, with {fixed(home[best])}. Train longer (`total_steps` in [training]), or "
-        "set an easier task."
+        f"Not answered: {who}, which takes a success of {LEARNED} at home{nearest}. Train longer "
+        "(`total_steps` in [training]), or set an easier task."
     )
 
 
@@ -648,18 +730,180 @@ def _closed(panel: Panel) -> list[str]:
     ):
         names = [cell.name for cell in panel.columns if cell.achievability == status]
         if names:
-            parts.append(words.format(_named(names)))
+            parts.append(words.format(_named(panel, names)))
     if not parts:
         return []
     text = "; ".join(parts)
     return [f"No conclusion is drawn from some cells: {text}."]
 
 
-def _named(names: Sequence[str]) -> str:
+def _named(panel: Panel, names: Iterable[str]) -> str:
+    return _listed([panel.in_words(name) for name in names])
+
+
+def _listed(names: Sequence[str]) -> str:
     """Names in a sentence, cut where it gets too long to read."""
     if len(names) > _NAMED:
         return f"{', '.join(names[:_NAMED])} and {len(names) - _NAMED} more"
     return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else list(names))
+
+
+# Reasons, from the codes and numbers that are stored.
+
+
+def solvable_reason(panel: Panel, cell: Cell) -> str:
+    """Why a cell can or cannot be solved, in a sentence; empty where that was not asked."""
+    best, search = cell.best, cell.search
+    if cell.achievability is None:
+        return ""
+    if search is not None:
+        return (
+            f"A search over controls reaches the goal's energy of {search.required:.3g} J from "
+            f"{percent(search.reached)} of the starts within {search.horizon:g} s (at most "
+            f"{max(search.highest):.3g} J)."
+        )
+    if best is None:
+        return "Success within two horizons: nobody tried; no search rules the goal out."
+    if best.row is None:
+        who = "the hand-made controller"
+    elif panel.row(best.row).kind != "trained":
+        who = best.row
+    elif panel.row(best.row).home == cell.name:
+        who = "policies trained there"
+    else:
+        who = f"policies trained on {panel.in_words(best.row)}"
+    if cell.achievability == "undecided":
+        most = f"at most {percent(best.recovered)}, by {who}"
+        return f"Success within two horizons: {most}; no search rules the goal out."
+    soon = cell.achievability == "achievable"
+    rate = percent(best.success if soon else best.recovered)
+    time = "within the horizon" if soon else "within two horizons alone"
+    return f"{who[0].upper()}{who[1:]}: success from {rate} of the starts {time}."
+
+
+def verdict_reason(panel: Panel, judged: Verdict) -> str:
+    """Why a verdict is what it is, in a sentence with numbers."""
+    success = panel.row(judged.row).home_success
+    home = fixed(success.estimate if success else None)
+    if judged.verdict == "not_learned":
+        return f"Home success {home} is below {LEARNED}, so there is nothing to transfer."
+    if judged.verdict in WITHOUT_VERDICT:
+        return solvable_reason(panel, panel.cell(judged.cell))
+    if panel.stage is not None:
+        return _stage_words(panel.stage)
+    entry = panel.entry(judged.row, judged.cell)
+    there = fixed(entry.success.estimate if entry else None)
+    later = fixed(entry.recovered.estimate if entry else None)
+    seeds = f"{judged.seeds} seeds"
+    if judged.natives is not None:
+        seeds += f" and {judged.natives} native ones"
+    low, high = judged.overfitting.ends
+    level = percent(judged.overfitting.level or 0.0)
+    change = (
+        f"success {home} at home and {there} there, {later} within two "
+        f"horizons; overfitting {fixed(judged.overfitting.estimate)} ({level} interval "
+        f"{fixed(low)} to {fixed(high)}), deadline {fixed(judged.deadline.estimate)}, difficulty "
+        f"{fixed(judged.difficulty.estimate)}"
+    )
+    exceeds, equivalent = (
+        p_text(1.0 if p is None else p)
+        for p in (judged.p_exceeds_adjusted, judged.p_equivalent_adjusted)
+    )
+    if judged.few:
+        return f"Only {seeds}, at least {MIN_SEEDS} needed: {change}."
+    if judged.verdict == "fails":
+        return f"Overfitting is above {FAIL_MARGIN} (adjusted {exceeds}, {seeds}): {change}."
+    if judged.verdict == "transfers":
+        return (
+            f"Overfitting is within ±{EQUIVALENCE_MARGIN} (adjusted {equivalent}, {seeds}): "
+            f"{change}."
+        )
+    within = f"adjusted {equivalent}"
+    if judged.seeds < judged.seeds_for_transfers:
+        within = f"at least {judged.seeds_for_transfers} seeds are needed"
+    return (
+        f"Overfitting is shown neither to be above {FAIL_MARGIN} (adjusted {exceeds}) nor to be "
+        f"within ±{EQUIVALENCE_MARGIN} ({within}) with {seeds}: {change}."
+    )
+
+
+def comparison_reason(panel: Panel, compared: PolicyComparison) -> str:
+    """Why a comparison of two rows ends as it does, in a sentence with numbers."""
+    counts = Counter(cell.status for cell in compared.cells)
+    informative = sum(cell.informative for cell in compared.cells)
+    if not informative:
+        return (
+            f"No cell is informative: {counts['unsolved']} solved by nobody (both below "
+            f"{UNSOLVED}), {counts['too_few_seeds']} with fewer than {MIN_SEEDS} seeds."
+        )
+    if counts["reversal"]:
+        worst = min(
+            (cell for cell in compared.cells if cell.status == "reversal"),
+            key=lambda cell: cell.p_reversal_adjusted or 0.0,
+        )
+        return (
+            f"The sign reverses in {counts['reversal']} of {informative} informative cells, most "
+            f"clearly on {_difference_in(panel, worst, worst.p_reversal_adjusted)}."
+        )
+    deciding = [cell for cell in compared.cells if cell.role is not None]
+    thin = [panel.in_words(cell.name) for cell in deciding if cell.status == "too_few_seeds"]
+    if thin:
+        return f"Fewer than {MIN_SEEDS} seeds in {', '.join(thin)}, which decides."
+    lost = [cell for cell in deciding if cell.status != "win"]
+    cells = "; ".join(
+        f"on {panel.in_words(cell.name)}, which nobody solves"
+        if cell.status == "unsolved"
+        else f"on {_difference_in(panel, cell, cell.p_win_adjusted)}"
+        for cell in lost or deciding
+    )
+    if lost:
+        return f"The win is not significant {cells}."
+    return f"A wins {cells}, and no sign reverses in {informative} informative cells."
+
+
+def _difference_in(panel: Panel, cell: CellFinding, p: float | None) -> str:
+    name, value = panel.in_words(cell.name), cell.difference
+    low, high = value.ends
+    level = percent(value.level or 0.0)
+    return (
+        f"{name}: A − B is {fixed(value.estimate)} ({level} interval {fixed(low)} to "
+        f"{fixed(high)}), adjusted {p_text(1.0 if p is None else p)}"
+    )
+
+
+def remedy_summary(panel: Panel, remedy: Remedy) -> str:
+    """Whether a mixture holds where single discretizations lose, in sentences with numbers."""
+    mixture = panel.in_words(remedy.row)
+    if not panel.row(remedy.row).learned:
+        return f"Policies trained on {mixture} did not learn, so they are no remedy here."
+    solved = [cell for cell in remedy.cells if cell.solved]
+    harmful = [cell for cell in solved if cell.lost]
+    held = [cell for cell in harmful if cell.overfitting.estimate <= FAIL_MARGIN]
+    if harmful:
+        own = sum(cell.member for cell in held)
+        trained = f", {own} of which they were trained in" if own else ""
+        lost = [panel.in_words(cell.cell) for cell in harmful if cell not in held]
+        rest = f"; they lose more in {', '.join(lost)}" if lost else ""
+        summary = (
+            f"In {len(harmful)} of the {len(solved)} discretizations that somebody solves, "
+            f"policies trained on another single one lose more than {FAIL_MARGIN} of success by "
+            f"overfitting; those trained on {mixture} lose no more than that in {len(held)} of "
+            f"these{trained}{rest}."
+        )
+    else:
+        summary = (
+            f"No policy of a single discretization that learned loses more than {FAIL_MARGIN} by "
+            f"overfitting anywhere, so there is nothing for {mixture} to remedy."
+        )
+    own_entry = panel.on_truth(remedy.row)
+    singles = [e.success.estimate for row in remedy.singles if (e := panel.on_truth(row))]
+    if own_entry is None or not singles:
+        return summary
+    return (
+        f"{summary} On the truth they succeed in {percent(own_entry.success.estimate)} of the "
+        f"episodes, policies of single discretizations in {percent(min(singles))} to "
+        f"{percent(max(singles))}."
+    )
 
 
 @dataclass(frozen=True)

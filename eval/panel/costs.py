@@ -9,7 +9,7 @@ from typing import Any
 
 from integ_gym.envs.registries import ENGINES
 from integ_gym.envs.settings import Discretization, Timing
-from integ_gym.evidence.record import Layout
+from integ_gym.evidence.episodes import Layout
 
 from .cells import (
     Cell,

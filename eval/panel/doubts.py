@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 from integ_gym.envs.foreign import SURVIVAL
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.support.terminal import percent
+from integ_gym.train.policy_files.reading import STATE_DICT_ENDINGS
 from integ_gym.train.policy_files.sidecar import HOW_TO_STATE
-from integ_gym.train.policy_files.state_dict import STATE_DICT_ENDINGS
 
+from ..statistics import Estimate
 from ..verdict import ALPHA, FAIL_MARGIN, p_text
 from .findings import paired_episodes
 from .matrix import (
@@ -26,7 +27,7 @@ from .matrix import (
     reward_doubts,
 )
 from .policies import Existing
-from .result import Estimate, PairedEpisodes
+from .result import PairedEpisodes
 from .spec import PanelSpec
 
 FEWEST, ENOUGH = 6, 20

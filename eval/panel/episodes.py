@@ -11,17 +11,15 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium.vector import VectorEnv
 
-from integ_gym.envs.sequential_vector import DiscretizedVectorEnv
+from integ_gym.envs.lanes import DiscretizedVectorEnv
 from integ_gym.envs.settings import Discretization, Settings
-from integ_gym.evidence.context import EpisodeContext
 from integ_gym.evidence.fields import ATTEMPT, LATER_ATTEMPT, SECOND_HORIZON
+from integ_gym.evidence.labels import EpisodeContext, Replays
 from integ_gym.evidence.labels import Home as HomeReplay
-from integ_gym.evidence.labels import Replays
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.evidence.vector_recorder import RecordVectorEvidence
 from integ_gym.support.processes import report_work
-from integ_gym.train.called_policy import PolicyStack
-from integ_gym.train.policy import Policy
+from integ_gym.train.policy import Policy, PolicyStack
 
 from .cells import Cell, Home, environments_of
 from .costs import cell_seconds
@@ -152,7 +150,7 @@ class Successes:
         """Whether the perturbation changes these arguments alone, from their undisturbed values."""
         if cell.perturbation is None or not set(cell.perturbation.environment) <= names:
             return False
-        plain = replace(cell, perturbation=None).arguments(self._environment)
+        plain = Cell.of(cell.discretization, "grid").arguments(self._environment)
         return all(plain.get(n, getattr(Settings, n)) == getattr(Settings, n) for n in names)
 
 

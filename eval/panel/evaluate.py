@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from integ_gym.evidence.record import Layout
+from integ_gym.evidence.episodes import Layout
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.support.executors import Cluster
 

@@ -18,7 +18,7 @@ from integ_gym.envs.testbeds.making import find_testbed
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.support.errors import InputError, InputTypeError
 from integ_gym.support.executors import Cluster, Resources, open_cluster
-from integ_gym.support.files import replace_file
+from integ_gym.support.files import display_path, replace_file
 from integ_gym.support.optional import installed_versions, require
 from integ_gym.support.processes import check_spawning, cores
 from integ_gym.support.storage import Storage, open_storage
@@ -38,13 +38,10 @@ from .outputs import (
     CHECKING,
     JUDGING,
     Begin,
+    Call,
     artefact_of,
-    call_of,
-    cost_of,
-    look_warnings,
-    of_plan,
     phases,
-    reduced,
+    reduce_records,
     write_outputs,
 )
 from .plan import planned_home
@@ -110,41 +107,32 @@ def facts_of(existing: Existing) -> dict[str, Any]:
     return dict(msgspec.to_builtins(facts))
 
 
-def given_panel(spec: PanelSpec, directory: RunDirectory, called: Mapping[str, Any]) -> Panel:
+def given_panel(spec: PanelSpec, directory: RunDirectory, called: Call) -> Panel:
     """What ``panel.json`` holds of an evaluation: a function of its manifest and records alone.
 
     Args:
         spec: of the evaluation.
         directory: of the run, all of which is there.
-        called: see :func:`~integ_gym.eval.panel.outputs.call_of`.
+        called: how the run was called.
 
     Raises:
         ValueError: where the manifest does not say what is known of the policy.
     """
     existing = _kept(spec, directory)
     name = existing.policy.policy_id
-    layout, matrix = reduced(spec, directory, given_rows(spec, name, existing.home))
     file = next((f"policies/{name}/{kept}" for kept in existing.files), None)
-    told: dict[str, Any] = {
-        "seed": existing.seed,
-        "hash": existing.policy.content_hash,
-        "file": file,
-    }
-    policies = [PanelPolicy(id=name, **told)]
-    policies += [PanelPolicy(id=x, seed=None, hash=None, file=None) for x in spec.baselines]
+    policy = PanelPolicy(id=name, seed=existing.seed, hash=existing.policy.content_hash, file=file)
+    rows, homes = given_rows(spec, policy, existing.home)
+    layout, matrix = reduce_records(spec, directory, rows, homes)
     store = EvidenceStore(directory.evidence)
     return artefact_of(
+        spec,
         directory,
         layout,
         matrix,
-        policies,
-        **of_plan(spec, directory, called),
-        cost=cost_of(directory, layout, (), called),
+        called,
         looks=layout.looks,
-        warnings=(
-            *doubts_of(existing, spec, layout, matrix, store),
-            *look_warnings(layout),
-        ),
+        doubts=doubts_of(existing, spec, layout, matrix, store),
     )
 
 
@@ -335,7 +323,7 @@ def evaluate_existing(
             panel = _write(existing, spec, directory, command, count, begin)
         directory.finish_work()
     for doubt in panel.warnings:
-        on_doubt(panel.said(doubt))
+        on_doubt(doubt)
     return panel
 
 
@@ -353,7 +341,7 @@ def _write(
     begin(JUDGING)
     directory.note(**{GIVEN: facts_of(existing)})
     directory.record_look(Seen(1, spec.episodes, 0))
-    called = call_of(directory, command, processes)
+    called = Call(command, processes, display_path(str(directory.storage)))
     return write_outputs(directory, given_panel(spec, directory, called), called, begin)
 
 

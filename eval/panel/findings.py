@@ -14,10 +14,9 @@ from integ_gym.envs.plants.interface import Plant
 from integ_gym.envs.registries import ENGINES
 from integ_gym.envs.settings import NATIVE, Discretization
 from integ_gym.evidence.store import EvidenceStore
-from integ_gym.support.terminal import percent
 
 from ..statistics import (
-    Interval,
+    Estimate,
     holm,
     median_interval,
     paired_return,
@@ -27,16 +26,15 @@ from ..statistics import (
 )
 from ..verdict import FAIL_MARGIN, UNSOLVED, Loss, adjust_for_look, share_of_look
 from .cells import Cell, is_engine, map_of
-from .matrix import Matrix, PanelLayout, Row
+from .matrix import Matrix, PanelLayout
 from .result import (
     EngineAgreement,
-    Estimate,
-    Median,
     PairedEpisodes,
     RankingAgreement,
     Remedy,
     RemedyCell,
     RemedyLoss,
+    Row,
     TrainingCost,
 )
 from .spec import PanelSpec
@@ -168,7 +166,7 @@ def _paired(layout: PanelLayout, matrix: Matrix, row: Row) -> Iterator[PairedEpi
             cell=cell,
             against=against,
             episodes=len(success),
-            success=Estimate.of(interval),
+            success=interval,
             p_success=p,
             p_success_adjusted=p_adjusted,
             returns=own and own[0],
@@ -204,8 +202,7 @@ def _return(there: Array, here: Array) -> tuple[Estimate, float] | None:
     if not (np.isfinite(there).all() and np.isfinite(here).all()):
         return None
     interval, p = paired_return(there, here)
-    estimate = Estimate(float(np.mean(there - here)))
-    return (estimate if interval is None else Estimate.of(interval)), p
+    return interval or Estimate(float(np.mean(there - here))), p
 
 
 FEWEST = 5
@@ -233,8 +230,8 @@ def _ranking(matrix: Matrix, rows: list[Row], cell: str, truth: str) -> RankingA
     return RankingAgreement(
         cell=cell,
         policies=len(seeds),
-        correlation=None if correlation is None else Estimate.of(correlation),
-        violation=Estimate.of(violation),
+        correlation=correlation,
+        violation=violation,
         chosen=chosen,
         best=best,
         regret=float(there[best].mean() - there[chosen].mean()),
@@ -258,79 +255,38 @@ def remedies(layout: PanelLayout, matrix: Matrix, losses: Losses) -> tuple[Remed
         if row.kind == "trained" and row.home is not None and matrix.learned(row.name)
     ]
     mixtures = [row.name for row in layout.rows if row.kind == "trained" and len(row.shares) > 1]
-    return tuple(_remedy(layout, matrix, losses, mixture, singles) for mixture in mixtures)
-
-
-def _remedy(
-    layout: PanelLayout, matrix: Matrix, losses: Losses, mixture: str, singles: Sequence[str]
-) -> Remedy:
-    assert layout.reference is not None
-    cells = tuple(_cell(matrix, losses, mixture, singles, cell) for cell in layout.columns())
-    truth = {row: float(matrix.rates(row, layout.reference).mean()) for row in (mixture, *singles)}
-    summary = (
-        [*_losses(mixture, cells), *_on_truth(mixture, truth)]
-        if matrix.learned(mixture)
-        else [f"Policies trained on {mixture} did not learn, so they are no remedy here."]
+    return tuple(
+        Remedy(
+            row=mixture,
+            singles=tuple(singles),
+            cells=tuple(
+                _remedy_in(matrix, losses, mixture, singles, cell) for cell in layout.columns()
+            ),
+        )
+        for mixture in mixtures
     )
-    return Remedy(row=mixture, singles=tuple(singles), cells=cells, summary=" ".join(summary))
 
 
-def _cell(
+def _remedy_in(
     matrix: Matrix, losses: Losses, mixture: str, singles: Sequence[str], cell: str
 ) -> RemedyCell:
-    lost = [
-        row
-        for row in singles
-        if matrix.rows[row].home != cell and losses[row, cell].overfitting.estimate > FAIL_MARGIN
-    ]
+    rates = {row: matrix.rates(row, cell) for row in matrix.rows}
     return RemedyCell(
         cell=cell,
         member=cell in matrix.rows[mixture].shares,
-        solved=any(bool(matrix.rates(row, cell).mean() >= UNSOLVED) for row in matrix.rows),
-        overfitting=Estimate.of(losses[mixture, cell].overfitting),
-        lost=tuple(_lost(matrix, losses, mixture, row, cell) for row in lost),
+        solved=any(bool(own.mean() >= UNSOLVED) for own in rates.values()),
+        overfitting=losses[mixture, cell].overfitting,
+        lost=tuple(
+            RemedyLoss(
+                row=row,
+                overfitting=losses[row, cell].overfitting,
+                difference=unpaired_difference(rates[mixture], rates[row]).interval,
+            )
+            for row in singles
+            if matrix.rows[row].home != cell
+            and losses[row, cell].overfitting.estimate > FAIL_MARGIN
+        ),
     )
-
-
-def _lost(matrix: Matrix, losses: Losses, mixture: str, single: str, cell: str) -> RemedyLoss:
-    """A row's loss, and success of the mixture minus its own."""
-    better = unpaired_difference(matrix.rates(mixture, cell), matrix.rates(single, cell))
-    return RemedyLoss(
-        row=single,
-        overfitting=Estimate.of(losses[single, cell].overfitting),
-        difference=Estimate.of(better.interval),
-    )
-
-
-def _losses(mixture: str, cells: Sequence[RemedyCell]) -> list[str]:
-    """How many discretizations cost single-discretization policies success, and the mixture."""
-    solved = [cell for cell in cells if cell.solved]
-    harmful = [cell for cell in solved if cell.lost]
-    if not harmful:
-        return [
-            f"No policy of a single discretization that learned loses more than {FAIL_MARGIN} "
-            f"by overfitting anywhere, so there is nothing for {mixture} to remedy."
-        ]
-    kept = [cell for cell in harmful if cell.overfitting.estimate <= FAIL_MARGIN]
-    own = sum(cell.member for cell in kept)
-    lost = [cell.cell for cell in harmful if cell not in kept]
-    trained = f", {own} of which they were trained in" if own else ""
-    rest = f"; they lose more in {', '.join(lost)}" if lost else ""
-    return [
-        f"In {len(harmful)} of the {len(solved)} discretizations that somebody solves, policies "
-        f"trained on another single one lose more than {FAIL_MARGIN} of success by overfitting; "
-        f"those trained on {mixture} lose no more than that in {len(kept)} of these{trained}{rest}."
-    ]
-
-
-def _on_truth(mixture: str, truth: Mapping[str, float]) -> list[str]:
-    singles = [rate for row, rate in truth.items() if row != mixture]
-    if not singles:
-        return []
-    return [
-        f"On the truth they succeed in {percent(truth[mixture])} of the episodes, policies of "
-        f"single discretizations in {percent(min(singles))} to {percent(max(singles))}."
-    ]
 
 
 WINDOW = 100
@@ -388,15 +344,8 @@ def _cost(by_seed: Sequence[float]) -> TrainingCost:
         rate=RATE,
         by_seed=tuple(_known(value) for value in by_seed),
         reached=int(np.isfinite(by_seed).sum()),
-        median=_median(median_interval(by_seed)),
+        median=median_interval(by_seed),
     )
-
-
-def _median(found: Interval | None) -> Median | None:
-    if found is None:
-        return None
-    estimate, low, high = (_known(value) for value in (found.estimate, found.low, found.high))
-    return Median(estimate=estimate, low=low, high=high, level=found.level)
 
 
 def _known(value: float) -> float | None:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from integ_gym.envs.sequential_vector import DiscretizedVectorEnv
+from integ_gym.envs.lanes import DiscretizedVectorEnv
 from integ_gym.envs.settings import DISCRETIZATION, Discretization, Mixture
 from integ_gym.envs.testbeds.making import find_testbed, make_training_environments
 from integ_gym.support.errors import InputError

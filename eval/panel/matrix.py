@@ -11,12 +11,13 @@ import numpy as np
 import numpy.typing as npt
 
 from integ_gym.envs.foreign import ASSUMED_RATE
+from integ_gym.evidence.labels import SENTENCE_COLUMNS, failure_sentence
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.support.errors import InputError
 
 from ..power import Comparison
 from ..statistics import (
-    Interval,
+    Estimate,
     draws_for,
     iqm,
     iqm_interval,
@@ -39,8 +40,8 @@ from ..verdict import (
     split,
 )
 from .achieve import Tried
-from .cells import Cell, Home, main_home
-from .result import AppliedDiscretization, Entry, Estimate, Failure, Look, RowKind, build
+from .cells import AppliedDiscretization, Cell, Home, main_home
+from .result import Entry, Failure, Look, Policy, Row
 from .run_directory import Seen, looks_before, spent_by
 from .spec import PanelSpec
 
@@ -49,37 +50,9 @@ Array = npt.NDArray[Any]
 COLUMNS = (
     "policy_id", "cell", "episode_index", "record_id", "success", '"return"', "time_to_success",
     "energy_residual_total", "energy_residual_abs_total", "solver_status", "failure_label",
-    "failure_reason", "replay_second_horizon", "arrival_energy", "arrival_residual",
+    "replay_second_horizon", "arrival_energy", "arrival_residual", *SENTENCE_COLUMNS,
 )  # fmt: skip
 """Columns of the records that the matrix is made of."""
-
-
-@dataclass(frozen=True)
-class Row:
-    """One row of the panel.
-
-    Attributes:
-        name: of the row.
-        kind: `trained`, `baseline` or `given`.
-        policies: policy ids, one per training seed.
-        trained_on: discretization or mixture; None for what was not trained.
-    """
-
-    name: str
-    kind: RowKind
-    policies: tuple[str, ...]
-    trained_on: Home | None = None
-
-    @property
-    def shares(self) -> dict[str, float]:
-        """Share of each cell, by name, that it was trained in; empty for what was not trained."""
-        members = {} if self.trained_on is None else self.trained_on.shares
-        return {member.name: share for member, share in members.items()}
-
-    @property
-    def home(self) -> str | None:
-        """Name of the home cell; None without one, or with the several of a mixture."""
-        return next(iter(self.shares)) if len(self.shares) == 1 else None
 
 
 class Matrix:
@@ -120,11 +93,11 @@ class Matrix:
 
     def has(self, row: str, cell: str) -> bool:
         """Whether every policy of the row was evaluated in the cell."""
-        return all((policy, cell) in self._records for policy in self.rows[row].policies)
+        return all((policy, cell) in self._records for policy in self.rows[row].policy_ids)
 
     def records(self, row: str, cell: str) -> list[list[Mapping[str, Any]]]:
         """Records by seed, then by episode."""
-        return [self._records[policy, cell] for policy in self.rows[row].policies]
+        return [self._records[policy, cell] for policy in self.rows[row].policy_ids]
 
     def values(self, row: str, cell: str, name: str) -> Array:
         """One column, shape (seeds, episodes); NaN where it is null."""
@@ -194,9 +167,9 @@ class Matrix:
             row=row,
             cell=cell,
             episodes=len(records),
-            success=_rate(rates),
+            success=mean_success(rates),
             success_by_seed=tuple(self.values(row, cell, "success").mean(axis=1).tolist()),
-            recovered=_rate(self.recovered_rates(row, cell)),
+            recovered=mean_success(self.recovered_rates(row, cell)),
             returns=self._return(row, cell),
             time_to_success=self._mean(row, cell, "time_to_success"),
             time_to_success_episodes=sum(r["time_to_success"] is not None for r in records),
@@ -205,10 +178,10 @@ class Matrix:
             numerics_share=self._numerics_share(row, cell),
             diverged=sum(record["solver_status"] == "diverged" for record in records),
             not_converged=sum(r["solver_status"] == "not_converged" for r in records),
-            home_drop=None if loss is None else Estimate.of(loss.total),
-            difficulty=None if loss is None else Estimate.of(loss.difficulty),
-            deadline=None if loss is None else Estimate.of(loss.deadline),
-            overfitting=None if loss is None else Estimate.of(loss.overfitting),
+            home_drop=None if loss is None else loss.total,
+            difficulty=None if loss is None else loss.difficulty,
+            deadline=None if loss is None else loss.deadline,
+            overfitting=None if loss is None else loss.overfitting,
             **self._tail(row, cell),
             transfer_gap=self._transfer_gap(row, cell, native),
             reference_class=self._reference_class(row, cell, reference),
@@ -227,7 +200,7 @@ class Matrix:
                 episode_index=record["episode_index"],
                 record_id=record["record_id"],
                 label=record["failure_label"],
-                reason=record["failure_reason"],
+                reason=failure_sentence(record),
             )
             for group in self.records(row, cell)
             for record in group
@@ -244,7 +217,7 @@ class Matrix:
             return None
         if self._by_episode:
             return _unit_mean(values)
-        return _estimate(iqm_interval(values), iqm(values))
+        return iqm_interval(values) or Estimate(iqm(values))
 
     def _numerics_share(self, row: str, cell: str) -> Estimate | None:
         """Of the energy gained until the goal is first reached, what numerical error put in."""
@@ -264,8 +237,8 @@ class Matrix:
         lost = home - self.rates(row, cell)
         worst = int(np.argmax(lost))
         return {
-            "tail": Estimate.of(rate_interval((lost > TAIL).astype(np.float64))),
-            "worst_policy": self.rows[row].policies[worst],
+            "tail": rate_interval((lost > TAIL).astype(np.float64)),
+            "worst_policy": self.rows[row].policy_ids[worst],
             "worst_loss": float(lost[worst]),
         }
 
@@ -276,8 +249,7 @@ class Matrix:
     def _transfer_gap(self, row: str, cell: str, native: str | None) -> Estimate | None:
         if native is None or native == row or self.rows[row].kind == "baseline":
             return None
-        gap = unpaired_difference(self.rates(native, cell), self.rates(row, cell))
-        return Estimate.of(gap.interval)
+        return unpaired_difference(self.rates(native, cell), self.rates(row, cell)).interval
 
     def _reference_class(self, row: str, cell: str, reference: str | None) -> ReferenceClass | None:
         if reference in (None, cell) or not self.has(row, str(reference)):
@@ -289,17 +261,12 @@ def _unit_mean(values: Array) -> Estimate | None:
     """Mean over units of each unit's mean over its finite values; None without any."""
     present = np.isfinite(values)
     means = [float(v[p].mean()) for v, p in zip(values, present, strict=True) if p.any()]
-    return _estimate(mean_interval(means), means[0]) if means else None
+    return mean_interval(means) or Estimate(means[0]) if means else None
 
 
-def _rate(rates: Array) -> Estimate:
+def mean_success(rates: Array) -> Estimate:
     """A mean success rate over units of replication."""
-    return Estimate.of(rate_interval(rates, draws=draws_for(len(rates))))
-
-
-def _estimate(interval: Interval | None, alone: float) -> Estimate:
-    """An estimate; one unit alone, which says nothing about others, has no interval."""
-    return Estimate(float(alone)) if interval is None else Estimate.of(interval)
+    return rate_interval(rates, draws=draws_for(len(rates)))
 
 
 @dataclass(frozen=True)
@@ -335,12 +302,22 @@ class PanelLayout:
         cls,
         spec: PanelSpec,
         rows: tuple[Row, ...],
+        homes: Mapping[str, Home],
         tried: Mapping[str, Tried],
         applied: Mapping[str, AppliedDiscretization],
         looks: Sequence[Seen] = (),
     ) -> PanelLayout:
-        """Rows of a panel with the cells that each is evaluated in."""
-        own = {row.name: spec.cells_of(row.trained_on) for row in rows}
+        """Rows of a panel with the cells that each is evaluated in.
+
+        Args:
+            spec: the panel.
+            rows: its rows.
+            homes: what rows were trained on, by name, as far as that is known.
+            tried: see the class.
+            applied: see the class.
+            looks: every look at the verdicts so far, this one included.
+        """
+        own = {row.name: spec.cells_of(homes.get(row.name)) for row in rows}
         every = [*spec.columns(), *(cell for cells in own.values() for cell in cells)]
         return cls(
             rows=rows,
@@ -356,7 +333,7 @@ class PanelLayout:
         )
 
     @property
-    def looked(self) -> Looks:
+    def looks_so_far(self) -> Looks:
         """All looks so far, this one included."""
         return self.looks_before.then(self.looks[-1].seeds) if self.looks else self.looks_before
 
@@ -369,10 +346,7 @@ class PanelLayout:
 
     def native(self, cell: str) -> str | None:
         """The row that was trained in a cell alone, if there is one."""
-        if self.cells[cell].perturbation is not None:
-            return None
-        wanted = self.cells[cell].discretization
-        return next((row.name for row in self.rows if row.trained_on == wanted), None)
+        return next((row.name for row in self.rows if row.home == cell), None)
 
     def reference_of(self, matrix: Matrix, cell: str) -> str | None:
         """The reference cell, where it has the same plant and control period.
@@ -413,21 +387,18 @@ class PanelLayout:
 
     def achieved(self, matrix: Matrix, cell: str) -> Achieved:
         """Whether a cell can be solved: by any policy, or by what was tried before."""
-        native = self.native(cell)
         attempts = []
         for row in self.rows:
             if row.kind != "baseline" and matrix.has(row.name, cell):
-                name = "there" if row.name == native else f"on {row.name}"
-                who = f"Policies trained {name}" if row.kind == "trained" else row.name
                 rates = matrix.rates(row.name, cell), matrix.recovered_rates(row.name, cell)
-                attempts.append(Attempt(who, *(float(rate.mean()) for rate in rates)))
+                attempts.append(Attempt(row.name, *(float(rate.mean()) for rate in rates)))
         return self._tried(cell).achieved(*attempts)
 
     def comparison(self, matrix: Matrix, row: str, cell: str) -> Comparison:
         """The transfer of a row with a home to a cell, as it is judged."""
         rates = self.rates(matrix, row, cell)
         assert rates is not None
-        return Comparison(f"{row} → {cell}", rates, self.achieved(matrix, cell))
+        return Comparison(row, cell, rates, self.achieved(matrix, cell))
 
     def _tried(self, cell: str) -> Tried:
         return self.tried.get(cell, Tried())
@@ -548,28 +519,31 @@ def applied_in(store: EvidenceStore) -> dict[str, AppliedDiscretization]:
         cell = row.pop("cell")
         if cell in found:
             raise InputError(f"records of cell {cell!r} do not agree on {names}")
-        found[cell] = build(AppliedDiscretization, **row)
+        found[cell] = AppliedDiscretization(**row)
     return found
 
 
-def given_rows(spec: PanelSpec, policy: str, home: Home | None) -> tuple[Row, ...]:
-    """The policy's row, then the baselines'.
+def given_rows(
+    spec: PanelSpec, policy: Policy, home: Home | None
+) -> tuple[tuple[Row, ...], dict[str, Home]]:
+    """The policy's row, then the baselines'; and the home, if it is known, by row.
 
     Args:
         spec: of the evaluation.
-        policy: its id.
+        policy: that was given.
         home: what it was trained on; None: unknown.
     """
-    return (
-        Row(policy, "given", (policy,), home),
-        *(Row(name, "baseline", (name,)) for name in spec.baselines),
+    rows = (
+        Row.of(policy.id, "given", [policy], home),
+        *(Row.of(name, "baseline", [Policy(id=name)]) for name in spec.baselines),
     )
+    return rows, {} if home is None else {policy.id: home}
 
 
 def home_cell(home: Home | None) -> str | None:
     """Name of the cell that most of the training ran on; None: unknown."""
     main = main_home(home)
-    return None if main is None else Cell(main, "grid").name
+    return None if main is None else Cell.of(main, "grid").name
 
 
 def compares_success(spec: PanelSpec, matrix: Matrix, row: str) -> bool:

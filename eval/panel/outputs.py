@@ -14,19 +14,18 @@ from integ_gym.evidence.store import EvidenceStore
 from integ_gym.support.errors import InputError
 from integ_gym.support.files import display_path
 from integ_gym.support.processes import limit_threads
-from integ_gym.support.terminal import plural
 from integ_gym.train.policy_files.sidecar import policy_file
 
 from ..report.figures import write_figures
 from ..report.page import write_report
-from ..verdict import ALPHA, share_of_look
 from .achieve import tried
 from .artefact import as_sealed, build_artefact
+from .cells import Home
 from .checking.plan import check_records
 from .evaluate import evaluated
 from .findings import agreements, training_costs
-from .matrix import COLUMNS, Matrix, PanelLayout, Row, applied_in, reward_doubts
-from .result import Cost, Panel, Policy, write_panel
+from .matrix import COLUMNS, Matrix, PanelLayout, applied_in, reward_doubts
+from .result import Cost, Panel, Policy, Row, Stage, write_panel
 from .run_directory import (
     CALLED,
     MANIFEST,
@@ -52,7 +51,7 @@ Begin = Callable[[Phase], None]
 """Told what is done now."""
 
 
-def untold(phase: Phase) -> None:
+def no_op(phase: Phase) -> None:
     """Nobody is told."""
 
 
@@ -80,7 +79,7 @@ def write_artefact(
     command: str,
     workers: int,
     of: PanelSpec | None = None,
-    begin: Begin = untold,
+    begin: Begin = no_op,
 ) -> Panel:
     """Reduce the evidence and write ``panel.json``, ``figures/`` and ``report.html``.
 
@@ -97,7 +96,7 @@ def write_artefact(
     begin(JUDGING)
     if of is None:
         directory.record_look(seen_now(spec))
-    called = call_of(directory, command, workers)
+    called = Call(command, workers, display_path(str(directory.storage)))
     made = panel_of(spec, directory, called, of)
     return write_outputs(directory, made, called, begin, decided=of is None)
 
@@ -105,7 +104,7 @@ def write_artefact(
 def panel_of(
     spec: PanelSpec,
     directory: RunDirectory,
-    called: Mapping[str, Any],
+    called: Call,
     of: PanelSpec | None = None,
 ) -> Panel:
     """What ``panel.json`` holds of a panel: a function of its plan, markers and records alone.
@@ -113,67 +112,45 @@ def panel_of(
     Args:
         spec: the panel, or a stage of it.
         directory: in which all of that is finished.
-        called: see :func:`call_of`.
+        called: how the run was called.
         of: the panel whose stage it is; nothing is decided then.
     """
-    layout, matrix = reduced(spec, directory, rows_of(spec))
-    looked = _looks(layout) if of is None else stage(spec, of)
-    doubts = reward_doubts(spec.env_id, EvidenceStore(directory.evidence))
+    homes = {home.name: home for home in spec.train}
+    layout, matrix = reduce_records(spec, directory, _rows_of(spec, directory), homes)
+    trained = {row.name: row.policy_ids for row in layout.rows if row.kind == "trained"}
+    store = EvidenceStore(directory.evidence)
     return artefact_of(
+        of or spec,
         directory,
         layout,
         matrix,
-        policies_of(spec, directory),
-        **of_plan(of or spec, directory, called),
-        cost=cost_of(directory, layout, [unit.training for unit in units_of(spec)], called),
-        **trained(spec, directory, layout, matrix),
-        **{**looked, "warnings": (*doubts, *looked["warnings"])},
+        called,
+        [unit.training for unit in units_of(spec)],
+        training_steps=training_config(spec, units_of(spec)[-1]).total_steps,
+        training_costs=training_costs(store, trained),
+        engine_agreement=agreements(layout, matrix, spec),
+        stage=None if of is None else Stage(seeds=len(spec.seeds), of=len(of.seeds)),
+        looks=layout.looks if of is None else (),
+        doubts=reward_doubts(spec.env_id, store),
     )
 
 
-def rows_of(spec: PanelSpec) -> tuple[Row, ...]:
-    """What was trained, then the baselines."""
-    units, homes = units_of(spec), {home.name: home for home in spec.train}
+def _rows_of(spec: PanelSpec, directory: RunDirectory) -> tuple[Row, ...]:
+    """What was trained, then the baselines, with the hashes that they were evaluated under."""
+    homes, there = {home.name: home for home in spec.train}, evaluated(directory)
+    policies: dict[str, list[Policy]] = {name: [] for name in (*homes, *spec.baselines)}
+    for unit in units_of(spec):
+        file = None
+        if unit.home:
+            path = policy_file(directory.policies / unit.policy)
+            file = path.relative_to(directory.path).as_posix()
+        policy_hash = there[unit.policy].policy_hash
+        policy = Policy(id=unit.policy, seed=unit.seed, hash=policy_hash, file=file)
+        policies[unit.row].append(policy)
     return tuple(
-        Row(
-            name=name,
-            kind="trained" if name in homes else "baseline",
-            policies=tuple(unit.policy for unit in units if unit.row == name),
-            trained_on=homes.get(name),
-        )
-        for name in dict.fromkeys((*homes, *spec.baselines))
+        Row.of(name, "trained" if name in homes else "baseline", own, homes.get(name))
+        for name, own in policies.items()
     )
-
-
-def policies_of(spec: PanelSpec, directory: RunDirectory) -> list[Policy]:
-    """Policies of a panel, with the hashes that they were evaluated under."""
-    held = evaluated(directory)
-    return [
-        Policy(
-            id=unit.policy,
-            seed=unit.seed,
-            hash=held[unit.policy].policy_hash,
-            file=_file(directory, unit.policy) if unit.home else None,
-        )
-        for unit in units_of(spec)
-    ]
-
-
-def _file(directory: RunDirectory, policy: str) -> str:
-    """Path of a policy's file in a run."""
-    return policy_file(directory.policies / policy).relative_to(directory.path).as_posix()
-
-
-def trained(
-    spec: PanelSpec, directory: RunDirectory, layout: PanelLayout, matrix: Matrix
-) -> dict[str, Any]:
-    """What a panel finds beside the outcomes of its rows in their cells."""
-    rows = {row.name: row.policies for row in layout.rows if row.kind == "trained"}
-    return {
-        "training_steps": training_config(spec, units_of(spec)[-1]).total_steps,
-        "training_costs": training_costs(EvidenceStore(directory.evidence), rows),
-        "engine_agreement": agreements(layout, matrix, spec),
-    }
 
 
 def seen_now(spec: PanelSpec) -> Seen:
@@ -183,112 +160,52 @@ def seen_now(spec: PanelSpec) -> Seen:
     return Seen(len(spec.seeds), spec.episodes, natives)
 
 
-def _looks(layout: PanelLayout) -> dict[str, Any]:
-    return {"looks": layout.looks, "warnings": tuple(look_warnings(layout))}
-
-
-def look_warnings(layout: PanelLayout) -> Iterator[str]:
-    """That what is concluded was seen before, with fewer seeds or starts."""
-    planned = layout.looks_before.planned
-    if planned and layout.looks and layout.looks[-1].seeds not in planned:
-        yield (
-            f"This look at {plural(layout.looks[-1].seeds, 'seed')} was not planned: the "
-            f"specification's `looks` are at {', '.join(map(str, planned))} seeds, which have the "
-            "whole level. So it gives no verdict."
-        )
-    if len(layout.looks) < 2:
-        return
-    before, now = layout.looks[-2:]
-    number = len(layout.looks)
-    if any(row.kind == "given" for row in layout.rows):
-        yield (
-            f"These results were seen before, the last time on {plural(before.episodes, 'start')}: "
-            f"this is look {number}. Looks share the level of {ALPHA}, so p-values are multiplied "
-            f"by {1.0 / share_of_look(number):.0f} here. What is called practically equal goes by "
-            "95 % intervals, which are not adjusted for looks: it is no verdict."
-        )
-    if not (layout.family or layout.compare):
-        return
-    seen = f"{plural(before.seeds, 'seed')} of {plural(before.episodes, 'start')}"
-    if before.adopted:
-        seen += " in the run whose policies were taken"
-    levels = {"fails": now.level_exceeds, "transfers": now.level_equivalent}
-    told = (
-        f"{level:.2g} to `{verdict}`" if level else f"nothing to `{verdict}`"
-        for verdict, level in levels.items()
-    )
-    yield (
-        f"Verdicts were seen before, the last on {seen}; this is look {number}. Looks share the "
-        f"level of {ALPHA}: this one gives {' and '.join(told)}, and its p-values are multiplied "
-        "accordingly."
-    )
-
-
-def stage(spec: PanelSpec, of: PanelSpec) -> dict[str, Any]:
-    """What a panel says of itself of which some seeds are there."""
-    sentence = (
-        f"Not decided yet: {len(spec.seeds)} of {len(of.seeds)} training seeds are here; the rest "
-        "is being trained and judged, and this page is written again as they arrive."
-    )
-    return {"undecided": sentence, "warnings": (sentence,)}
-
-
-def reduced(
-    spec: PanelSpec, directory: RunDirectory, rows: tuple[Row, ...]
+def reduce_records(
+    spec: PanelSpec,
+    directory: RunDirectory,
+    rows: tuple[Row, ...],
+    homes: Mapping[str, Home],
 ) -> tuple[PanelLayout, Matrix]:
     """The rows' cells, and what the evaluation episodes on record came to."""
     store = EvidenceStore(directory.evidence)
     table = store.query(f"SELECT {', '.join(COLUMNS)} FROM records WHERE phase = 'evaluation'")
-    layout = PanelLayout.of(spec, rows, tried(directory), applied_in(store), directory.looks())
+    layout = PanelLayout.of(
+        spec, rows, homes, tried(directory), applied_in(store), directory.looks()
+    )
     return layout, Matrix(rows, table.to_pylist(), spec.episodes, spec.trace_every)
 
 
-def call_of(directory: RunDirectory, command: str, workers: int) -> dict[str, Any]:
-    """How a run was called, as its manifest keeps it."""
-    place = display_path(str(directory.storage))
-    return {"command": command, "workers": workers, "directory": place}
+class Call(msgspec.Struct, frozen=True):
+    """How a run was called, as its manifest keeps it.
 
-
-def noted_call(directory: RunDirectory) -> dict[str, Any]:
-    """How a run was called when its page was written.
-
-    Raises:
-        ValueError: where its manifest does not say so, as those of before it was kept.
+    Attributes:
+        command: how to run it again.
+        workers: processes that it ran in.
+        directory: where, in words.
     """
-    try:
-        told = msgspec.convert(directory.manifest().get(CALLED), _Call)
-    except msgspec.ValidationError as error:
-        raise InputError(f"its {MANIFEST} does not say how it was called ({error})") from None
-    return dict(msgspec.to_builtins(told))
-
-
-class _Call(msgspec.Struct):
-    """What a manifest keeps of a call."""
 
     command: str
     workers: int
     directory: str
 
 
-def of_plan(spec: PanelSpec, directory: RunDirectory, called: Mapping[str, Any]) -> dict[str, Any]:
-    """What a panel takes from its plan, and from how it was called."""
-    manifest = directory.manifest()
-    return {
-        "name": spec.name,
-        "question": manifest["specification"]["question"],
-        "spec": manifest["specification"],
-        "protocol_gaps": tuple(spec.gaps()),
-        "versions": manifest["versions"],
-        "command": called["command"],
-        "directory": called["directory"],
-    }
+def read_call(directory: RunDirectory) -> Call:
+    """How a run was called when its page was written.
+
+    Raises:
+        ValueError: where its manifest does not say so, as those of before it was kept.
+    """
+    try:
+        return msgspec.convert(directory.manifest().get(CALLED), Call)
+    except msgspec.ValidationError as error:
+        raise InputError(f"its {MANIFEST} does not say how it was called ({error})") from None
 
 
 def write_outputs(
     directory: RunDirectory,
     made: Panel,
-    called: Mapping[str, Any],
-    begin: Begin = untold,
+    called: Call,
+    begin: Begin = no_op,
     decided: bool = True,
 ) -> Panel:
     """Write ``panel.json`` and the figures, seal the run if it is decided, and write the page.
@@ -298,13 +215,13 @@ def write_outputs(
     Args:
         directory: of the finished run.
         made: what was found.
-        called: see :func:`call_of`.
+        called: how the run was called.
         begin: told what is done now.
         decided: whether all of the panel is there.
     """
     panel = as_sealed(directory, made)
     if panel is made:
-        directory.note(**{CALLED: dict(called)})
+        directory.note(**{CALLED: msgspec.to_builtins(called)})
         write_panel(panel, directory.path)
     begin(DRAWING)
     write_figures(panel, directory.path / "figures")
@@ -316,47 +233,48 @@ def write_outputs(
 
 
 def artefact_of(
+    spec: PanelSpec,
     directory: RunDirectory,
     layout: PanelLayout,
     matrix: Matrix,
-    policies: Sequence[Policy],
-    /,
-    **told: Any,
+    called: Call,
+    training: Sequence[str] = (),
+    **found: Any,
 ) -> Panel:
-    """What ``panel.json`` holds; see :func:`build_artefact`.
+    """What ``panel.json`` holds.
 
     Its products are of small matrices: more threads than one take longer, and round otherwise.
+
+    Args:
+        spec: the panel.
+        directory: of its run.
+        layout: rows and cells.
+        matrix: outcomes.
+        called: how the run was called.
+        training: names of the run's training units.
+        found: other arguments of :func:`build_artefact`.
     """
+    manifest, there = directory.manifest(), evaluated(directory)
+    policies = [policy for row in layout.rows for policy in row.policy_ids]
+    evaluation = sorted({unit for policy in policies for unit in there[policy].units})
+    cost = Cost(
+        wall_seconds=round(directory.wall_seconds([*training, *evaluation]), 1),
+        workers=called.workers,
+        train_seconds=round(directory.seconds(training), 1),
+        evaluate_seconds=round(directory.seconds(evaluation), 1),
+    )
     with limit_threads():
         return build_artefact(
             layout,
             matrix,
-            {policy.id: policy for policy in policies},
-            {policy: there.files for policy, there in evaluated(directory).items()},
-            **told,
+            {policy: own.files for policy, own in there.items()},
+            name=spec.name,
+            question=manifest["specification"]["question"],
+            spec=manifest["specification"],
+            protocol_gaps=tuple(spec.gaps()),
+            versions=manifest["versions"],
+            command=called.command,
+            directory=called.directory,
+            cost=cost,
+            **found,
         )
-
-
-def cost_of(
-    directory: RunDirectory,
-    layout: PanelLayout,
-    training: Sequence[str],
-    called: Mapping[str, Any],
-) -> Cost:
-    """What a run took, interrupted runs included.
-
-    Args:
-        directory: of the run.
-        layout: whose policies were evaluated.
-        training: names of its training units.
-        called: see :func:`call_of`.
-    """
-    found = evaluated(directory)
-    policies = [policy for row in layout.rows for policy in row.policies]
-    evaluation = sorted({unit for policy in policies for unit in found[policy].units})
-    return Cost(
-        wall_seconds=round(directory.wall_seconds([*training, *evaluation]), 1),
-        workers=called["workers"],
-        train_seconds=round(directory.seconds(training), 1),
-        evaluate_seconds=round(directory.seconds(evaluation), 1),
-    )

@@ -1,10 +1,10 @@
-"""A run's plan beside its specification: how it grows, and how two of them differ."""
+"""A run's plan beside its specification: how it grows, how two differ, what its seeds can show."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import msgspec
@@ -12,47 +12,39 @@ import msgspec
 from integ_gym.envs.settings import WEIGHT, Discretization
 from integ_gym.support.terminal import plural
 
+from ..power import Power, fewest_seeds, verdict_chances
+from ..verdict import ALPHA, Looks, Shares
 from .cells import (
     UNNAMED,
     Cell,
     DiscretizationMixture,
     Home,
-    Perturbation,
     SpecError,
-    Sweep,
     changes_of,
 )
-from .spec import TRAINERS, PanelSpec
+from .result import Look
+from .spec import (
+    LATER,
+    NO_RESULT,
+    TRAINERS,
+    PanelSpec,
+    derived_table,
+)
 
 _CODE = ("env_id", "environment", "train", "grid")
 """Parts whose texts may name code of somebody's own."""
 
 
-class _Plan(msgspec.Struct, kw_only=True):
-    """What `PanelSpec.to_json` writes."""
-
-    name: str
-    question: str
-    env_id: str
-    control_period: float
-    environment: dict[str, Any]
-    training: dict[str, Any]
-    trainer: dict[str, str | None]
-    train: list[dict[str, Any]]
-    grid: list[Discretization]
-    seeds: list[int]
-    exploratory_seeds: int | None
-    baselines: list[str]
-    perturbations: list[Perturbation]
-    sweeps: list[Sweep] = []
-    family: list[tuple[str, str]]
-    compare: list[tuple[str, str]]
-    looks: list[int] = []
-    ladder: bool
-    episodes: int
-    episode_parts: list[int] = []
-    episode_seed: int
-    trace_every: int
+_Plan = derived_table(
+    "Plan",
+    {
+        "trainer": dict[str, str | None],
+        "train": list[dict[str, Any]],
+        **dict.fromkeys(NO_RESULT),
+    },
+    lambda key: key not in LATER,
+)
+"""What `PanelSpec.to_json` writes."""
 
 
 def planned_spec(plan: Mapping[str, Any]) -> PanelSpec:
@@ -64,18 +56,24 @@ def planned_spec(plan: Mapping[str, Any]) -> PanelSpec:
     Raises:
         SpecError: if it is no plan of a panel, in one sentence.
     """
+    fields = {key: value for key, value in plan.items() if key in _Plan.__struct_fields__}
     try:
-        told = msgspec.convert(dict(plan), _Plan)
-        held = msgspec.structs.asdict(told)
-        own: dict[str, Any] = {k: tuple(x) if isinstance(x, list) else x for k, x in held.items()}
-        if told.trainer.get("name") not in TRAINERS:
-            raise SpecError("its specification is damaged: it names no trainer that there is")
-        own |= {"trainer": str(told.trainer["name"]), "train": tuple(map(_home, told.train))}
-        if told.episode_parts and sum(told.episode_parts) != told.episodes:
-            raise SpecError("its specification is damaged: `episode_parts` do not add up")
-        return PanelSpec(**own)
+        table = msgspec.structs.asdict(msgspec.convert(fields, _Plan))
+        known = {key: value for key, value in table.items() if value is not msgspec.UNSET}
+        spec = PanelSpec(
+            **{
+                **known,
+                "trainer": str(known["trainer"].get("name")),
+                "train": tuple(map(_home, known["train"])),
+            }
+        )
     except (KeyError, msgspec.ValidationError) as error:
         raise SpecError(f"its specification is damaged: {error}") from None
+    if spec.trainer not in TRAINERS:
+        raise SpecError("its specification is damaged: it names no trainer that there is")
+    if spec.episode_parts and sum(spec.episode_parts) != spec.episodes:
+        raise SpecError("its specification is damaged: `episode_parts` do not add up")
+    return spec
 
 
 def planned_home(plan: Mapping[str, Any]) -> Home | None:
@@ -133,11 +131,11 @@ def additions(held: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[str]:
         now: the other.
     """
     for name in _LISTS:
-        yield from _lacking(name, now, held)
+        yield from _missing_entries(name, now, held)
     new = list(now.get(GROWING) or ())[len(held.get(GROWING) or ()) :]
     if new:
         yield f"{GROWING} {', '.join(map(str, new))}"
-    more = sum(_parts(now)) - sum(_parts(held))
+    more = sum(_episode_parts(now)) - sum(_episode_parts(held))
     if more:
         yield f"{plural(more, 'more episode')}{' a seed' if now.get(GROWING) else ''}"
     if held.get("question") != now.get("question"):
@@ -152,24 +150,24 @@ def contradictions(held: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[
         now: what is asked for there.
     """
     for name in _LISTS:
-        for lost in _lacking(name, held, now):
+        for lost in _missing_entries(name, held, now):
             yield f"it has {lost}, which is missing now"
-    one, other = _parts(held), _parts(now)
+    one, other = _episode_parts(held), _episode_parts(now)
     differ = any(held.get(name) != now.get(name) for name in EPISODES)
     if differ and not (one and other[: len(one)] == one):
-        yield f"`episodes` {_summed(one)} (now {_summed(other)})"
+        yield f"`episodes` {_sum_words(one)} (now {_sum_words(other)})"
     same = {name: now.get(name) for name in (GROWING, *EPISODES, *WORDS, *_LISTS)}
     yield from _differences({**held, **same}, {**now, **same})
 
 
-def continued(spec: PanelSpec, held: Mapping[str, Any]) -> PanelSpec:
+def with_episode_parts(spec: PanelSpec, held: Mapping[str, Any]) -> PanelSpec:
     """The same panel with its episodes in the parts in which a directory has them, and then more.
 
     Args:
         spec: what is asked for there, unchanged if it says the parts itself or has fewer.
         held: what the directory was begun with, as plain data.
     """
-    parts = _parts(held)
+    parts = _episode_parts(held)
     more = spec.episodes - sum(parts)
     if spec.episode_parts or more < 0:
         return spec
@@ -177,30 +175,30 @@ def continued(spec: PanelSpec, held: Mapping[str, Any]) -> PanelSpec:
     return replace(spec, episode_parts=grown if len(grown) > 1 else ())
 
 
-def _parts(plan: Mapping[str, Any]) -> tuple[int, ...]:
+def _episode_parts(plan: Mapping[str, Any]) -> tuple[int, ...]:
     """How many episodes a plan has, in parts; none of one that is damaged."""
     told = plan.get("episode_parts") or [plan.get("episodes")]
     whole = isinstance(told, list) and all(type(part) is int for part in told)
     return tuple(told) if whole else ()
 
 
-def _summed(parts: Sequence[int]) -> str:
+def _sum_words(parts: Sequence[int]) -> str:
     return " + ".join(map(str, parts)) or "none"
 
 
-def _lacking(name: str, one: Mapping[str, Any], other: Mapping[str, Any]) -> Iterator[str]:
+def _missing_entries(name: str, one: Mapping[str, Any], other: Mapping[str, Any]) -> Iterator[str]:
     """Entries of a list that another specification's lacks; of a sweep, its values."""
-    there = _by_entry(other.get(name) or ())
-    for key, (entry, values) in _by_entry(one.get(name) or ()).items():
+    there = _entries_by_key(other.get(name) or ())
+    for key, (entry, values) in _entries_by_key(one.get(name) or ()).items():
         if key not in there:
-            yield _told(name, entry)
+            yield _entry_words(name, entry)
             continue
         missing = [value for value in values if value not in there[key][1]]
         if missing:
-            yield _told(name, {**entry, "values": missing})
+            yield _entry_words(name, {**entry, "values": missing})
 
 
-def _told(name: str, entry: Any) -> str:
+def _entry_words(name: str, entry: Any) -> str:
     """An entry in words; as it is in a manifest that is damaged."""
     kind, words = _LISTS[name]
     try:
@@ -209,7 +207,7 @@ def _told(name: str, entry: Any) -> str:
         return f"{kind} {json.dumps(entry)}"
 
 
-def _by_entry(values: Sequence[Any]) -> dict[str, tuple[Any, tuple[float, ...]]]:
+def _entries_by_key(values: Sequence[Any]) -> dict[str, tuple[Any, tuple[float, ...]]]:
     """Entries of a list; of a sweep, which may have more values, these apart."""
     found = {}
     for value in values:
@@ -219,26 +217,26 @@ def _by_entry(values: Sequence[Any]) -> dict[str, tuple[Any, tuple[float, ...]]]
     return found
 
 
-def _place(entry: Mapping[str, Any]) -> str:
+def _place_words(entry: Mapping[str, Any]) -> str:
     if "mixture" in entry:
         return repr(entry["mixture"])
     return f"{Discretization(**entry).name!r}"
 
 
-def _changed(entry: Mapping[str, Any]) -> str:
+def _change_words(entry: Mapping[str, Any]) -> str:
     changes = ", ".join(f"{name} = {value}" for name, value in entry["environment"].items())
     return f"{entry['name']!r} ({changes})"
 
 
-def _swept(entry: Mapping[str, Any]) -> str:
+def _sweep_words(entry: Mapping[str, Any]) -> str:
     return f"of `{entry['argument']}` at {', '.join(f'{value:g}' for value in entry['values'])}"
 
 
 _LISTS: Final[Mapping[str, tuple[str, Callable[[Any], str]]]] = {
-    "train": ("row", _place),
-    "grid": ("cell", _place),
-    "perturbations": ("perturbation", _changed),
-    "sweeps": ("sweep", _swept),
+    "train": ("row", _place_words),
+    "grid": ("cell", _place_words),
+    "perturbations": ("perturbation", _change_words),
+    "sweeps": ("sweep", _sweep_words),
     "baselines": ("baseline", repr),
 }
 """Lists to which more may be added anywhere, what an entry is called, and how it is told."""
@@ -271,7 +269,7 @@ MOST_SEEDS: Final = 10_000
 """Seeds that a panel may have."""
 
 
-def grown(spec: PanelSpec, seeds: int) -> PanelSpec:
+def with_seed_count(spec: PanelSpec, seeds: int) -> PanelSpec:
     """The same panel with so many training seeds: its first, or all and new ones after the last.
 
     Raises:
@@ -314,3 +312,46 @@ def inputs(spec: PanelSpec, cells: Iterable[Cell]) -> dict[str, Any]:
     shared = {name: value for name, value in told.items() if name not in FREE}
     starts = {"start_sets": list(spec.start_sets)}
     return {**shared, **starts, "sources": sources, "cells": sorted(places)}
+
+
+@dataclass(frozen=True)
+class FamilyPower:
+    """Power of a panel's declared transfers.
+
+    Attributes:
+        family: how many are declared.
+        seeds: of the rows that they name.
+        natives: seeds of the row with the fewest that was trained in a cell that they name.
+        power: by true overfitting.
+        fewest: seeds with which `transfers` can be shown where every episode succeeds.
+    """
+
+    family: int
+    seeds: int
+    natives: int
+    power: tuple[Power, ...]
+    fewest: int
+
+
+def family_power(spec: PanelSpec, before: Sequence[Look] = ()) -> FamilyPower | None:
+    """Power of a panel's declared transfers, simulated; None without any.
+
+    Args:
+        spec: the panel.
+        before: earlier looks at its verdicts.
+    """
+    if not spec.family:
+        return None
+    seen = (
+        Shares(look.level_exceeds / ALPHA, look.level_equivalent / ALPHA)
+        if look.adopted
+        else look.seeds
+        for look in before
+    )
+    looks = Looks(tuple(seen), spec.looks)
+    cells, rows = {cell for _, cell in spec.family}, {row for row, _ in spec.family}
+    seeds = min(len(spec.seeds_of(home)) for home in spec.train if home.name in rows)
+    natives = min((len(spec.seeds_of(h)) for h in spec.train if h.name in cells), default=0)
+    family = len(spec.family)
+    found = verdict_chances(seeds, natives, spec.episodes, family, looks)
+    return FamilyPower(family, seeds, natives, found, fewest_seeds(family, looks))

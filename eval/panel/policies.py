@@ -14,19 +14,19 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from integ_gym.envs.catalogue.lookup import environment_setup
-from integ_gym.envs.sequential_vector import DiscretizedVectorEnv
+from integ_gym.envs.environment import environment_setup
+from integ_gym.envs.lanes import DiscretizedVectorEnv
 from integ_gym.envs.testbeds.making import find_testbed, make_training_environments
-from integ_gym.evidence.record import EvidenceRecord, argument_values
+from integ_gym.evidence.record import EvidenceRecord
 from integ_gym.evidence.replaying import Acting
+from integ_gym.evidence.schema import argument_values
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.support.errors import InputError
 from integ_gym.support.files import read_object
 from integ_gym.train.baselines import BASELINES, make_baseline
-from integ_gym.train.called_policy import CalledPolicy, behaviour_hash
 from integ_gym.train.monitoring import RawModel
-from integ_gym.train.policy import MlpPolicy, Policy
-from integ_gym.train.policy_files.limits import PolicyFileError
+from integ_gym.train.policy import CalledPolicy, MlpPolicy, Policy, behaviour_hash
+from integ_gym.train.policy_files.card import PolicyFileError
 from integ_gym.train.policy_files.onnx import OnnxPolicy, onnx_card, onnx_data
 from integ_gym.train.policy_files.reading import (
     ONNX_ENDING,

@@ -4,97 +4,32 @@ from __future__ import annotations
 
 import inspect
 import json
-import math
 import re
 from collections.abc import Iterable
 from datetime import datetime
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Final, Literal, NamedTuple, TypeAlias, TypeVar
+from typing import Any, Final, Literal, NamedTuple, TypeAlias
 
 import msgspec
 
+from integ_gym.envs.settings import Discretization
 from integ_gym.support.errors import InputError
 from integ_gym.support.files import read_bounded, write_json
-from integ_gym.support.terminal import fixed, percent
 
-from ..power import Verdict as Judged
-from ..statistics import Interval
+from ..power import Verdict
+from ..statistics import Estimate, Median, Part
 from ..verdict import (
     FAIL_MARGIN,
     UNSOLVABLE,
-    Achievability,
-    CellRole,
-    CellStatus,
-    Outcome,
+    PolicyComparison,
     ReferenceClass,
     require_unique,
 )
-
-
-class Part(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A part of a panel: immutable, and of a file it must say all that is asked for, no more."""
-
-
-PartType = TypeVar("PartType", bound=Part)
-
-
-def build(part: type[PartType], /, **values: Any) -> PartType:
-    """A part from values that are checked; a result of the statistics becomes a part of its own.
-
-    Raises:
-        msgspec.ValidationError: if a value is of another type than the part asks for.
-    """
-    return msgspec.convert(values, part, from_attributes=True)
-
-
-class Estimate(Part, frozen=True):
-    """A number with a two-sided interval over training seeds, in the unit of what it estimates.
-
-    Where a policy was given, the interval is over its episodes: this policy, these starts.
-
-    Attributes:
-        estimate: the number.
-        low: lower end of the interval; null where there is none or it is not bounded.
-        high: upper end of the interval; null as the lower.
-        level: nominal coverage of the interval, in (0, 1); null without one.
-    """
-
-    estimate: float
-    low: float | None = None
-    high: float | None = None
-    level: float | None = None
-
-    @classmethod
-    def of(cls, interval: Interval) -> Estimate:
-        """An interval of the statistics; ends that are not finite are not known."""
-        low, high = (end if math.isfinite(end) else None for end in (interval.low, interval.high))
-        return cls(interval.estimate, low, high, interval.level)
-
-    @property
-    def bounded(self) -> bool:
-        """Whether both ends are known."""
-        return self.low is not None and self.high is not None
-
-    @property
-    def ends(self) -> tuple[float, float]:
-        """Both ends; the estimate itself where an end is unknown."""
-        return (
-            self.estimate if self.low is None else self.low,
-            self.estimate if self.high is None else self.high,
-        )
-
-    def __str__(self) -> str:
-        if not self.bounded:
-            return fixed(self.estimate)
-        return f"{fixed(self.estimate)} ({fixed(self.low)} to {fixed(self.high)})"
-
+from .cells import Cell, Home
 
 RowKind: TypeAlias = Literal["trained", "given", "baseline"]
 """Trained by the panel, given to it, or a baseline that nobody trained."""
-
-CellKind: TypeAlias = Literal["grid", "reference", "perturbation", "ladder"]
-"""Of the grid; the truth; with a changed plant or delay; the control period follows the step."""
 
 
 class Policy(Part, frozen=True, kw_only=True):
@@ -140,9 +75,40 @@ class Row(Part, frozen=True, kw_only=True):
     control_period: float | None
     seeds: int
     policies: tuple[Policy, ...]
-    home_success: Estimate | None
-    learned: bool | None
-    training_steps: int | None
+    home_success: Estimate | None = None
+    learned: bool | None = None
+    training_steps: int | None = None
+
+    @classmethod
+    def of(
+        cls, name: str, kind: RowKind, policies: Iterable[Policy], home: Home | None = None
+    ) -> Row:
+        """A row before anything came out.
+
+        Args:
+            name: of the row.
+            kind: trained by the panel, given to it, or a baseline.
+            policies: one for each training seed.
+            home: what they were trained on; None: nothing, or it is not known.
+        """
+        alone = home if isinstance(home, Discretization) else None
+        known = tuple(policies)
+        return cls(
+            name=name,
+            kind=kind,
+            home=alone.name if alone else None,
+            shares={} if home is None else {one.name: x for one, x in home.shares.items()},
+            integrator=alone.integrator if alone else None,
+            dt=alone.dt if alone else None,
+            control_period=None if home is None else home.control_period,
+            seeds=len(known),
+            policies=known,
+        )
+
+    @property
+    def policy_ids(self) -> tuple[str, ...]:
+        """Names of its policies in the evidence."""
+        return tuple(policy.id for policy in self.policies)
 
     @property
     def baseline(self) -> bool:
@@ -153,72 +119,6 @@ class Row(Part, frozen=True, kw_only=True):
     def mixed(self) -> bool:
         """Whether it was trained on a mixture of discretizations."""
         return len(self.shares) > 1
-
-
-class AppliedDiscretization(Part, frozen=True, kw_only=True):
-    """What the environments of a cell really did, read back from those that were made.
-
-    Attributes:
-        engine: what advanced the plant.
-        engine_version: its version; null where it tells none.
-        integrator: integrator, as the engine calls it.
-        dt: integration step, s.
-        substeps: integration steps in a control period.
-        control_period: time between two decisions, s.
-    """
-
-    engine: str
-    engine_version: str | None
-    integrator: str
-    dt: float
-    substeps: int
-    control_period: float
-
-
-class Cell(Part, frozen=True, kw_only=True):
-    """One discretization in which policies were evaluated.
-
-    Attributes:
-        name: name of the cell, unique.
-        engine: `native`, or the simulator that advances the plant.
-        integrator: integrator, as the engine calls it.
-        dt: integration step, s.
-        control_period: time between two decisions, s.
-        kind: `grid`, `reference`, `perturbation` or `ladder`.
-        perturbation: name of the change of the plant or its delays; null without one.
-        role: `reference` or `quarter_step` where the cell decides a comparison of policies.
-        applied: what its records tell of the environments; null without records.
-        achievability: `achievable`, `too_slow` (within two horizons alone), `unachievable` or
-            `undecided`; null where it was not asked.
-        achievability_reason: why, in one sentence with numbers.
-    """
-
-    name: str
-    engine: str
-    integrator: str
-    dt: float
-    control_period: float
-    kind: CellKind
-    perturbation: str | None
-    role: CellRole | None
-    applied: AppliedDiscretization | None = None
-    achievability: Achievability | None = None
-    achievability_reason: str | None = None
-
-    @property
-    def reference(self) -> bool:
-        """Whether this is the truth column."""
-        return self.perturbation is None and "reference" in (self.kind, self.role)
-
-    @property
-    def scheme(self) -> str:
-        """Integrator, and the engine where it is not ours."""
-        return self.integrator if self.engine == "native" else f"{self.engine} {self.integrator}"
-
-    @property
-    def plain(self) -> bool:
-        """Whether the plant and its delays are those of the spec."""
-        return self.perturbation is None and self.kind != "perturbation"
 
 
 class Entry(Part, frozen=True, kw_only=True):
@@ -292,45 +192,6 @@ class Entry(Part, frozen=True, kw_only=True):
         return self.reference_class in ("false_pass", "false_fail")
 
 
-class Verdict(Part, frozen=True, kw_only=True):
-    """Verdict on one declared transfer; the p-values are null without one.
-
-    Attributes:
-        row: name of the row.
-        cell: name of the cell that its policies were transferred to.
-        name: name of the transfer.
-        verdict: `fails`, `transfers`, `inconclusive`; without a verdict `not_learned`, or the
-            cell's status.
-        total: success at home minus success here; positive is worse. The next three add up to it.
-        difficulty: what policies trained here and the hand-made controller do not reach either.
-        deadline: what is won back within a second horizon.
-        overfitting: the rest, which the verdict is about.
-        p_exceeds: p-value for "overfitting > 0.2".
-        p_equivalent: p-value for "overfitting within ±0.1".
-        p_exceeds_adjusted: p-value for "overfitting > 0.2" after Holm's procedure over the family,
-            divided by the share of the level that this look has; 1 where it has none.
-        p_equivalent_adjusted: the same for "overfitting within ±0.1".
-        reason: why, in one sentence with numbers.
-        seeds_wanted: with how many training seeds four in five such panels would decide an
-            `inconclusive` one; null where eight times as many would not, or there is no need.
-    """
-
-    row: str
-    cell: str
-    name: str
-    verdict: Judged
-    total: Estimate
-    difficulty: Estimate
-    deadline: Estimate
-    overfitting: Estimate
-    p_exceeds: float | None
-    p_equivalent: float | None
-    p_exceeds_adjusted: float | None
-    p_equivalent_adjusted: float | None
-    reason: str
-    seeds_wanted: int | None = None
-
-
 class PairedEpisodes(Part, frozen=True, kw_only=True):
     """One given policy in one cell, held against what it does from the same starts elsewhere.
 
@@ -365,51 +226,6 @@ class PairedEpisodes(Part, frozen=True, kw_only=True):
     returns: Estimate | None
     p_return: float | None
     p_return_adjusted: float | None
-
-
-class CellFinding(Part, frozen=True, kw_only=True):
-    """What one cell says about "A beats B".
-
-    Attributes:
-        name: name of the cell.
-        role: `quarter_step` or `reference` where the cell decides.
-        status: `win`, `reversal`, `undecided`; `unsolved` or `too_few_seeds` where the cell is
-            uninformative.
-        difference: success of A minus success of B.
-        p_win: p-value for "A is better", not adjusted.
-        p_win_adjusted: p-value for "A is better", divided by the share of the level that this look
-            has; null in an uninformative cell.
-        p_reversal: p-value for "B is better", not adjusted.
-        p_reversal_adjusted: p-value for "B is better" after Holm's procedure, divided likewise;
-            null in an uninformative cell.
-    """
-
-    name: str
-    role: CellRole | None
-    status: CellStatus
-    difference: Estimate
-    p_win: float
-    p_win_adjusted: float | None
-    p_reversal: float
-    p_reversal_adjusted: float | None
-
-
-class PolicyComparison(Part, frozen=True, kw_only=True):
-    """Whether "A beats B" survives refinement.
-
-    Attributes:
-        a: name of the row of A.
-        b: name of the row of B.
-        outcome: `accepted`, `rejected` or `uninformative`.
-        reason: why, in one sentence with numbers.
-        cells: what each cell says.
-    """
-
-    a: str
-    b: str
-    outcome: Outcome
-    reason: str
-    cells: tuple[CellFinding, ...]
 
 
 class RemedyLoss(Part, frozen=True, kw_only=True):
@@ -451,29 +267,11 @@ class Remedy(Part, frozen=True, kw_only=True):
         row: name of the mixture's row.
         singles: names of the rows of a single discretization that learned.
         cells: every cell of the grid, and the reference.
-        summary: what came out, in sentences with numbers.
     """
 
     row: str
     singles: tuple[str, ...]
     cells: tuple[RemedyCell, ...]
-    summary: str
-
-
-class Median(Part, frozen=True, kw_only=True):
-    """Median over seeds of what may not be reached; null where it is not.
-
-    Attributes:
-        estimate: the median; seeds that never got there count as longest.
-        low: lower end of its interval.
-        high: upper end of its interval.
-        level: nominal coverage of the interval, in (0, 1).
-    """
-
-    estimate: float | None
-    low: float | None
-    high: float | None
-    level: float
 
 
 class TrainingCost(Part, frozen=True, kw_only=True):
@@ -571,14 +369,11 @@ class Failure(Part, frozen=True, kw_only=True):
     reason: str
 
 
-SCHEMA_VERSION: Final = 5
+SCHEMA_VERSION: Final = 6
 """Version of ``panel.json`` that is written and read here."""
 
 ROW_ORDER: Final = ("trained", "given", "baseline")
 """Kinds of rows in the order in which they are shown."""
-
-UNSKILLED: Final = ("random", "zero")
-"""Baselines that know nothing of a task."""
 
 
 class Cost(Part, frozen=True, kw_only=True):
@@ -617,6 +412,18 @@ class Look(Part, frozen=True, kw_only=True):
     adopted: bool = False
 
 
+class Stage(Part, frozen=True, kw_only=True):
+    """A panel some of whose training seeds are not here yet.
+
+    Attributes:
+        seeds: training seeds that are here.
+        of: training seeds of the whole panel.
+    """
+
+    seeds: int
+    of: int
+
+
 class Group(NamedTuple):
     """Neighbouring columns: one integrator from its coarsest step to its finest."""
 
@@ -632,9 +439,8 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
         schema_version: version of this form.
         name: name of the panel.
         question: question that the panel asks.
-        answer: answer to it, a line for each thing that is said; the first says success at home, on
-            the truth, what is lost, and whether dt is the cause.
-        warnings: what a reader must know before trusting anything here.
+        stage: how much of it is here; null where all is.
+        doubts: what speaks against trusting its policies or rewards, in sentences.
         spec: specification of the panel.
         protocol_gaps: what of the protocol the panel leaves out, in sentences.
         command: command that makes it again.
@@ -665,11 +471,11 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
             not declare.
     """
 
-    schema_version: Literal[5] = SCHEMA_VERSION
+    schema_version: Literal[6] = SCHEMA_VERSION
     name: str
     question: str
-    answer: str
-    warnings: tuple[str, ...] = ()
+    stage: Stage | None = None
+    doubts: tuple[str, ...] = ()
     spec: dict[str, Any]
     protocol_gaps: tuple[str, ...] = ()
     command: str
@@ -688,7 +494,7 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
     looks: tuple[Look, ...] = ()
     policy_comparisons: tuple[PolicyComparison, ...] = ()
     remedies: tuple[Remedy, ...] = ()
-    training_costs: dict[str, TrainingCost] = {}
+    training_costs: dict[str, TrainingCost] = msgspec.field(default_factory=dict)
     engine_agreement: tuple[EngineAgreement, ...] = ()
     rankings: tuple[RankingAgreement, ...] = ()
     failures: tuple[Failure, ...] = ()
@@ -749,10 +555,27 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
         about = f"{len(self.rows)} rows, {len(self.cells)} cells"
         return f"<Panel {self.name!r}: {about}; {self.headline}>"
 
+    @cached_property
+    def answer(self) -> str:
+        """The answer, a line for each thing that is said.
+
+        The first says success at home, on the truth, what is lost, and whether dt is the cause.
+        """
+        from .conclusions import answer_lines  # which reads panels
+
+        return "\n".join(answer_lines(self))
+
     @property
     def headline(self) -> str:
         """The first line of the answer."""
         return self.answer.partition("\n")[0]
+
+    @cached_property
+    def warnings(self) -> tuple[str, ...]:
+        """What a reader must know before trusting anything here, in sentences."""
+        from .conclusions import warning_lines
+
+        return warning_lines(self)
 
     @cached_property
     def given_alone(self) -> bool:
@@ -769,58 +592,29 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
         """Whether the matrix mixes control periods, so that columns must name theirs."""
         return len({cell.control_period for cell in self.columns}) > 1
 
-    def called(self, name: str) -> str:
-        """The name of a row or a cell as people read it, in which the truth is called so."""
+    def label(self, name: str, truth: str = "truth") -> str:
+        """The name of a row or a cell as people read it, in which the reference is the truth.
+
+        Args:
+            name: of the row or the cell; another text comes back as it is.
+            truth: what the truth is called.
+        """
         if self.truth is None:
             return name
-        return name.replace(self.truth.name, "truth").replace("reference dt=", "truth dt=")
+        known: tuple[Cell | Row, ...] = (*self.cells, *self.rows)
+        one = next((x for x in known if x.name == name), None)
+        if one is None or one.integrator != self.truth.integrator:
+            return name
+        exact = self.truth.name if name.startswith(self.truth.name) else self.truth.scheme
+        return truth + name.removeprefix(exact)
 
-    def said(self, text: str) -> str:
-        """A sentence as people read it, in which the truth is called so."""
-        truth = self.truth
-        if truth is not None:
-            text = text.replace(truth.name, "the truth")
-            at = f"at dt {truth.dt:.6g} s and control period {truth.control_period:.6g} s"
-            text = text.replace(f"{truth.integrator} ({truth.engine}) {at}", "the truth")
-        return text
+    def in_words(self, name: str) -> str:
+        """The name of a row or a cell in a sentence."""
+        return self.label(name, "the truth")
 
     def on_truth(self, row: str) -> Entry | None:
         """What a row did on the reference, or None."""
         return None if self.truth is None else self.entry(row, self.truth.name)
-
-    @cached_property
-    def success_doubt(self) -> str:
-        """Why the rule of success looks wrong, in a sentence; empty where nothing speaks for it.
-
-        It looks wrong where a baseline that knows nothing of the task succeeds more than a policy
-        and returns less, on the same starts.
-        """
-        found = []
-        for entry in self.matrix:
-            if self.row(entry.row).baseline or entry.returns is None:
-                continue
-            for name in UNSKILLED:
-                base = self.entry(name, entry.cell)
-                if base is None or base.returns is None:
-                    continue
-                more = base.success.estimate - entry.success.estimate
-                low = entry.returns.low
-                least = entry.returns.estimate if low is None else low
-                if more > FAIL_MARGIN and base.returns.estimate < least:
-                    found.append((more, entry, base))
-        if not found:
-            return ""
-        _, entry, base = max(found, key=lambda one: one[0])
-        theirs, own = (
-            f"{one.row} succeeds in {percent(one.success.estimate)} of episodes with a mean return "
-            f"of {fixed(one.returns.estimate if one.returns else None, 1)}"
-            for one in (base, entry)
-        )
-        return (
-            f"The rule of success looks wrong: on {entry.cell}, {theirs}, and {own}. Compare "
-            "returns, or say which return is a success (--success-return R, where the task takes "
-            "it)."
-        )
 
     @cached_property
     def undeclared(self) -> tuple[Entry, ...]:
@@ -877,6 +671,10 @@ LARGEST = 256 << 20
 """Bytes of it, at most."""
 
 
+class OtherVersionError(InputError):
+    """A ``panel.json`` of another schema version."""
+
+
 class _Version(msgspec.Struct):
     schema_version: Any = None
 
@@ -908,7 +706,7 @@ def read_panel(path: Path) -> Panel:
         raise InputError(
             f"{path} is damaged or holds no panel ({error}); run the panel again to write it anew"
         ) from error
-    raise InputError(
+    raise OtherVersionError(
         f"{path} has panel schema_version {version!r}, expected {SCHEMA_VERSION}; run the panel's "
         "command again, which keeps what is finished and writes the file anew, or use the "
         "integ-gym version that wrote it"

@@ -23,7 +23,7 @@ from .costs import check_cost
 from .episodes import Subject
 from .evaluate import evaluate_all, evaluated
 from .outputs import phases, write_artefact
-from .plan import continued, stages
+from .plan import stages, with_episode_parts
 from .result import Panel
 from .run_directory import MANIFEST, RunDirectory, read_manifest
 from .spec import (
@@ -83,7 +83,7 @@ def as_there(spec: PanelSpec, storage: Storage) -> PanelSpec:
     manifest = storage.path / MANIFEST
     if not manifest.exists():
         return spec
-    return continued(spec, read_manifest(manifest)["specification"])
+    return with_episode_parts(spec, read_manifest(manifest)["specification"])
 
 
 @contextmanager

@@ -19,8 +19,8 @@ import msgspec
 from integ_gym.evidence.sealing import (
     SEAL_FILE,
     broken_seals,
-    lift_seal,
-    lower_seal,
+    restore_seal,
+    suspend_seal,
 )
 from integ_gym.support.errors import IntegGymError
 from integ_gym.support.files import (
@@ -185,13 +185,13 @@ class RunDirectory:
             for folder in (*written, *self.policies.iterdir()):
                 remove_leftovers(folder, age=0.0)
             self._check()
-            self.lift_seal()
+            self.suspend_seal()
             try:
                 self._write_manifest()
                 self.storage.send()
                 yield
             finally:
-                lower_seal(self.path)
+                restore_seal(self.path)
                 self.storage.send()
 
     @contextmanager
@@ -234,7 +234,7 @@ class RunDirectory:
         for folder in (self.evidence, self.policies, self._units):
             folder.mkdir(parents=True, exist_ok=True)
 
-    def lift_seal(self) -> None:
+    def suspend_seal(self) -> None:
         """Put the seal of a finished run aside, whose files may now be added to.
 
         What is missing or has lost its end is done again, and ``panel.json`` is written anew;
@@ -243,7 +243,7 @@ class RunDirectory:
         Raises:
             RunDirectoryError: if another file is not what was sealed.
         """
-        lower_seal(self.path)
+        restore_seal(self.path)
         broken = list(broken_seals(self.path))
         self.was_sealed = (self.path / SEAL_FILE).exists() and not broken
         for finding in broken:
@@ -254,7 +254,7 @@ class RunDirectory:
                     f"{self._told(path)} {finding.message}; restore it from a copy, or give "
                     "another directory with --out"
                 )
-        lift_seal(self.path)
+        suspend_seal(self.path)
 
     def record_look(self, seen: Seen) -> None:
         """Note that verdicts are about to be seen, unless they were seen on the same."""

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from importlib import resources
 from itertools import accumulate
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
+
+import msgspec
 
 from integ_gym.envs.registries import INTEGRATORS
 from integ_gym.envs.settings import DISCRETIZATION, WEIGHT, Discretization
-from integ_gym.envs.testbeds.interface import Testbed
+from integ_gym.envs.testbeds.gym_testbed import Testbed
 from integ_gym.envs.testbeds.making import find_testbed
 from integ_gym.support.files import read_bounded
 from integ_gym.support.optional import install_command, package_version
@@ -22,33 +24,31 @@ from integ_gym.train.runs import ALGORITHMS, Algorithm
 
 from ..verdict import MIN_SEEDS
 from .cells import (
+    INSTALLED,
     Cell,
+    Count,
     DiscretizationMixture,
     Home,
+    Name,
     Perturbation,
+    Places,
+    Positive,
     SpecError,
     Sweep,
+    SweepTable,
     absent_engines,
-    asks_for_installed,
-    check_keys,
     check_known,
     check_unique,
+    convert,
     engine_versions,
     environments_of,
-    evaluated,
+    evaluation_grid,
     file_name,
-    flag,
-    integer,
-    list_of,
     many,
     nominal_setup,
-    pair_of,
-    perturbations_of,
-    positive,
+    standard_perturbations,
     sweeps_of,
-    table,
-    text,
-    trained,
+    training_homes,
 )
 
 _DELAYS = {"action_latency", "sensor_period", "observation_noise", "fallback"}
@@ -67,10 +67,10 @@ START_SETS = 5
 ALGORITHM = "algorithm"
 """Key in ``training`` that is no hyperparameter but says whose they are."""
 
-_NO_RESULT = ("memory_gib", "left_out")
+NO_RESULT = ("memory_gib", "left_out")
 """Attributes that change no result."""
 
-_LATER = ("sweeps", "episode_parts", "looks")
+LATER = ("sweeps", "episode_parts", "looks")
 """Attributes that are told where there is something to tell; specifications of before lack them."""
 
 
@@ -78,20 +78,20 @@ _LATER = ("sweeps", "episode_parts", "looks")
 class PanelSpec:
     """One panel; see docs/reference/panel.md for the TOML form."""
 
-    name: str
-    question: str = "Does a policy trained on one integrator and timestep survive another?"
-    env_id: str
-    control_period: float
+    name: Name
+    question: Name = "Does a policy trained on one integrator and timestep survive another?"
+    env_id: Name
+    control_period: Positive
     environment: Mapping[str, Any] = field(default_factory=dict)
     training: Mapping[str, Any] = field(default_factory=dict)
-    trainer: str = "fleet"
+    trainer: Name = "fleet"
     """`fleet` (compiled; all policies at once) or `sb3` (stable-baselines3)."""
     train: tuple[Home, ...]
     grid: tuple[Discretization, ...]
-    seeds: tuple[int, ...]
-    exploratory_seeds: int | None = None
+    seeds: tuple[Count, ...]
+    exploratory_seeds: Count | None = None
     """How many of the seeds rows are trained with that no declared comparison names; all."""
-    baselines: tuple[str, ...] = ()
+    baselines: tuple[Name, ...] = ()
     """Policies without training that the rows are held against."""
     perturbations: tuple[Perturbation, ...] = ()
     sweeps: tuple[Sweep, ...] = ()
@@ -100,20 +100,20 @@ class PanelSpec:
     """Declared comparisons: (training discretization or mixture, cell)."""
     compare: tuple[tuple[str, str], ...] = ()
     """Pairs of the same whose policies are compared under refinement."""
-    looks: tuple[int, ...] = ()
+    looks: tuple[Count, ...] = ()
     """Seeds at the planned looks at verdicts, which share the level; empty: none is planned."""
     ladder: bool = True
     """Also refine each policy's own discretization with the control period following dt."""
-    episodes: int = 20
+    episodes: Count = 20
     """Starts of every seed."""
-    episode_parts: tuple[int, ...] = ()
+    episode_parts: tuple[Count, ...] = ()
     """How many of them came at a time, in order, where they did not come all at once."""
-    episode_seed: int = 1000
-    trace_every: int = 1
+    episode_seed: Count = 1000
+    trace_every: Count = 1
     """Every so many-th episode of a policy in a cell has a trace; all can be replayed."""
-    memory_gib: float | None = None
+    memory_gib: Positive | None = None
     """What the fleet's processes may take together, GiB."""
-    left_out: tuple[str, ...] = ()
+    left_out: tuple[Name, ...] = ()
     """Engines that are not installed, where the grid asks for all that are."""
 
     @property
@@ -190,13 +190,13 @@ class PanelSpec:
     def columns(self) -> tuple[Cell, ...]:
         """Cells that every row is evaluated in: the grid, then the reference if there is one."""
         grid = tuple(
-            Cell(d, "grid", role="quarter_step" if self._decides(d) else None)
+            Cell.of(d, "grid", role="quarter_step" if self._decides(d) else None)
             for d in self.grid
             if d != self.reference
         )
         if self.reference is None:
             return grid
-        return (*grid, Cell(self.reference, "reference", role="reference"))
+        return (*grid, Cell.of(self.reference, "reference", role="reference"))
 
     @cached_property
     def changes(self) -> tuple[Perturbation, ...]:
@@ -248,7 +248,7 @@ class PanelSpec:
         own = () if home is None else tuple(home.shares)
         columns = sorted(self.columns(), key=lambda cell: cell.discretization not in own)
         perturbed = [
-            Cell(d, "perturbation", perturbation=p)
+            Cell.of(d, "perturbation", perturbation=p)
             for p in self.changes
             for d in dict.fromkeys((*own, self.reference))
             if d is not None
@@ -262,7 +262,7 @@ class PanelSpec:
             return ()
         steps = [home.dt / 2.0, home.dt / 4.0]
         return tuple(
-            Cell(Discretization(home.integrator, dt, dt, home.engine), "ladder") for dt in steps
+            Cell.of(Discretization(home.integrator, dt, dt, home.engine), "ladder") for dt in steps
         )
 
     def engine_versions(self) -> dict[str, str]:
@@ -271,8 +271,8 @@ class PanelSpec:
 
     def to_json(self) -> dict[str, Any]:
         """The specification as plain data, everything resolved."""
-        empty = (name for name in _LATER if not getattr(self, name))
-        silent = (*_NO_RESULT, *empty)
+        empty = (name for name in LATER if not getattr(self, name))
+        silent = (*NO_RESULT, *empty)
         told = [f.name for f in fields(self) if f.name not in silent]
         plain = {name: _plain(getattr(self, name)) for name in told}
         return {**plain, "trainer": self._trainer(), "sources": self._sources()}
@@ -310,7 +310,7 @@ def _plain(value: Any) -> Any:
         members = [{**member.arguments(), WEIGHT: weight} for member, weight in value.weights]
         return {"mixture": value.name, "members": members}
     if isinstance(value, (Perturbation, Sweep)):
-        return asdict(value)
+        return msgspec.to_builtins(value)
     return dict(value) if isinstance(value, Mapping) else value
 
 
@@ -401,7 +401,7 @@ def _check_algorithm(spec: PanelSpec) -> None:
         )
 
 
-def check_environment(environment: Mapping[str, Any]) -> None:
+def _check_environment(environment: Mapping[str, Any]) -> None:
     """Refuse arguments of all cells that cells vary.
 
     Raises:
@@ -452,37 +452,44 @@ def _check_comparison(spec: PanelSpec, pair: tuple[str, str]) -> None:
 BUILT_IN = ("quick", "engines")
 """Panels that come with the package."""
 
-_VALUES: dict[str, Callable[[str, Any], Any]] = {
-    "name": text,
-    "question": text,
-    "env_id": text,
-    "control_period": positive,
-    "trainer": text,
-    "memory_gib": positive,
-    "ladder": flag,
-    "episode_seed": integer,
-    "exploratory_seeds": integer,
-    "trace_every": integer,
-}
-"""Key of a single value to what reads it."""
-
-_LISTS: dict[str, Callable[[str, Any], Any]] = {
-    "seeds": integer,
-    "looks": integer,
-    "baselines": text,
-    "family": pair_of,
-    "compare": pair_of,
-}
-"""Key of a list to what reads each of its values."""
-
 LARGEST_FILE = 1 << 20
 """Bytes of a specification, at most."""
 
-_KEYS = (
-    *_VALUES, *_LISTS, "episodes", "environment", "training", "train", "evaluate", "perturbations",
-    "sweep",
-)  # fmt: skip
+
+def derived_table(name: str, others: Mapping[str, Any], required: Callable[[str], bool]) -> Any:
+    """A form of a specification: the fields of `PanelSpec`, some of them of another kind.
+
+    Args:
+        name: of the form.
+        others: kinds of fields that are of another kind; None: the form has not that field.
+        required: whether a field must be there.
+    """
+    kinds = {**get_type_hints(PanelSpec, include_extras=True), **others}
+    return msgspec.defstruct(
+        name,
+        [
+            (key, kind) if required(key) else (key, kind, msgspec.UNSET)
+            for key, kind in kinds.items()
+            if kind is not None
+        ],
+        kw_only=True,
+        forbid_unknown_fields=True,
+    )
+
+
 _REQUIRED = ("name", "env_id", "control_period", "seeds", "train", "evaluate")
+
+_Toml = derived_table(
+    "Specification",
+    {
+        "train": list[dict[str, Any]],
+        "evaluate": list[Places],
+        "sweep": list[SweepTable],
+        "episodes": Count | list[Count],
+        **dict.fromkeys(("grid", "sweeps", "episode_parts", "left_out")),
+    },
+    _REQUIRED.__contains__,
+)
 
 
 def built_in_spec(name: str = "quick") -> PanelSpec:
@@ -548,36 +555,30 @@ def parse_spec(data: Mapping[str, Any], source: str) -> PanelSpec:
 
 
 def _parse(data: Mapping[str, Any]) -> PanelSpec:
-    check_keys("key", data, _KEYS)
-    missing = [key for key in _REQUIRED if key not in data]
-    if missing:
-        raise SpecError(f"missing key {missing[0]!r}; see docs/reference/panel.md for the format")
-    given = {key: read(key, data[key]) for key, read in _VALUES.items() if key in data}
-    for key, read in _LISTS.items():
-        if key in data:
-            given[key] = tuple(read(key, value) for value in list_of(data, key))
-    if "episodes" in data:
-        given |= _episodes(data["episodes"])
-    given |= {key: dict(table(data, key)) for key in ("environment", "training")}
-    check_environment(given["environment"])
-    testbed = find_testbed(given["env_id"], given["environment"])
-    of = replace(testbed.home, control_period=given["control_period"])
-    nominal = nominal_setup(testbed, of.control_period)
-    if "baselines" not in data:
-        given["baselines"] = possible_baselines(nominal, testbed.controller)
-    return PanelSpec(
-        **given,
-        train=trained(data, of),
-        grid=evaluated(data, of),
-        perturbations=perturbations_of(data, nominal),
-        sweeps=sweeps_of(data, nominal),
-        left_out=absent_engines() if any(map(asks_for_installed, data["evaluate"])) else (),
-    )
-
-
-def _episodes(value: Any) -> dict[str, Any]:
-    """How many there are, and in which parts, where there are several."""
-    parts = tuple(integer("episodes", part) for part in many(value))
+    for key in data:
+        check_known("key", key, _Toml.__struct_fields__)
+    table = convert("", dict(data), _Toml)
+    given = {k: x for k, x in msgspec.structs.asdict(table).items() if x is not msgspec.UNSET}
+    parts = tuple(many(given.pop("episodes", PanelSpec.episodes)))
     if 0 in parts or not parts:
-        raise SpecError(f"`episodes` must be 1 or above, or a list of such parts, got {value!r}")
-    return {"episodes": sum(parts), "episode_parts": parts if len(parts) > 1 else ()}
+        raise SpecError(
+            f"`episodes` must be 1 or above, or a list of such parts, got {data['episodes']!r}"
+        )
+    given |= {"episodes": sum(parts), "episode_parts": parts if len(parts) > 1 else ()}
+    _check_environment(given.get("environment", {}))
+    testbed = find_testbed(given["env_id"], given.get("environment", {}))
+    home = replace(testbed.home, control_period=given["control_period"])
+    nominal = nominal_setup(testbed, home.control_period)
+    evaluate, sweep = given.pop("evaluate"), given.pop("sweep", ())
+    installed = any(entry.engine == INSTALLED for entry in evaluate)
+    given.setdefault("baselines", possible_baselines(nominal, testbed.controller))
+    given.setdefault("perturbations", standard_perturbations(nominal))
+    return PanelSpec(
+        **{
+            **given,
+            "train": training_homes(given["train"], home),
+            "grid": evaluation_grid(evaluate, home),
+            "sweeps": sweeps_of(given["env_id"], sweep, nominal),
+            "left_out": absent_engines() if installed else (),
+        }
+    )

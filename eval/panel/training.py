@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from integ_gym.evidence.context import EpisodeContext
+from integ_gym.evidence.labels import EpisodeContext
 from integ_gym.support.errors import MissingPackageError
 from integ_gym.support.executors import Cluster
 from integ_gym.support.files import read_object, write_json

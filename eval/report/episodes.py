@@ -14,14 +14,15 @@ from typing import Any, Final, Literal, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.envs.catalogue.lookup import environment_setup
+from integ_gym.envs.environment import environment_setup
 from integ_gym.envs.ops.ops import SCALAR
 from integ_gym.envs.registries import ENVIRONMENTS, INTEGRATORS
 from integ_gym.envs.settings import DISCRETIZATION, NATIVE, Setup
 from integ_gym.envs.steps import Script, script_of
+from integ_gym.evidence.labels import SENTENCE_COLUMNS
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.train.policy import MlpPolicy
-from integ_gym.train.policy_files.limits import PolicyFileError
+from integ_gym.train.policy_files.card import PolicyFileError
 from integ_gym.train.policy_files.reading import read_weights
 from integ_gym.train.policy_files.sidecar import WEIGHTS_FILE
 
@@ -65,9 +66,9 @@ FROM records WHERE phase = 'evaluation' ORDER BY policy_id, cell, episode_index
 """
 _FIELDS: Final = (
     "record_id", "policy_id", "cell", "episode_index", "success", "failure_label",
-    "failure_reason", "time_to_success", "return", "energy_start", "energy_end", "length",
+    "time_to_success", "return", "energy_start", "energy_end", "length",
     "work_total", "energy_residual_total", "dissipated_total", "contact_loss_total",
-    "clip_loss_total", "control_period", "initial_state",
+    "clip_loss_total", "initial_state", *SENTENCE_COLUMNS,
 )  # fmt: skip
 _SUMS: Final = ("work", "energy_residual", "dissipated", "contact_loss", "clip_loss")
 
@@ -196,7 +197,7 @@ def read_episodes(panel: Panel, directory: str | PathLike[str]) -> Episodes | No
     traces = _read_traces(panel, store, leads)
     there = {trace.key for trace in traces}
     shown = [lead for lead in leads if (lead.row, lead.cell, lead.seed, lead.episode) in there]
-    policies = {}
+    policies: dict[tuple[str, int], MlpPolicy] = {}
     for row, seed in dict.fromkeys((lead.row, lead.seed) for lead in shown):
         if len(policies) < MOST_POLICIES:
             policy = read_network(panel.row(row).policies[seed], Path(directory))
@@ -431,23 +432,22 @@ def _floats(values: Sequence[float | None] | None, count: int) -> Array:
     return np.concatenate((numbers, np.full(count - len(numbers), np.nan)))
 
 
-def read_network(told: Policy, directory: Path) -> MlpPolicy | None:
+def read_network(judged: Policy, directory: Path) -> MlpPolicy | None:
     """The network of a policy, if it is the one that the panel judged and a page can carry it."""
-    if not told.file:
+    if not judged.file:
         return None
-    file = directory / told.file
+    file = directory / judged.file
     statistics = next(file.parent.glob("obs_stats.*"), None)
     for path in (file.with_name(WEIGHTS_FILE), file):
         with suppress(OSError, ValueError, PolicyFileError, ModuleNotFoundError):
             card = path.with_suffix(".json")
             beside = json.loads(card.read_text("utf-8")) if card.exists() else None
             policy = read_weights(path, beside, statistics)
-            if policy.content_hash == told.hash:
-                simple = isinstance(policy, MlpPolicy) and (
-                    policy.activation in ACTIVATIONS
-                    and sum(weight.size for weight, _ in policy.layers) <= _MOST_WEIGHTS
-                )
-                return policy if simple else None
+            if policy.content_hash == judged.hash:
+                if not isinstance(policy, MlpPolicy) or policy.activation not in ACTIVATIONS:
+                    return None
+                size = sum(weight.size for weight, _ in policy.layers)
+                return policy if size <= _MOST_WEIGHTS else None
     return None
 
 
@@ -473,11 +473,11 @@ def live_of(
             continue
         parts = {part: getattr(cell, part) for part in DISCRETIZATION}
         try:
-            made = environment_setup(env_id, {**panel.spec.get("environment", {}), **parts})
+            own = environment_setup(env_id, {**panel.spec.get("environment", {}), **parts})
         except (TypeError, ValueError):
             continue
-        if script := script_of(made):
-            setup, scripts[name], periods[name] = made, script, cell.control_period
+        if script := script_of(own):
+            setup, scripts[name], periods[name] = own, script, cell.control_period
     if setup is None:
         return None
     units = setup.plant.coordinate_units

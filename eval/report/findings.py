@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 
 from integ_gym.support.terminal import NONE, fixed, plural
 
-from ..panel.result import Entry, Panel, Row
+from ..panel.result import Entry, Panel
 from ..verdict import PASS, UNSOLVABLE
 from .forests import Trust
 
@@ -41,9 +41,9 @@ def findings_of(panel: Panel, trusts: Sequence[Trust]) -> list[Finding]:
         if one.verdict == "fails":
             home = panel.row(one.row).home_success
             text = (
-                f"{one.row} does not transfer to {one.cell}: success is "
-                f"{fixed(home.estimate) if home else NONE} at home and "
-                f"{_rate(panel.entry(one.row, one.cell))} on {one.cell}, of which "
+                f"{panel.in_words(one.row)} does not transfer to {panel.in_words(one.cell)}: "
+                f"success is {fixed(home.estimate) if home else NONE} at home and "
+                f"{_rate(panel.entry(one.row, one.cell))} there, of which "
                 f"{fixed(one.overfitting.estimate)} is lost by overfitting."
             )
             fails.append(Finding("fails", text))
@@ -66,7 +66,7 @@ def findings_of(panel: Panel, trusts: Sequence[Trust]) -> list[Finding]:
 
 def _agreement(panel: Panel, trusts: Sequence[Trust]) -> Finding:
     judged = [entry for trust in trusts for entry in trust.judged]
-    left = [cell.name for cell in panel.columns if cell.achievability in UNSOLVABLE]
+    left = [panel.in_words(cell.name) for cell in panel.columns if cell.achievability in UNSOLVABLE]
     out = f" Left out: {_and(left, 'cells')}, which cannot be solved in time." if left else ""
     counts: Counter[str | None] = Counter(entry.reference_class for entry in judged)
     parts = [
@@ -97,27 +97,26 @@ def _false_passes(panel: Panel, trusts: Sequence[Trust]) -> Iterator[Finding]:
     """Where rows that fail on the reference pass."""
     for row in panel.ordered_rows:
         wrong = [e for trust in trusts for e in trust.of("false_pass") if e.row == row.name]
-        if wrong:
-            yield _false_pass(panel, row, wrong)
-
-
-def _false_pass(panel: Panel, row: Row, wrong: Sequence[Entry]) -> Finding:
-    truth = panel.on_truth(row.name)
-    at_home = next((entry for entry in wrong if entry.cell == row.home), None)
-    others = _and([f"{e.cell} ({_rate(e)})" for e in wrong if e is not at_home], "cells")
-    if at_home is None:
-        text = f"{row.name} reaches {_rate(truth)} on the truth, but passes on {others}."
-    else:
-        given = row.kind == "given"
-        who = f"{row.name} reaches" if given else f"The policies trained on {row.name} reach"
-        text = (
-            f"{who} {_rate(at_home)} at home but {_rate(truth)} on the truth: that win belongs "
-            "to the simulator, not to the physics."
-        )
-        if others:
-            text += f" {'It also passes' if given else 'They also pass'} on {others}."
-    close = any(_is_undecided(e) for e in (truth, *([at_home] if at_home else wrong)))
-    return Finding("false_pass", text, close, len(wrong))
+        if not wrong:
+            continue
+        truth = panel.on_truth(row.name)
+        at_home = next((entry for entry in wrong if entry.cell == row.home), None)
+        away = [entry for entry in wrong if entry is not at_home]
+        others = _and([f"{panel.in_words(e.cell)} ({_rate(e)})" for e in away], "cells")
+        name = panel.in_words(row.name)
+        if at_home is None:
+            text = f"{name} reaches {_rate(truth)} on the truth, but passes on {others}."
+        else:
+            given = row.kind == "given"
+            who = f"{name} reaches" if given else f"The policies trained on {name} reach"
+            text = (
+                f"{who} {_rate(at_home)} at home but {_rate(truth)} on the truth: that win belongs "
+                "to the simulator, not to the physics."
+            )
+            if others:
+                text += f" {'It also passes' if given else 'They also pass'} on {others}."
+        close = any(_is_undecided(e) for e in (truth, *([at_home] if at_home else wrong)))
+        yield Finding("false_pass", text, close, len(wrong))
 
 
 def _false_fails(panel: Panel, trusts: Sequence[Trust]) -> Iterator[Finding]:
@@ -132,11 +131,14 @@ def _false_fails(panel: Panel, trusts: Sequence[Trust]) -> Iterator[Finding]:
         if not wrong:
             continue
         on_truth = [panel.on_truth(entry.row) for entry in wrong]
-        pairs = zip(wrong, on_truth, strict=True)
-        rows = _and([f"{e.row} ({_rate(e)} against {_rate(there)})" for e, there in pairs], "rows")
+        pairs = [
+            f"{panel.in_words(entry.row)} ({_rate(entry)} against {_rate(there)})"
+            for entry, there in zip(wrong, on_truth, strict=True)
+        ]
+        rows = _and(pairs, "rows")
         text = (
-            f"{trust.cell.name} fails what passes on the truth: {rows}. Judged there, "
-            f"{'policies that work' if len(wrong) > 1 else 'a policy that works'} would be "
+            f"{panel.in_words(trust.cell.name)} fails what passes on the truth: {rows}. Judged "
+            f"there, {'policies that work' if len(wrong) > 1 else 'a policy that works'} would be "
             "thrown away."
         )
         close = any(_is_undecided(entry) for entry in (*wrong, *on_truth))

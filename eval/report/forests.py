@@ -10,19 +10,11 @@ from typing import Final, Literal, TypeAlias
 
 from integ_gym.support.terminal import NONE, compact, fixed, percent
 
-from ..panel.cells import swept_name
-from ..panel.result import (
-    Cell,
-    Entry,
-    Estimate,
-    PairedEpisodes,
-    Panel,
-    Remedy,
-    RemedyCell,
-    Row,
-    Verdict,
-)
-from ..power import WITHOUT_VERDICT
+from ..panel.cells import Cell, swept_name
+from ..panel.conclusions import remedy_summary
+from ..panel.result import Entry, PairedEpisodes, Panel, Remedy, RemedyCell, Row
+from ..power import WITHOUT_VERDICT, Verdict
+from ..statistics import Estimate
 from ..verdict import ALPHA, EQUIVALENCE_MARGIN, FAIL_MARGIN, p_text
 
 Tone: TypeAlias = Literal["fails", "transfers", "inconclusive", "not_learned", "soft", "accent"]
@@ -212,13 +204,13 @@ def gap_forest(panel: Panel) -> Forest | None:
 def _gap_line(panel: Panel, row: str, cell: str, value: Estimate, tone: Tone = "soft") -> Line:
     low, high = value.ends
     return Line(
-        panel.called(row),
-        panel.called(cell),
+        panel.label(row),
+        panel.label(cell),
         (row, cell),
         (Mark(value, tone, filled=tone != "soft"),),
         fixed(value.estimate, 2, True),
         f"{fixed(low)} to {fixed(high)}" if value.bounded else "",
-        f"{row} on {cell}: overfitting {value}",
+        f"{panel.in_words(row)} on {panel.in_words(cell)}: overfitting {value}",
     )
 
 
@@ -258,7 +250,7 @@ def mixtures_of(panel: Panel) -> list[Mixture]:
 def remedy_forest(panel: Panel) -> Forest | None:
     """Every discretization in which single ones lose, by mixture; None without any."""
     blocks = tuple(
-        Block(f"{mixture.row.name}: {mixture.members}", mixture.harmful)
+        Block(f"{panel.in_words(mixture.row.name)}: {mixture.members}", mixture.harmful)
         for mixture in mixtures_of(panel)
         if mixture.harmful
     )
@@ -277,25 +269,28 @@ def _mixture(panel: Panel, remedy: Remedy) -> Mixture:
         rivals = sorted((e for e in entries if e is not None), key=lambda e: e.success.estimate)
         if own is None:
             continue
-        line = _remedy_line(own, rivals, cell)
+        line = _remedy_line(panel, own, rivals, cell)
         if cell.solved and cell.lost and rivals:
             harmful.append((rivals[0].success.estimate, line))
         else:
             others.append(line)
     harmful.sort(key=lambda pair: pair[0])
     row = panel.row(remedy.row)
-    return Mixture(row, remedy.summary, tuple(line for _, line in harmful), tuple(others))
+    return Mixture(
+        row, remedy_summary(panel, remedy), tuple(line for _, line in harmful), tuple(others)
+    )
 
 
-def _remedy_line(own: Entry, rivals: list[Entry], cell: RemedyCell) -> Line:
+def _remedy_line(panel: Panel, own: Entry, rivals: list[Entry], cell: RemedyCell) -> Line:
     """A mixture in one cell beside rows of a single discretization, the lowest first."""
     lost = {one.row: one.difference for one in cell.lost}
-    words, marks = [f"{own.cell}: {own.row} {own.success}"], []
+    mixture = panel.in_words(own.row)
+    words, marks = [f"{panel.in_words(own.cell)}: {mixture} {own.success}"], []
     for rival in rivals:
         alone = Estimate(rival.success.estimate)
         marks.append(Mark(alone, "fails" if rival.row in lost else "soft", False, -0.35))
-        less = f", {own.row} minus it {lost[rival.row]}" if rival.row in lost else ""
-        words.append(f"{rival.row} {rival.success}{less}")
+        less = f", {mixture} minus it {lost[rival.row]}" if rival.row in lost else ""
+        words.append(f"{panel.in_words(rival.row)} {rival.success}{less}")
     rates = [fixed(rival.success.estimate) for rival in rivals]
     notes = ("trained there" if cell.member else "", "" if cell.solved else "nobody solves it")
     return Line(
@@ -352,13 +347,13 @@ def _paired(
         tone: Tone = "transfers" if equal else "accent" if significant else "soft"
         line = Line(
             "",
-            panel.called(one.cell),
+            panel.label(one.cell),
             (one.row, one.cell),
             (Mark(value, tone, filled=significant),),
             number,
             f"{interval}{p_text(p)}",
-            f"{one.row} on {one.cell}: {title.lower()} {number}, {interval}adjusted {p_text(p)}"
-            + (", practically equal" if equal else ""),
+            f"{one.row} on {panel.in_words(one.cell)}: {title.lower()} {number}, {interval}"
+            f"adjusted {p_text(p)}" + (", practically equal" if equal else ""),
         )
         blocks.setdefault(heading, []).append(line)
     if not blocks:
@@ -391,18 +386,19 @@ def checks_of(panel: Panel) -> dict[str, list[tuple[Entry | None, Entry]]]:
         for row in rows if not checks else ():
             for cell in panel.cells:
                 after = panel.entry(row.name, cell.name)
-                if after is None or cell.plain or cell.perturbation in swept:
+                change = cell.perturbation.name if cell.perturbation else cell.name
+                if after is None or cell.plain or change in swept:
                     continue
                 same = (other for other in panel.cells if other.plain and are_alike(other, cell))
                 before = next((panel.entry(row.name, other.name) for other in same), None)
-                checks.setdefault(cell.perturbation or cell.name, []).append((before, after))
+                checks.setdefault(change, []).append((before, after))
     return checks
 
 
 def check_forest(panel: Panel) -> Forest | None:
     """Success before and after every change of the plant or its delays; None without any."""
     blocks = tuple(
-        Block(label, [_check_line(*pair) for pair in pairs])
+        Block(label, [_check_line(panel, *pair) for pair in pairs])
         for label, pairs in checks_of(panel).items()
     )
     about = "success with its interval over seeds: ring as specified, dot with the change; the loss"
@@ -410,7 +406,7 @@ def check_forest(panel: Panel) -> Forest | None:
     return Forest(title, about, "success", RATE_AXIS, blocks) if blocks else None
 
 
-def _check_line(before: Entry | None, after: Entry) -> Line:
+def _check_line(panel: Panel, before: Entry | None, after: Entry) -> Line:
     marks: tuple[Mark, ...] = (Mark(after.success, "accent", down=0.35),)
     was, loss = NONE, None
     if before is not None:
@@ -424,8 +420,8 @@ def _check_line(before: Entry | None, after: Entry) -> Line:
         marks,
         fixed(loss, sign=True),
         f"{was} → {fixed(after.success.estimate)}",
-        f"{after.row}: success {before.success if before else 'not known'} before, "
-        f"{after.success} on {after.cell}",
+        f"{panel.in_words(after.row)}: success {before.success if before else 'not known'} "
+        f"before, {after.success} on {panel.in_words(after.cell)}",
     )
 
 

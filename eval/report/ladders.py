@@ -11,9 +11,10 @@ from typing import Any, Final, TypeAlias
 from integ_gym.support.figures import DASHES, SeriesStyle, SeriesStyles
 from integ_gym.support.terminal import step
 
-from ..panel.cells import swept_name
-from ..panel.result import Cell, Entry, Estimate, Panel, Row
+from ..panel.cells import Cell, swept_name
+from ..panel.result import Entry, Panel, Row
 from ..scheme_style import styles_of
+from ..statistics import Estimate
 from .forests import are_alike, are_close
 
 _LETTER: Final = 0.027  # width of a letter on the page, as a share of the axis
@@ -114,7 +115,7 @@ def ladder_plots(panel: Panel) -> LadderPlots | None:
         plots = tuple(
             _ladder_plot(about, rungs, schemes, at) for about, rungs, at in shown if rungs
         )
-        groups.append((panel.called(one.row.name), plots))
+        groups.append((panel.label(one.row.name), plots))
     about = "success of the same policies as the step shrinks; finer to the right"
     paired = any(one.following for one in ladders)
     return LadderPlots("Refinement ladder", about, schemes, tuple(groups), paired)
@@ -160,7 +161,8 @@ def _ladder(panel: Panel, row: Row) -> Ladder | None:
     references = (c for c in panel.cells if c.reference and period)
     same = (c for c in references if are_close(c.control_period, period or 0.0))
     truth = next(same, panel.truth)
-    return Ladder(row, period, own, along, truth and panel.entry(row.name, truth.name))
+    on_truth = panel.entry(row.name, truth.name) if truth else None
+    return Ladder(row, period, own, along, on_truth)
 
 
 def _ladder_plot(
@@ -228,17 +230,19 @@ def _sweep_plots(
     places = {value: (value - values[0]) / (values[-1] - values[0]) for value in values}
     ticks = tuple((place, f"{value:g}") for value, place in places.items())
     along = ", ".join(filter(None, (str(sweep["argument"]), sweep["unit"])))
-    changed = {cell.perturbation for cell in panel.cells}
+    perturbed = [(cell.perturbation.name, cell) for cell in panel.cells if cell.perturbation]
+    changed = {name for name, _ in perturbed}
 
     def points(row: str, home: Cell) -> Iterator[Point]:
         """Success by value at a discretization; the value that no change has is undisturbed."""
-        here = {c.perturbation: c for c in panel.cells if c.perturbation and are_alike(c, home)}
+        here = {name: cell for name, cell in perturbed if are_alike(cell, home)}
         for value, place in places.items():
             name = swept_name(str(sweep["argument"]), value)
             cell = here.get(name) if name in changed else home
             entry = cell and panel.entry(row, cell.name)
             if entry:
-                yield Point(place, entry.success, f"{row}, {name}: success {entry.success}")
+                words = f"{panel.in_words(row)}, {name}: success {entry.success}"
+                yield Point(place, entry.success, words)
 
     for about, cells in (
         ("on the truth", dict.fromkeys(homes, panel.truth)),

@@ -7,9 +7,11 @@ from dataclasses import dataclass, replace
 from typing import Final, Literal, TypeAlias
 
 from integ_gym.support.figures import ENERGY_FLOOR, ink_on, success_colour, symlog
-from integ_gym.support.terminal import NONE, compact, fixed, plural, true_minus
+from integ_gym.support.terminal import NONE, compact, fixed, plural
 
-from ..panel.result import Cell, Entry, Group, Panel, Row
+from ..panel.cells import Cell
+from ..panel.conclusions import solvable_reason
+from ..panel.result import Entry, Group, Panel, Row
 from ..verdict import Achievability
 
 KIND_WORDS: Final = {
@@ -138,7 +140,7 @@ def success_matrix(panel: Panel) -> Matrix | None:
             marks.append(f"✕{entry.diverged}")
         hatched = cell.achievability if cell.achievability in HATCHED else None
         if hatched is not None:
-            words.append(f"the cell is {solved_words(cell)}")
+            words.append(f"the cell is {solved_words(panel, cell)}")
         text, share = fixed(rate.estimate), rate.estimate
         span = rate.ends if rate.bounded else None
         return Shade(text, "rate", share, "; ".join(words), tuple(marks), hatched, span)
@@ -261,12 +263,12 @@ def mean_words(panel: Panel) -> str:
     return "mean" if panel.given_alone else "interquartile mean"
 
 
-def solved_words(cell: Cell) -> str:
+def solved_words(panel: Panel, cell: Cell) -> str:
     """Whether a cell can be solved, and why; empty where it was not asked."""
     if cell.achievability is None:
         return ""
     status = cell.achievability.replace("_", " ")
-    return f"{status}: {true_minus(cell.achievability_reason or NONE)}"
+    return f"{status}: {solvable_reason(panel, cell)}"
 
 
 def _of_columns(panel: Panel) -> list[Entry]:
@@ -297,9 +299,12 @@ def _matrix(
         shades: dict[str, Shade | None] = {}
         for cell in panel.columns:
             entry, home = panel.entry(row.name, cell.name), cell.name in row.shares
-            one, where = entry and shade(entry, home), f"{row.name}, evaluated on {cell.name}"
-            shades[cell.name] = one and replace(one, home=home, words=f"{where}: {one.words}")
-        return MatrixLine(row, panel.called(row.name), shades)
+            shades[cell.name] = None
+            if entry is not None:
+                one, there = shade(entry, home), panel.in_words(cell.name)
+                where = f"{panel.in_words(row.name)}, evaluated on {there}"
+                shades[cell.name] = replace(one, home=home, words=f"{where}: {one.words}")
+        return MatrixLine(row, panel.label(row.name), shades)
 
     blocks = tuple(
         Block(heading, tuple(map(line, rows)))

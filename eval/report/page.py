@@ -21,16 +21,21 @@ from integ_gym.support.pages import page_environment, page_parts
 from integ_gym.support.terminal import fixed, nonbreaking, plural, seconds, true_minus
 
 from .. import verdict as rules
-from ..panel.conclusions import answer_lines, finding_of, next_step
-from ..panel.result import Failure, Panel, PolicyComparison
+from ..panel.conclusions import (
+    answer_lines,
+    comparison_reason,
+    finding_of,
+    next_step,
+    verdict_reason,
+)
+from ..panel.result import Failure, Panel
+from ..verdict import PolicyComparison
 from .episodes import Episodes, read_episodes
 from .findings import findings_of
 from .forests import (
     RATE_AXIS,
     VERDICT_ORDER,
     Axis,
-    Block,
-    Forest,
     Line,
     Mark,
     Tone,
@@ -147,9 +152,9 @@ def render(panel: Panel, episodes: Episodes | None = None, seal: str | None = No
         failed=_failed(panel),
         failures=_failures(panel),
         place_of=partial(_place_of_episode, panel),
-        comparisons=[(one, _comparison(one)) for one in panel.policy_comparisons],
+        comparisons=[(one, *_comparison(one)) for one in panel.policy_comparisons],
         fewest=None if panel.given_alone or not rows else min(row.seeds for row in rows),
-        unlearned=[row.name for row in rows if row.learned is False],
+        unlearned=[panel.in_words(row.name) for row in rows if row.learned is False],
         settings=_settings(panel),
         applied=Counter(cell.applied for cell in panel.cells if cell.applied).items(),
         spec_json=json.dumps(panel.spec, indent=2, ensure_ascii=False),
@@ -166,9 +171,8 @@ def _template() -> Any:
 
     environment = page_environment(_files("parts"))
     environment.filters.update(
-        called=context(lambda given, name: breakable(given["panel"].called(str(name)))),
-        said=context(lambda given, text: breakable(nonbreaking(given["panel"].said(str(text))))),
-        said_plain=context(lambda given, text: given["panel"].said(str(text))),
+        called=context(lambda given, name: breakable(given["panel"].label(str(name)))),
+        said=lambda text: breakable(nonbreaking(str(text))),
         href=_href,
         along=_along,
         across=_across,
@@ -189,6 +193,8 @@ def _template() -> Any:
         shown_findings=SHOWN_FINDINGS,
         ramp=", ".join(f"#{stop}" for stop in VIRIDIS),
         mark=Mark,
+        verdict_reason=verdict_reason,
+        comparison_reason=comparison_reason,
         plural=plural,
         quote_command=quote_command,
     )
@@ -328,7 +334,7 @@ def _failures(panel: Panel) -> list[tuple[str, list[Failure]]]:
     return sorted(by_label.items(), key=lambda pair: -len(pair[1]))
 
 
-def _comparison(compared: PolicyComparison) -> Forest:
+def _comparison(compared: PolicyComparison) -> tuple[list[Line], Axis]:
     """Success of one policy minus that of another in every cell."""
     lines = [
         Line(
@@ -343,8 +349,7 @@ def _comparison(compared: PolicyComparison) -> Forest:
         )
         for cell in compared.cells
     ]
-    axis = difference_axis([cell.difference for cell in compared.cells], 0.5)
-    return Forest("Policy comparison", "", "A − B", axis, (Block("", lines),))
+    return lines, difference_axis([cell.difference for cell in compared.cells], 0.5)
 
 
 def _settings(panel: Panel) -> list[tuple[str, str]]:
@@ -368,5 +373,5 @@ def _settings(panel: Panel) -> list[tuple[str, str]]:
         )
     }
     inner = [panel.spec.get(group, {}) for group in ("environment", "training")]
-    named = [*entries.items(), *(pair for group in inner for pair in group.items())]
-    return [(str(name), plain(value)) for name, value in named]
+    pairs = [*entries.items(), *(pair for group in inner for pair in group.items())]
+    return [(str(name), plain(value)) for name, value in pairs]

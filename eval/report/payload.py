@@ -18,11 +18,13 @@ from typing import Any, Final
 import numpy as np
 from gymnasium import spaces
 
+from integ_gym.evidence.labels import failure_sentence
 from integ_gym.support.terminal import compact, fixed, nonbreaking, percent, step
 from integ_gym.train.policy import MlpPolicy
 
 from ..film import LEAST_START
-from ..panel.result import Entry, Estimate, Panel
+from ..panel.result import Entry, Panel
+from ..statistics import Estimate
 from .episodes import LEDGER, Array, Episodes, Trace, choice_words
 from .matrices import (
     Shade,
@@ -88,10 +90,10 @@ def pack_payload(
         "leastStart": LEAST_START,
         "labelWords": LABEL_WORDS,
         "files": {name: href(name) for name in sorted(files)},
-        "cells": [{"name": c.name, "shown": panel.called(c.name)} for c in panel.cells],
+        "cells": [{"name": c.name, "shown": panel.label(c.name)} for c in panel.cells],
         "rows": [
             {
-                "shown": panel.called(row.name),
+                "shown": panel.label(row.name),
                 "homes": [cells[name] for name in row.shares if name in cells],
                 "policies": [
                     {
@@ -146,15 +148,14 @@ def _measures(panel: Panel) -> list[dict[str, Any]]:
     """The matrices that a reader can choose from, each cell as its script shows it."""
 
     def shown(shade: Shade) -> list[str]:
-        words = panel.said(shade.words)
-        return [shade.text, shade_style(shade), " ".join(shade.marks), words, shade.tone]
+        return [shade.text, shade_style(shade), " ".join(shade.marks), shade.words, shade.tone]
 
     return [
         {
             "name": name,
             "about": matrix.about,
             "ends": matrix.ends,
-            "notes": [panel.said(note) for note in matrix.notes],
+            "notes": matrix.notes,
             "signed": matrix.signed,
             "cells": {
                 panel.anchor(line.row.name, cell): shown(shade)
@@ -195,7 +196,7 @@ def _entry(panel: Panel, entry: Entry) -> dict[str, Any]:
         "energy from the numerics": _interval(entry.numerics_share, percent),
         "transfer gap": _interval(entry.transfer_gap),
         "against the truth": (entry.reference_class or "").replace("_", " "),
-        "the cell": solved_words(panel.cell(entry.cell)),
+        "the cell": solved_words(panel, panel.cell(entry.cell)),
         "episodes": f"{entry.episodes:,}",
         "diverged": entry.diverged and str(entry.diverged),
         "solver not converged": entry.not_converged and str(entry.not_converged),
@@ -204,15 +205,17 @@ def _entry(panel: Panel, entry: Entry) -> dict[str, Any]:
         query = quote_command(shlex.split(entry.query))
     except ValueError:
         query = entry.query
-    shown = [[name, nonbreaking(panel.said(text))] for name, text in facts.items() if text]
+    shown = [[name, nonbreaking(text)] for name, text in facts.items() if text]
     return {"facts": shown, "file": entry.file, "query": query}
 
 
 def _interval(
     value: Estimate | None, show: Callable[[float | None], str] = fixed, unit: str = ""
 ) -> str | None:
-    if value is None or not value.bounded:
-        return value and f"{show(value.estimate)}{unit}"
+    if value is None:
+        return None
+    if not value.bounded:
+        return f"{show(value.estimate)}{unit}"
     return f"{show(value.estimate)} ({show(value.low)} to {show(value.high)}){unit}"
 
 
@@ -312,7 +315,7 @@ def _trace(panel: Panel, trace: Trace, numbers: bytearray) -> dict[str, Any]:
         "n": trace.ledger.shape[1],
         "success": fields["success"],
         "label": fields["failure_label"],
-        "reason": nonbreaking(panel.said(fields["failure_reason"] or "")),
+        "reason": nonbreaking(failure_sentence(fields)),
         "since": fields["time_to_success"],
         "return": _finite(fields["return"]),
         "state": fields["initial_state"],

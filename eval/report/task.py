@@ -9,7 +9,7 @@ from typing import Any, Final, NamedTuple
 import gymnasium as gym
 import numpy as np
 
-from integ_gym.envs.catalogue.lookup import environment_setup, is_integ_environment
+from integ_gym.envs.environment import environment_setup, is_integ_environment
 from integ_gym.envs.ops.ops import SCALAR
 from integ_gym.envs.settings import Setup
 from integ_gym.envs.testbeds.making import find_testbed
@@ -55,8 +55,7 @@ def describe_task(panel: Panel) -> Task | None:
             ("decisions", decisions.format(setup.timing.control_period)),
             ("episode", f"{duration}, start: {setup.settings.start}"),
         ]
-        module = inspect.getmodule(type(setup.task))
-        lead = (inspect.getdoc(module) or setup.task.goal).splitlines()[0]
+        lead = (inspect.getdoc(type(setup.task)) or setup.task.goal).splitlines()[0]
         return Task(lead, facts, _scene(setup))
     if env_id not in gym.registry:
         return None

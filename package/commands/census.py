@@ -16,12 +16,7 @@ from integ_gym.eval.census.subjects import PUBLISHED
 from integ_gym.support.files import make_folder, replace_file
 from integ_gym.support.optional import require
 from integ_gym.support.options import CommandParser, display_command
-from integ_gym.support.terminal import (
-    FITS,
-    print_columns,
-    print_wrapped,
-    unbroken,
-)
+from integ_gym.support.terminal import FITS, print_columns, print_wrapped, unbroken
 
 from .engines import chosen_engines
 

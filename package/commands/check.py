@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from integ_gym.envs.catalogue.lookup import OTHER_TESTBEDS
+from integ_gym.envs.environment import OTHER_TESTBEDS
 from integ_gym.envs.registries import ENVIRONMENTS
 from integ_gym.eval.loss_check import Check, check
 from integ_gym.eval.panel.spec import TRAINERS
@@ -137,6 +137,7 @@ def _rows(found: Check) -> Iterator[tuple[str, ...]]:
         told = f"{name} ({cell.name})" if name == "home" else name or cell.name
         lost = ("", "")
         if cell.loss is not None:
-            ends = f"{cell.loss.low:z.2f} to {cell.loss.high:z.2f}"
+            low, high = cell.loss.ends
+            ends = f"{low:z.2f} to {high:z.2f}"
             lost = (f"{cell.loss.estimate:z.2f}", ends)
         yield (told, fixed(cell.success), fixed(cell.recovered), *lost)

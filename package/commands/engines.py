@@ -9,20 +9,14 @@ from collections.abc import Sequence
 from typing import Any
 
 from integ_gym.envs import numerics
-from integ_gym.envs.engines.interface import integrators_of, missing_modules
-from integ_gym.envs.engines.stepping import CONSTRAINT_VIOLATION
+from integ_gym.envs.engines.stepping import CONSTRAINT_VIOLATION, integrators_of, missing_modules
 from integ_gym.envs.registries import ENGINES
 from integ_gym.envs.settings import NATIVE
 from integ_gym.support.errors import InputError
 from integ_gym.support.optional import install_command
 from integ_gym.support.options import CommandParser
 from integ_gym.support.parameters import unknown_name
-from integ_gym.support.terminal import (
-    FITS,
-    print_columns,
-    print_wrapped,
-    unbroken,
-)
+from integ_gym.support.terminal import FITS, print_columns, print_wrapped, unbroken
 
 EXAMPLES = """\
 examples:
@@ -72,7 +66,8 @@ def main(argv: Sequence[str]) -> int:
             rows = [_row(found) for found in measured]
             cells = [list(row.values()) for row in rows]
             print_columns(list(rows[0]), cells, right=[name in _NUMBERS for name in rows[0]])
-            print(f"\nconstraint violation: {CONSTRAINT_VIOLATION}")
+            print()
+            print_wrapped(f"constraint violation: {CONSTRAINT_VIOLATION}")
         for line in _remedies(absent):
             print_wrapped(line)
     return 0

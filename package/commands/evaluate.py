@@ -7,7 +7,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from integ_gym.envs.catalogue.lookup import OTHER_TESTBEDS, is_integ_environment
+from integ_gym.envs.environment import OTHER_TESTBEDS, is_integ_environment
 from integ_gym.envs.registries import ENVIRONMENTS
 from integ_gym.eval.panel.existing import evaluate
 from integ_gym.support.errors import InputError

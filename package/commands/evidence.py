@@ -12,13 +12,25 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from integ_gym.evidence.exchange.exporting import EXPORT_FORMATS, TEXT_FORMATS, export
-from integ_gym.evidence.exchange.parquet_dataset import changed_since_export, read_export
+from integ_gym.evidence.exporting import (
+    EXPORT_FORMATS,
+    TEXT_FORMATS,
+    changed_since_export,
+    export,
+    read_export,
+)
 from integ_gym.evidence.fields import SCHEMA_VERSION
+from integ_gym.evidence.parquet_file import query_in_place
 from integ_gym.evidence.printing import ASCII_BARS, BARS, TABLE_FORMATS, print_table, show
 from integ_gym.evidence.recomputing import recompute
 from integ_gym.evidence.record import EvidenceRecord
-from integ_gym.evidence.replaying import ELSEWHERE, Acting
+from integ_gym.evidence.replaying import (
+    ELSEWHERE,
+    Acting,
+    missing_episodes,
+    other_columns,
+    replay_some,
+)
 from integ_gym.evidence.schema import EvidenceError, Finding
 from integ_gym.evidence.sealing import (
     SEAL_FILE,
@@ -32,9 +44,9 @@ from integ_gym.evidence.sealing import (
     seal,
     sign,
 )
-from integ_gym.evidence.store import EvidenceStore, merge, open_run, query_in_place
-from integ_gym.evidence.verification import missing_episodes, other_columns, replay_some
+from integ_gym.evidence.store import EvidenceStore, merge, open_run
 from integ_gym.support.files import make_folder
+from integ_gym.support.optional import require
 from integ_gym.support.options import CommandParser, whole_number
 from integ_gym.support.storage import is_remote, local_copy
 from integ_gym.support.terminal import FITS, WorkBar, plural, width_of
@@ -57,28 +69,7 @@ def report_phase(bar: WorkBar, phase: str, each: float = 0.0) -> Callable[[int],
     return lambda count: bar.update(count * each)
 
 
-def add_export_arguments(command: argparse.ArgumentParser) -> None:
-    """The options of `export`."""
-    add = command.add_argument
-    add(
-        "--to", choices=EXPORT_FORMATS, default=EXPORT_FORMATS[0], dest="form",
-        help="csv, jsonl: all fields but the trace, in one file; parquet: a run of the "
-        "chosen records; minari: a data set of episodes; mcap: a log of ROS 2 messages for each "
-        "episode (default: csv)",
-    )  # fmt: skip
-    add(
-        "--out", metavar="PATH", type=Path,
-        help="where to, which must not be there yet: a file for csv and jsonl (default: standard "
-        "output), a folder for the others",
-    )  # fmt: skip
-    add(
-        "--where", metavar="SQL", default="TRUE",
-        help="export records that meet this condition (default: all)",
-    )  # fmt: skip
-    add_progress(command)
-
-
-def run(store: EvidenceStore, given: argparse.Namespace) -> int:
+def export_records(given: argparse.Namespace, store: EvidenceStore) -> int:
     """Export records, and say how many were and were not: 0.
 
     Raises:
@@ -144,15 +135,7 @@ def _policies(store: EvidenceStore, own_code: bool) -> Callable[[EvidenceRecord]
     return lambda record: found()(record)
 
 
-def add_seal_arguments(command: argparse.ArgumentParser) -> None:
-    """The options of `seal`."""
-    command.add_argument(
-        "--sign", type=Path, metavar="KEY",
-        help="sign it with this private key through ssh-keygen",
-    )  # fmt: skip
-
-
-def seal_run(store: EvidenceStore, given: argparse.Namespace) -> int:
+def seal_run(given: argparse.Namespace, store: EvidenceStore) -> int:
     """Seal a run, sign the seal if a key is given, and print both: 0.
 
     Raises:
@@ -182,45 +165,8 @@ _PLANNED = ("run.json", _PAGE, "units")
 """What a panel writes, any of which says that there was a plan."""
 
 
-def add_verify_arguments(command: argparse.ArgumentParser) -> None:
-    """The options of `verify`."""
-    add = command.add_argument
-    add(
-        "--depth", choices=DEPTHS, default=DEPTHS[-1],
-        help="whole: hashes, the run's plan, and outcomes from traces; sealed: the run's seal as "
-        "well; replayed: episodes simulated again as well, and the seal if there is one (default)",
-    )  # fmt: skip
-    add(
-        "--sample", type=whole_number, default=SAMPLE, metavar="N",
-        help="records that are simulated again, about, drawn by --seed; those without a trace by "
-        f"whole cells of a policy (default: {SAMPLE})",
-    )  # fmt: skip
-    add("--all", action="store_true", help="simulate all of them again")
-    add("--seed", type=whole_number, default=0, metavar="S", help="of the sample (default: 0)")
-    add(
-        "--exact", action="store_true",
-        help=f"let no bit differ, where otherwise numbers within {ELSEWHERE:g} are let pass",
-    )  # fmt: skip
-    add(
-        "--policy", action="store_true",
-        help="let the policies of the run decide again everywhere, where otherwise they do without "
-        "a trace alone, and recorded controls are repeated",
-    )  # fmt: skip
-    add("--own-code", action="store_true", help="load classes that records name as module:Class")
-    add(
-        "--public-key", type=Path, metavar="FILE",
-        help="demand a signature of the seal by a key of this file, such as id_ed25519.pub; needs "
-        "ssh-keygen",
-    )  # fmt: skip
-    add_progress(command)
-
-
-def verify(store: EvidenceStore, given: argparse.Namespace) -> int:
+def verify(given: argparse.Namespace, store: EvidenceStore) -> int:
     """Print what is wrong with a run: 1 if anything is, else 0 and what was checked.
-
-    Args:
-        store: of the run.
-        given: the options of :func:`add_verify_arguments`.
 
     Raises:
         EvidenceError: for ``sealed`` or a signature without a seal, and a sample below 0.
@@ -350,7 +296,7 @@ _EXAMPLES = """\
 examples:
   integ-gym evidence query runs/panel "SELECT policy_id, cell, avg(success::INT) AS success
                                        FROM records WHERE phase = 'evaluation' GROUP BY ALL"
-  integ-gym evidence query runs/panel "SELECT record_id, failure_reason FROM records
+  integ-gym evidence query runs/panel "SELECT record_id, failure_numbers FROM records
                                        WHERE failure_label = 'discretization_error' LIMIT 5"
   integ-gym evidence query s3://bucket/panel "SELECT count(*) FROM records"
   integ-gym evidence show runs/panel 3f9a
@@ -376,10 +322,11 @@ def main(argv: Sequence[str]) -> int:
         EvidenceError: on bad input, in one sentence.
     """
     given = parser().parse_args(argv)
+    require("evidence")
     if given.run_command is _query and is_remote(given.run):
         print_table(query_in_place(given.run, given.sql), sys.stdout, given.format)
         return 0
-    if given.run_command is _seal and is_remote(given.run):
+    if given.run_command is seal_run and is_remote(given.run):
         raise EvidenceError(
             f"{given.run} is no run on this machine, as one that is sealed must be; a panel's is "
             "sealed when it is finished, and any other once it is copied here"
@@ -419,14 +366,63 @@ def parser() -> argparse.ArgumentParser:
         "of many columns prints each in a line with its unit, long texts cut (default: table)",
     )  # fmt: skip
 
-    command = add("verify", _verify, "hold a run against its hashes, plan, traces and replays")
-    add_verify_arguments(command)
+    command = add("verify", verify, "hold a run against its hashes, plan, traces and replays")
+    command.add_argument(
+        "--depth", choices=DEPTHS, default=DEPTHS[-1],
+        help="whole: hashes, the run's plan, and outcomes from traces; sealed: the run's seal as "
+        "well; replayed: episodes simulated again as well, and the seal if there is one (default)",
+    )  # fmt: skip
+    command.add_argument(
+        "--sample", type=whole_number, default=SAMPLE, metavar="N",
+        help="records that are simulated again, about, drawn by --seed; those without a trace by "
+        f"whole cells of a policy (default: {SAMPLE})",
+    )  # fmt: skip
+    command.add_argument("--all", action="store_true", help="simulate all of them again")
+    command.add_argument(
+        "--seed", type=whole_number, default=0, metavar="S", help="of the sample (default: 0)"
+    )
+    command.add_argument(
+        "--exact", action="store_true",
+        help=f"let no bit differ, where otherwise numbers within {ELSEWHERE:g} are let pass",
+    )  # fmt: skip
+    command.add_argument(
+        "--policy", action="store_true",
+        help="let the policies of the run decide again everywhere, where otherwise they do without "
+        "a trace alone, and recorded controls are repeated",
+    )  # fmt: skip
+    command.add_argument(
+        "--own-code", action="store_true", help="load classes that records name as module:Class"
+    )
+    command.add_argument(
+        "--public-key", type=Path, metavar="FILE",
+        help="demand a signature of the seal by a key of this file, such as id_ed25519.pub; needs "
+        "ssh-keygen",
+    )  # fmt: skip
+    add_progress(command)
 
-    command = add("seal", _seal, "seal a run, and sign the seal")
-    add_seal_arguments(command)
+    command = add("seal", seal_run, "seal a run, and sign the seal")
+    command.add_argument(
+        "--sign", type=Path, metavar="KEY",
+        help="sign it with this private key through ssh-keygen",
+    )  # fmt: skip
 
-    command = add("export", _export, "write records in the format of another tool")
-    add_export_arguments(command)
+    command = add("export", export_records, "write records in the format of another tool")
+    command.add_argument(
+        "--to", choices=EXPORT_FORMATS, default=EXPORT_FORMATS[0], dest="form",
+        help="csv, jsonl: all fields but the trace, in one file; parquet: a run of the "
+        "chosen records; minari: a data set of episodes; mcap: a log of ROS 2 messages for each "
+        "episode (default: csv)",
+    )  # fmt: skip
+    command.add_argument(
+        "--out", metavar="PATH", type=Path,
+        help="where to, which must not be there yet: a file for csv and jsonl (default: standard "
+        "output), a folder for the others",
+    )  # fmt: skip
+    command.add_argument(
+        "--where", metavar="SQL", default="TRUE",
+        help="export records that meet this condition (default: all)",
+    )  # fmt: skip
+    add_progress(command)
 
     command = add("merge", _merge, "put the records of several runs together, each once", "+")
     command.add_argument("--out", required=True, metavar="DIR", type=Path, help="where to")
@@ -435,7 +431,11 @@ def parser() -> argparse.ArgumentParser:
 
 def _show(arguments: argparse.Namespace, store: EvidenceStore) -> int:
     record = store.find(arguments.record_id)
-    bars = BARS if _can_print(BARS) else ASCII_BARS
+    bars = BARS
+    try:
+        bars.encode(sys.stdout.encoding or "ascii")
+    except UnicodeEncodeError:
+        bars = ASCII_BARS
     print(show(record, bars, width_of(sys.stdout)))
     return 0
 
@@ -445,27 +445,7 @@ def _query(arguments: argparse.Namespace, store: EvidenceStore) -> int:
     return 0
 
 
-def _verify(arguments: argparse.Namespace, store: EvidenceStore) -> int:
-    return verify(store, arguments)
-
-
-def _seal(arguments: argparse.Namespace, store: EvidenceStore) -> int:
-    return seal_run(store, arguments)
-
-
 def _merge(arguments: argparse.Namespace, *stores: EvidenceStore) -> int:
     done = merge(stores, EvidenceStore(make_folder(arguments.out) / "evidence"))
     print(f"{done.records} records written to {arguments.out}, {done.doubled} were there already")
     return 0
-
-
-def _export(arguments: argparse.Namespace, store: EvidenceStore) -> int:
-    return run(store, arguments)
-
-
-def _can_print(text: str) -> bool:
-    try:
-        text.encode(sys.stdout.encoding or "ascii")
-    except UnicodeEncodeError:
-        return False
-    return True

@@ -9,7 +9,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from integ_gym.eval.panel.plan import grown
+from integ_gym.eval.panel.conclusions import verdict_reason
+from integ_gym.eval.panel.plan import with_seed_count
 from integ_gym.eval.panel.run import run_panel, specified
 from integ_gym.eval.panel.spec import BUILT_IN, TRAINERS, PanelSpec
 from integ_gym.eval.report.forests import ordered_verdicts
@@ -144,7 +145,7 @@ def main(argv: Sequence[str]) -> int:
             )
         spec = replace(spec, memory_gib=arguments.memory_gib)
     if arguments.seeds is not None:
-        spec = grown(spec, arguments.seeds)
+        spec = with_seed_count(spec, arguments.seeds)
         words += ["--seeds", str(arguments.seeds)]
     if arguments.policies:
         words += ["--policies", str(arguments.policies)]
@@ -187,7 +188,7 @@ def main(argv: Sequence[str]) -> int:
         resources=resources_of(arguments),
     )
     for doubt in panel.warnings:
-        print_wrapped(f"warning: {panel.said(doubt)}", sys.stderr)
+        print_wrapped(f"warning: {doubt}", sys.stderr)
     print_headline(panel)
     if panel.verdicts:
         print_verdicts(panel, sys.stdout)
@@ -196,9 +197,10 @@ def main(argv: Sequence[str]) -> int:
     if arguments.verbose:
         for verdict in ordered_verdicts(panel):
             name = f"  {verdict.verdict:<13}"
+            place = f"{panel.label(verdict.row)} → {panel.label(verdict.cell)}"
             print(
                 hanging_indent(
-                    name, panel.said(f"{verdict.name}: {verdict.reason}"), width_of(sys.stdout)
+                    name, f"{place}: {verdict_reason(panel, verdict)}", width_of(sys.stdout)
                 )
             )
     print_next(panel)

@@ -8,29 +8,25 @@ from typing import Final, TextIO
 
 from integ_gym.eval.panel.conclusions import next_step
 from integ_gym.eval.panel.costs import fixed_cost, policy_costs, total_cost
-from integ_gym.eval.panel.power import family_power
-from integ_gym.eval.panel.result import FILE_NAME, Estimate, Look, Panel, Verdict, read_panel
+from integ_gym.eval.panel.plan import family_power
+from integ_gym.eval.panel.result import FILE_NAME, Look, Panel, read_panel
 from integ_gym.eval.panel.spec import PanelSpec
+from integ_gym.eval.power import Verdict
 from integ_gym.eval.report.forests import ordered_verdicts
+from integ_gym.eval.statistics import Estimate
 from integ_gym.support.processes import cores
-from integ_gym.support.terminal import (
-    NONE,
-    fixed,
-    plural,
-    print_columns,
-    print_wrapped,
-)
+from integ_gym.support.terminal import NONE, fixed, plural, print_columns, print_wrapped
 
 
 def print_headline(panel: Panel) -> None:
     """Print the first line of the answer."""
-    print_wrapped(panel.said(panel.headline), hanging="")
+    print_wrapped(panel.headline, hanging="")
 
 
 def print_details(panel: Panel) -> None:
     """Print the lines of the answer that stand below the first."""
     for line in panel.answer.splitlines()[1:]:
-        print_wrapped(f"- {panel.said(line)}")
+        print_wrapped(f"- {line}")
 
 
 def print_next(panel: Panel) -> None:
@@ -203,7 +199,7 @@ def _row(panel: Panel, judged: Verdict) -> tuple[str, ...]:
     low, high = judged.overfitting.low, judged.overfitting.high
     return (
         judged.verdict,
-        panel.called(f"{judged.row} → {judged.cell}"),
+        f"{panel.label(judged.row)} → {panel.label(judged.cell)}",
         success,
         fixed(judged.total.estimate),
         fixed(judged.overfitting.estimate),

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import integ_gym  # noqa: F401
-from integ_gym.evidence.context import EpisodeContext
+from integ_gym.evidence.labels import EpisodeContext
 from integ_gym.evidence.recorder import RecordEvidence
 from integ_gym.evidence.store import EvidenceStore
 

@@ -8,7 +8,12 @@ from pathlib import Path
 import pytest
 
 from integ_gym.envs.registries import PLANTS, TASKS
-from integ_gym.evidence.fields import LABELS, SCHEMA_VERSION, SUMMARY_FIELDS, trace_fields
+from integ_gym.evidence.fields import (
+    LABELS,
+    SCHEMA_VERSION,
+    SUMMARY_FIELDS,
+    trace_fields,
+)
 from integ_gym.evidence.store import open_run
 
 TEXT = (Path(__file__).parents[2] / "docs" / "reference" / "evidence.md").read_text(
@@ -67,7 +72,7 @@ def test_fields_are_listed_by_group_in_their_order():
 
 def test_the_schema_version_is_told():
     assert f"The schema version, {SCHEMA_VERSION} now, is in every file's metadata" in TEXT
-    groups = {2: {"replays"}, 3: {"arrival"}, 4: set()}
+    groups = {2: {"replays"}, 3: {"arrival"}, 4: set(), 5: {"outcome"}}
     for version in range(2, SCHEMA_VERSION + 1):
         later = {field.group for field in SUMMARY_FIELDS if field.since == version}
         assert later == groups[version]

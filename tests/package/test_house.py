@@ -111,7 +111,7 @@ assert INTEGRATORS.source_hash("explicit_euler") is None
 
 def test_an_installed_package_adds_its_parts_by_entry_points(tmp_path):
     (tmp_path / "theirs.py").write_text(
-        "from integ_gym.envs.integrators.explicit_euler import ExplicitEuler\n"
+        "from integ_gym.envs.integrators.euler import ExplicitEuler\n"
         "class TheirEuler(ExplicitEuler):\n    '''The same.'''\n",
         encoding="utf-8",
     )

@@ -9,13 +9,7 @@ import pytest
 import tasks
 from tasks import always_die, die_once, fail, number_of_prepared, report_and_print
 
-from integ_gym.support.executors import (
-    Cluster,
-    ClusterError,
-    Resources,
-    TaskPool,
-    open_cluster,
-)
+from integ_gym.support.executors import Cluster, ClusterError, Resources, TaskPool, open_cluster
 from integ_gym.support.processes import Progress
 
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from integ_gym.envs.ops.jax_ops import jax
 from integ_gym.envs.registries import ENGINES
-from integ_gym.evidence.record import Layout
+from integ_gym.evidence.episodes import Layout
 from integ_gym.support.errors import InputError
 from integ_gym.support.executors import Cluster
 from integ_gym.support.processes import cores
@@ -240,7 +240,8 @@ def plan(
     chunks = []
     for kind, places in groups.items():
         _check_traceable(kind, configs[places[0]])
-        most = min(_held(kind, gib, workers.count), _timely(kind, workers.device))
+        timely = MOST_ON_GPU if workers.device == "gpu" else max(1, int(LONGEST / kind.seconds))
+        most = min(_policies_that_fit(kind, gib, workers.count), timely)
         share = round(workers.count * len(places) / len(configs))
         count = min(len(places), max(share, math.ceil(len(places) / most)))
         chunks += [Chunk(kind, tuple(part.tolist())) for part in np.array_split(places, count)]
@@ -261,7 +262,7 @@ def default_gib(workers: Workers) -> float:
     return min(gib, SHARE_OF_MEMORY * machine)
 
 
-def _held(kind: Kind, gib: float, workers: int) -> int:
+def _policies_that_fit(kind: Kind, gib: float, workers: int) -> int:
     """Policies that fit a worker's memory."""
     most = int((gib * 2**30 / workers - PROGRAM_BYTES) // kind.bytes)
     if most < 1:
@@ -271,11 +272,6 @@ def _held(kind: Kind, gib: float, workers: int) -> int:
             f"takes {math.ceil(10.0 * needed) / 10.0:g} GiB; give more memory or fewer workers"
         )
     return most
-
-
-def _timely(kind: Kind, device: Device) -> int:
-    """Policies that a worker trains in time."""
-    return MOST_ON_GPU if device == "gpu" else max(1, int(LONGEST / kind.seconds))
 
 
 def kind_of(config: PPOConfig) -> Kind:

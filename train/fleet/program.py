@@ -15,10 +15,9 @@ from typing import Any, NamedTuple
 
 from integ_gym.envs.functional import FunctionalEnv, Params
 from integ_gym.envs.ops.jax_ops import jax, jnp
-from integ_gym.envs.ops.ops import Components
-from integ_gym.envs.plants.interface import join_state
+from integ_gym.envs.ops.ops import Components, join_state
 from integ_gym.envs.transition import EnvState, Outcome, reset_info, step_info
-from integ_gym.evidence.record import Layout
+from integ_gym.evidence.episodes import Layout
 
 from .learning import (
     Adam,

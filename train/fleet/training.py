@@ -25,11 +25,10 @@ from integ_gym.envs.functional import FunctionalEnv
 from integ_gym.envs.ops.jax_ops import jax, jnp
 from integ_gym.envs.settings import Mixture, Setup
 from integ_gym.envs.transition import quiet_status
-from integ_gym.evidence.episode_log import EpisodeHead, EpisodeHeads, EpisodeLog
-from integ_gym.evidence.episode_table import unhashed_table
-from integ_gym.evidence.record import Layout
+from integ_gym.evidence.episodes import EpisodeHead, EpisodeHeads, EpisodeLog, Layout
 from integ_gym.evidence.recorder import now
 from integ_gym.evidence.store import EvidenceStore
+from integ_gym.evidence.table import unhashed_table
 from integ_gym.support.errors import InputError
 from integ_gym.support.executors import Cluster
 from integ_gym.support.optional import installed_versions, require

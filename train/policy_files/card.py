@@ -1,8 +1,4 @@
-"""A card's hash of itself: of home, environment arguments, bounds and all else that it says.
-
-`content_hash` is of what decides the actions, and names a policy in evidence; the hash here is of
-what is said about that policy, which decides what its results mean.
-"""
+"""How large a policy file may be, and what is wrong with one, in one sentence."""
 
 from __future__ import annotations
 
@@ -17,13 +13,30 @@ import numpy as np
 from gymnasium.vector import VectorEnv
 
 from integ_gym.envs.settings import Mixture, Setup
+from integ_gym.support.errors import IntegGymError
 from integ_gym.support.optional import installed_versions
 from integ_gym.support.processes import host
 
-from .limits import PolicyFileError
-
 if TYPE_CHECKING:
     from ..config import TrainingConfig
+
+
+RETRAIN = "train with PPO('MlpPolicy', ...) and save again"
+
+
+DAMAGED = "save it again with model.save(path)"
+
+
+class PolicyFileError(IntegGymError, ValueError):
+    """A policy file, or a statistics file, that cannot be read safely; one sentence says why."""
+
+
+MAX_WEIGHTS_BYTES = 256 * 2**20
+"""Largest `policy.pth` that is read, in bytes, also after unpacking (256 MiB)."""
+
+
+MAX_JSON_BYTES = 16 * 2**20
+"""Largest `data` member and largest statistics file that are read, in bytes (16 MiB)."""
 
 
 HASH_KEY = "card_hash"
@@ -49,6 +62,15 @@ def card_hash(card: Mapping[str, Any]) -> str:
 def hashed(card: Mapping[str, Any]) -> dict[str, Any]:
     """A card with its hash of itself."""
     return {**card, HASH_KEY: card_hash(card)}
+
+
+def card_bytes(card: Mapping[str, Any]) -> bytes:
+    """The content of a side-car's file.
+
+    Raises:
+        ValueError: for what is no JSON.
+    """
+    return (json.dumps(card, indent=2, allow_nan=False, ensure_ascii=False) + "\n").encode()
 
 
 def check_own_hash(card: Mapping[str, Any], file: Path, remedy: str) -> None:
@@ -123,7 +145,11 @@ def make_card(
         "discretization": None if mixed else _discretization(setup),
         "mixture": members if mixed else None,
         "mixture_drawn": _DRAWN[trainer] if mixed else None,
-        "env_arguments": _json_values(_common(setup) if mixed else setup.arguments()),
+        "env_arguments": {
+            name: value.tolist() if isinstance(value, np.ndarray) else value
+            for name, value in setup.arguments().items()
+            if not (mixed and name in ("engine", "integrator", "dt"))
+        },
         "units": setup.units(),
         "seed": config.seed,
         "config": asdict(config),
@@ -134,12 +160,6 @@ def make_card(
         "versions": installed_versions((*_PACKAGES, *_OF_TRAINER[trainer])),
         "platform": host(),
     }
-
-
-def _common(setup: Setup) -> dict[str, Any]:
-    """Constructor arguments that the members of a mixture have in common."""
-    own = ("engine", "integrator", "dt")
-    return {name: value for name, value in setup.arguments().items() if name not in own}
 
 
 def episode_summary(returns: Sequence[float], successes: Sequence[float]) -> dict[str, Any]:
@@ -169,8 +189,3 @@ def _discretization(setup: Setup) -> dict[str, Any]:
         "dt": setup.timing.dt,
         "control_period": setup.timing.control_period,
     }
-
-
-def _json_values(arguments: Mapping[str, Any]) -> dict[str, Any]:
-    """Arrays as lists."""
-    return {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in arguments.items()}

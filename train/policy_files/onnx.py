@@ -19,9 +19,8 @@ from integ_gym.support.errors import InputError
 from integ_gym.support.files import parse_json, read_bounded
 from integ_gym.support.optional import load
 
-from ..policy import ActionArray, BoxActions, DiscreteActions, MlpPolicy, ObservationStatistics
-from .card import check_own_hash, hashed
-from .limits import PolicyFileError
+from ..policy import ActionArray, DiscreteActions, MlpPolicy, ObservationStatistics
+from .card import PolicyFileError, check_own_hash, hashed
 
 METADATA = "integ_gym"
 """Key of the metadata that holds what a side-car does, as JSON."""
@@ -275,16 +274,10 @@ OPSET = 20
 IR_VERSION = 10
 
 ACTIVATION_OPS = {
-    "Tanh": "Tanh",
+    **{name: name for name in ("Tanh", "Sigmoid", "Softplus", "Softsign", "Mish")},
+    **{name: name.capitalize() for name in ("ELU", "SELU", "GELU")},
     "ReLU": "Relu",
     "LeakyReLU": "LeakyRelu",
-    "ELU": "Elu",
-    "SELU": "Selu",
-    "GELU": "Gelu",
-    "Mish": "Mish",
-    "Sigmoid": "Sigmoid",
-    "Softplus": "Softplus",
-    "Softsign": "Softsign",
 }
 """Torch classes to operators with the same defaults; ReLU6 and SiLU are made of two."""
 
@@ -299,93 +292,62 @@ def onnx_bytes(policy: MlpPolicy, card: Mapping[str, Any]) -> bytes:
         policy: what acts.
         card: what else its metadata holds, as a side-car does; JSON-serialisable.
     """
-    graph = _Graph()
-    value = INPUT
-    if policy.statistics is not None:
-        value = _normalized(graph, value, policy.statistics)
+    package = onnx()
+    helper, kinds = package.helper, package.TensorProto
+    nodes: list[Any] = []
+    constants: list[Any] = []
+
+    def add(operator: str, value: str, *numbers: Any, **attributes: Any) -> str:
+        """A node of the chain, from a value and constants to another value."""
+        inputs = [value]
+        for number in numbers:
+            if not isinstance(number, str):
+                name = f"constant_{len(constants)}"
+                constants.append(package.numpy_helper.from_array(np.asarray(number), name))
+                number = name
+            inputs.append(number)
+        nodes.append(helper.make_node(operator, inputs, [f"value_{len(nodes)}"], **attributes))
+        return f"value_{len(nodes) - 1}"
+
+    value, own, actions = INPUT, policy.statistics, policy.actions
+    if own is not None:  # in float64, as `ObservationStatistics.normalize`
+        value = add("Cast", value, to=kinds.DOUBLE)
+        value = add("Div", add("Sub", value, own.mean), np.sqrt(own.var + own.epsilon))
+        value = add("Clip", value, np.float64(-own.clip_obs), np.float64(own.clip_obs))
+        value = add("Cast", value, to=kinds.FLOAT)
     for number, (weight, bias) in enumerate(policy.layers):
-        if number:
-            value = _activated(graph, value, policy.activation)
-        value = graph.add("Gemm", [value, graph.constant(weight), graph.constant(bias)], transB=1)
-    actions = policy.actions
-    discrete = isinstance(actions, DiscreteActions)
-    value = (
-        graph.add("ArgMax", [value], axis=1, keepdims=0)
-        if isinstance(actions, DiscreteActions)
-        else _decoded(graph, value, actions)
+        if number and policy.activation == "ReLU6":
+            value = add("Clip", value, np.float32(0.0), np.float32(6.0))
+        elif number and policy.activation == "SiLU":
+            value = add("Mul", value, add("Sigmoid", value))
+        elif number:
+            value = add(ACTIVATION_OPS[policy.activation], value)
+        value = add("Gemm", value, weight, bias, transB=1)
+    if isinstance(actions, DiscreteActions):
+        value = add("ArgMax", value, axis=1, keepdims=0)
+        given = helper.make_tensor_value_info(OUTPUT, kinds.INT64, ["n"])
+    else:
+        low, high = actions.low, actions.high
+        if not actions.squash:
+            value = add("Max", add("Min", value, high), low)
+        else:
+            if actions.limit < math.inf:
+                value = add("Clip", value, np.float32(-actions.limit), np.float32(actions.limit))
+            value = add("Add", add("Tanh", value), np.float32(1.0))
+            value = add("Add", add("Mul", value, np.float32(0.5) * (high - low)), low)
+        given = helper.make_tensor_value_info(OUTPUT, kinds.FLOAT, ["n", actions.size])
+    nodes.append(helper.make_node("Identity", [value], [OUTPUT]))
+    inputs = ["n", policy.observation_shape[0]]
+    taken = helper.make_tensor_value_info(INPUT, kinds.FLOAT, inputs)
+    graph = helper.make_graph(nodes, "policy", [taken], [given], constants)
+    model = helper.make_model(
+        graph,
+        opset_imports=[helper.make_opsetid("", OPSET)],
+        ir_version=IR_VERSION,
+        producer_name="integ-gym",
     )
-    return graph.file(value, policy.observation_shape[0], 0 if discrete else actions.size, card)
-
-
-def _normalized(graph: _Graph, value: str, own: ObservationStatistics) -> str:
-    """In float64, as `ObservationStatistics.normalize`."""
-    double = onnx().TensorProto.DOUBLE
-    value = graph.add("Cast", [value], to=double)
-    value = graph.add("Sub", [value, graph.constant(own.mean)])
-    value = graph.add("Div", [value, graph.constant(np.sqrt(own.var + own.epsilon))])
-    ends = [graph.constant(np.float64(end)) for end in (-own.clip_obs, own.clip_obs)]
-    value = graph.add("Clip", [value, *ends])
-    return graph.add("Cast", [value], to=onnx().TensorProto.FLOAT)
-
-
-def _activated(graph: _Graph, value: str, activation: str) -> str:
-    if activation == "ReLU6":
-        ends = [graph.constant(np.float32(end)) for end in (0.0, 6.0)]
-        return graph.add("Clip", [value, *ends])
-    if activation == "SiLU":
-        return graph.add("Mul", [value, graph.add("Sigmoid", [value])])
-    return graph.add(ACTIVATION_OPS[activation], [value])
-
-
-def _decoded(graph: _Graph, value: str, actions: BoxActions) -> str:
-    low, high = actions.low, actions.high
-    if not actions.squash:
-        value = graph.add("Min", [value, graph.constant(high)])
-        return graph.add("Max", [value, graph.constant(low)])
-    if actions.limit < math.inf:
-        ends = [graph.constant(np.float32(end)) for end in (-actions.limit, actions.limit)]
-        value = graph.add("Clip", [value, *ends])
-    value = graph.add("Tanh", [value])
-    value = graph.add("Add", [value, graph.constant(np.float32(1.0))])
-    value = graph.add("Mul", [value, graph.constant(np.float32(0.5) * (high - low))])
-    return graph.add("Add", [value, graph.constant(low)])
-
-
-class _Graph:
-    """Nodes and constants of a graph that is a chain."""
-
-    def __init__(self) -> None:
-        self._nodes: list[Any] = []
-        self._constants: list[Any] = []
-
-    def constant(self, values: NDArray[Any] | np.generic) -> str:
-        name = f"constant_{len(self._constants)}"
-        self._constants.append(onnx().numpy_helper.from_array(np.asarray(values), name))
-        return name
-
-    def add(self, operator: str, inputs: list[str], **attributes: Any) -> str:
-        name = f"value_{len(self._nodes)}"
-        self._nodes.append(onnx().helper.make_node(operator, inputs, [name], **attributes))
-        return name
-
-    def file(self, value: str, inputs: int, outputs: int, card: Mapping[str, Any]) -> bytes:
-        helper, kinds = onnx().helper, onnx().TensorProto
-        self._nodes.append(helper.make_node("Identity", [value], [OUTPUT]))
-        taken = helper.make_tensor_value_info(INPUT, kinds.FLOAT, ["n", inputs])
-        given = (
-            helper.make_tensor_value_info(OUTPUT, kinds.FLOAT, ["n", outputs])
-            if outputs
-            else helper.make_tensor_value_info(OUTPUT, kinds.INT64, ["n"])
-        )
-        graph = helper.make_graph(self._nodes, "policy", [taken], [given], self._constants)
-        model = helper.make_model(
-            graph,
-            opset_imports=[helper.make_opsetid("", OPSET)],
-            ir_version=IR_VERSION,
-            producer_name="integ-gym",
-        )
-        told = hashed({"format": FORMAT, **card})
-        helper.set_model_props(model, {METADATA: json.dumps(told, allow_nan=False)})
-        onnx().checker.check_model(model)
-        content: bytes = model.SerializeToString()
-        return content
+    told = hashed({"format": FORMAT, **card})
+    helper.set_model_props(model, {METADATA: json.dumps(told, allow_nan=False)})
+    package.checker.check_model(model)
+    content: bytes = model.SerializeToString()
+    return content

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..policy import ObservationStatistics
-from .limits import PolicyFileError
+from .card import PolicyFileError
 
 Name: TypeAlias = tuple[str, str]
 """Module and name of what a pickle imports."""
@@ -98,7 +98,6 @@ class StandIn:
         """Leave out the elements of a queue."""
 
 
-_READ: dict[int, Callable[[Any], None]] = dict(pickle._Unpickler.dispatch)
 _UNREAD = b"".join(
     (
         *(pickle.EXT1, pickle.EXT2, pickle.EXT4, pickle.INST, pickle.OBJ, pickle.DUP),
@@ -143,27 +142,20 @@ class _Unpickler(pickle._Unpickler):
             raise PolicyFileError("refers to numbers that are stored elsewhere")
         return pid
 
-    def _set_item(self) -> None:
-        self._check_keys([self.stack[-2]])
-        _READ[pickle.SETITEM[0]](self)
-
-    def _set_items(self) -> None:
-        self._check_keys(self.stack[::2])
-        _READ[pickle.SETITEMS[0]](self)
-
     def _read_bytearray(self) -> None:
         """Without room for it before it is there."""
         content = self.read(int.from_bytes(self.read(8), "little"))
         self.stack.append(content)
 
-    @staticmethod
-    def _check_keys(keys: list[Any]) -> None:
-        if not all(type(key) in (str, int) for key in keys):
-            raise PolicyFileError("holds a dictionary whose keys are no texts or whole numbers")
-
-    dispatch[pickle.SETITEM[0]] = _set_item
-    dispatch[pickle.SETITEMS[0]] = _set_items
+    dispatch[pickle.SETITEM[0]] = lambda self: _set(self, self.stack[-2:-1], pickle.SETITEM)
+    dispatch[pickle.SETITEMS[0]] = lambda self: _set(self, self.stack[::2], pickle.SETITEMS)
     dispatch[pickle.BYTEARRAY8[0]] = _read_bytearray
+
+
+def _set(reader: Any, keys: list[Any], opcode: bytes) -> None:
+    if not all(type(key) in (str, int) for key in keys):
+        raise PolicyFileError("holds a dictionary whose keys are no texts or whole numbers")
+    pickle._Unpickler.dispatch[opcode[0]](reader)
 
 
 def looks_pickled(content: bytes) -> bool:

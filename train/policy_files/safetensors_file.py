@@ -23,7 +23,7 @@ from integ_gym.support.files import check_regular
 from integ_gym.support.optional import missing_package
 
 from ..policy import BoxActions, DiscreteActions, MlpPolicy, ObservationStatistics
-from .limits import PolicyFileError
+from .card import PolicyFileError
 
 try:
     from safetensors import SafetensorError, safe_open

@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..policy import ACTIVATIONS, BoxActions, MlpPolicy
-from . import limits
-from .limits import DAMAGED, PolicyFileError
+from . import card
+from .card import DAMAGED, PolicyFileError
 from .pickles import (
     ARRAYS,
     SPACES,
@@ -97,12 +97,12 @@ def _find_faults(held: zipfile.ZipFile, archive: Path, actor: MlpPolicy) -> Iter
 def _iterate_pickles(held: zipfile.ZipFile) -> Iterator[tuple[str, bytes]]:
     for name in held.namelist():
         if name.endswith(_TENSORS):
-            content = read_member(held, name, limits.MAX_WEIGHTS_BYTES)
+            content = read_member(held, name, card.MAX_WEIGHTS_BYTES)
             with zipfile.ZipFile(io.BytesIO(content)) as inner:
                 for member in inner.namelist():
                     if member.endswith(".pkl"):
-                        yield name, read_member(inner, member, limits.MAX_JSON_BYTES)
-    content = read_member(held, _DATA, limits.MAX_JSON_BYTES)
+                        yield name, read_member(inner, member, card.MAX_JSON_BYTES)
+    content = read_member(held, _DATA, card.MAX_JSON_BYTES)
     data = json_object(content, f"its member 'data' {{}}; {DAMAGED}")
     for key, value in data.items():
         for text in _find_serialized(value):
@@ -124,7 +124,7 @@ def _read_tensors(content: bytes) -> Mapping[str, NDArray[np.float32]]:
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         (name,) = (x for x in archive.namelist() if x.endswith("data.pkl"))
         folder = name.removesuffix("data.pkl")
-        read = partial(read_member, archive, limit=limits.MAX_WEIGHTS_BYTES)
+        read = partial(read_member, archive, limit=card.MAX_WEIGHTS_BYTES)
         held = get_entries(read_pickle(read(name), _IMPORTED, storages=True))
         return {key: _array(one, folder, read) for key, one in held.items() if key != "_metadata"}
 

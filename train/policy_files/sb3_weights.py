@@ -18,8 +18,10 @@ import numpy as np
 from integ_gym.support.optional import missing_package
 
 from ..policy import ACTIVATIONS, Layer
-from . import limits
-from .limits import DAMAGED, RETRAIN, PolicyFileError
+from . import card
+from .card import DAMAGED, RETRAIN, PolicyFileError
+
+Json: TypeAlias = Mapping[str, Any]
 
 SHARED = "mlp_extractor.shared_net"
 """Layers that actor and critic have in common, in files of before 1.8."""
@@ -69,103 +71,42 @@ class Actor:
         return [*hidden, f"{self.last}.0" if gsde else self.last]
 
 
-_GAUSSIAN = {
-    "hidden": "actor.latent_pi",
-    "last": "actor.mu",
-    "unused": (*_OFF_POLICY, "actor.log_std"),
-}
+_SB3, _CONTRIB = "stable_baselines3", "sb3_contrib"
+_GAUSSIAN = ("actor.latent_pi", "actor.mu", (*_OFF_POLICY, "actor.log_std"))
+_VALUES: Json = {"sizes": (64, 64), "squash": False, "discrete": True}
 
 ACTORS = {
-    ("stable_baselines3.common.policies", "ActorCriticPolicy"): Actor(
-        ("PPO", "A2C", "TRPO"),
-        hidden="mlp_extractor.policy_net",
-        last="action_net",
-        unused=("mlp_extractor.value_net.", "value_net.", "log_std"),
-        activation="Tanh",
-        sizes=(64, 64),
-        squash=None,
-        discrete=None,
+    (f"{_SB3}.common.policies", "ActorCriticPolicy"): Actor(
+        ("PPO", "A2C", "TRPO"), "mlp_extractor.policy_net", "action_net",
+        ("mlp_extractor.value_net.", "value_net.", "log_std"),
+        activation="Tanh", sizes=(64, 64), squash=None, discrete=None,
     ),
-    ("stable_baselines3.sac.policies", "SACPolicy"): Actor(("SAC",), **_GAUSSIAN),  # type: ignore[arg-type]
-    ("sb3_contrib.tqc.policies", "TQCPolicy"): Actor(("TQC",), **_GAUSSIAN),  # type: ignore[arg-type]
-    ("stable_baselines3.td3.policies", "TD3Policy"): Actor(
-        ("TD3", "DDPG"),
-        hidden="actor.mu",
-        last=None,
-        unused=(*_OFF_POLICY, "actor_target."),
-        sizes=(400, 300),
+    (f"{_SB3}.sac.policies", "SACPolicy"): Actor(("SAC",), *_GAUSSIAN),
+    (f"{_CONTRIB}.tqc.policies", "TQCPolicy"): Actor(("TQC",), *_GAUSSIAN),
+    (f"{_SB3}.td3.policies", "TD3Policy"): Actor(
+        ("TD3", "DDPG"), "actor.mu", None, (*_OFF_POLICY, "actor_target."), sizes=(400, 300)
     ),
-    ("stable_baselines3.dqn.policies", "DQNPolicy"): Actor(
-        ("DQN",),
-        hidden="q_net.q_net",
-        last=None,
-        unused=("q_net_target.",),
-        sizes=(64, 64),
-        squash=False,
-        discrete=True,
+    (f"{_SB3}.dqn.policies", "DQNPolicy"): Actor(
+        ("DQN",), "q_net.q_net", None, ("q_net_target.",), **_VALUES
     ),
-    ("sb3_contrib.qrdqn.policies", "QRDQNPolicy"): Actor(
-        ("QR-DQN",),
-        hidden="quantile_net.quantile_net",
-        last=None,
-        unused=("quantile_net_target.",),
-        sizes=(64, 64),
-        squash=False,
-        discrete=True,
-        quantiles=200,
+    (f"{_CONTRIB}.qrdqn.policies", "QRDQNPolicy"): Actor(
+        ("QR-DQN",), "quantile_net.quantile_net", None, ("quantile_net_target.",),
+        quantiles=200, **_VALUES,
     ),
-}
+}  # fmt: skip
 """Module and name of a policy class to its actor."""
 
-
-def actor_of(module: str, name: str) -> Actor:
-    """Where a policy class keeps its actor.
-
-    Raises:
-        PolicyFileError: for a class that is not known, with the way that works.
-    """
-    if (module, name) in ACTORS:
-        return ACTORS[module, name]
-    known = ", ".join(algorithm for actor in ACTORS.values() for algorithm in actor.algorithms)
-    if "recurrent" in module:
-        way = f"a policy that remembers is not judged here; {RETRAIN}"
-    else:
-        way = (
-            "judge the loaded model from Python with integ_gym.evaluate(model, env_id, out); "
-            f"or {RETRAIN}"
-        )
-    raise PolicyFileError(
-        f"the policy class is {name} of {module}, and only the 'MlpPolicy' of {known} can be read; "
-        f"{way}"
-    )
-
-
-_FLATTEN = "<class 'stable_baselines3.common.torch_layers.FlattenExtractor'>"
+_FLATTEN = f"<class '{_SB3}.common.torch_layers.FlattenExtractor'>"
 _CLIP_MEAN = 2.0
+_KNOWN_KWARGS = {
+    *("activation_fn", "clip_mean", "features_extractor_class", "n_quantiles", "net_arch"),
+    *("squash_output", "use_sde"),
+    *("device", "features_extractor_kwargs", "full_std", "log_std_init", "n_critics"),
+    *("normalize_images", "optimizer_class", "optimizer_kwargs", "ortho_init", "sde_net_arch"),
+    *("share_features_extractor", "use_expln"),
+}
+"""Of a policy: those that are read, and those that decide no action."""
 
-_READ_KWARGS = {
-    "activation_fn",
-    "clip_mean",
-    "features_extractor_class",
-    "n_quantiles",
-    "net_arch",
-    "squash_output",
-    "use_sde",
-}
-_IRRELEVANT_KWARGS = {
-    "device",
-    "features_extractor_kwargs",
-    "full_std",
-    "log_std_init",
-    "n_critics",
-    "normalize_images",
-    "optimizer_class",
-    "optimizer_kwargs",
-    "ortho_init",
-    "sde_net_arch",
-    "share_features_extractor",
-    "use_expln",
-}
 _INIT_TEXT = re.compile(r"<function ([\w.<>]+)\.__init__ at ")
 
 
@@ -173,19 +114,29 @@ def actor_class(data: Json) -> Actor:
     """Where the policy's class keeps its actor.
 
     Raises:
-        PolicyFileError: for a class that is not read.
+        PolicyFileError: for a class that is not read, with the way that works.
     """
     described = section(data, "policy_class")
     module = str(described.get("__module__", "an unknown module"))
     init = _INIT_TEXT.match(str(described.get("__init__", "")))
-    return actor_of(module, init.group(1) if init else "a class without a readable name")
+    name = init.group(1) if init else "a class without a readable name"
+    if (module, name) in ACTORS:
+        return ACTORS[module, name]
+    known = ", ".join(algorithm for actor in ACTORS.values() for algorithm in actor.algorithms)
+    way = "judge the loaded model from Python with integ_gym.evaluate(model, env_id, out); or"
+    if "recurrent" in module:
+        way = "a policy that remembers is not judged here;"
+    raise PolicyFileError(
+        f"the policy class is {name} of {module}, and only the 'MlpPolicy' of {known} can be read; "
+        f"{way} {RETRAIN}"
+    )
 
 
 def policy_kwargs(data: Json) -> Json:
     """`policy_kwargs`, refused if one of them is not known to be harmless to the action."""
     described = section(data, "policy_kwargs")
     kwargs = {key: value for key, value in described.items() if not key.startswith(":")}
-    unknown = sorted(set(kwargs) - _READ_KWARGS - _IRRELEVANT_KWARGS)
+    unknown = sorted(set(kwargs) - _KNOWN_KWARGS)
     if unknown:
         raise PolicyFileError(
             f"the policy_kwargs {', '.join(map(repr, unknown))} are not known; "
@@ -244,14 +195,6 @@ def hidden_sizes(
     return tuple(common), tuple(arch)
 
 
-def uses_gsde(data: Json) -> bool:
-    """Whether the policy explores with gSDE."""
-    used = data.get("use_sde", False)
-    if not isinstance(used, bool):
-        raise PolicyFileError(f"use_sde={used!r} is not a setting of stable-baselines3; {DAMAGED}")
-    return used
-
-
 def squashed(data: Json, kwargs: Json, actor: Actor) -> bool:
     """Whether actions pass through tanh, which PPO and A2C do with gSDE only."""
     if actor.squash is not None:
@@ -266,13 +209,15 @@ def squashed(data: Json, kwargs: Json, actor: Actor) -> bool:
 
 
 def mean_limit(data: Json, kwargs: Json, actor: Actor) -> float:
-    """Size that outputs are limited to before tanh; infinity without a limit."""
-    if actor.last != "actor.mu" or not uses_gsde(data):
+    """Size that outputs are limited to before tanh, as with gSDE; infinity without a limit."""
+    used, limit = data.get("use_sde", False), kwargs.get("clip_mean", _CLIP_MEAN)
+    if actor.last != "actor.mu":
         return math.inf
-    limit = kwargs.get("clip_mean", _CLIP_MEAN)
-    if isinstance(limit, bool) or not isinstance(limit, int | float) or not math.isfinite(limit):
+    if not isinstance(used, bool):
+        raise PolicyFileError(f"use_sde={used!r} is not a setting of stable-baselines3; {DAMAGED}")
+    if used and not (type(limit) in (int, float) and math.isfinite(limit)):
         raise PolicyFileError(f"clip_mean={limit!r} is not a number; {DAMAGED}")
-    return float(limit) if limit > 0 else math.inf
+    return float(limit) if used and limit > 0 else math.inf
 
 
 def quantile_count(kwargs: Json, actor: Actor) -> int:
@@ -326,7 +271,15 @@ def load_tensors(
     if isinstance(tensors, tuple) and tensors:
         tensors = tensors[0]
     if isinstance(tensors, dict) and any(isinstance(part, dict) for part in tensors.values()):
-        raise PolicyFileError(f"{what} {_checkpoint(tensors, remedy or RETRAIN)}")
+        names = ", ".join(str(name) for name in list(tensors)[:6])
+        kind = f"is the checkpoint of a training, with the parts {names}; {remedy or RETRAIN}"
+        if any(name in tensors for name in _RSL_RL):
+            kind = (
+                "is a checkpoint of rsl_rl, which does not say how its network is built; export it "
+                'to ONNX with runner.export_policy_to_onnx("exported") and give '
+                "exported/policy.onnx"
+            )
+        raise PolicyFileError(f"{what} {kind}")
     if not isinstance(tensors, dict) or not all(
         isinstance(name, str)
         and isinstance(tensor, torch.Tensor)
@@ -341,17 +294,6 @@ def load_tensors(
     return tensors
 
 
-def _checkpoint(parts: Mapping[Any, Any], remedy: str) -> str:
-    """What the checkpoint of a training is, and what helps."""
-    if any(name in parts for name in _RSL_RL):
-        return (
-            "is a checkpoint of rsl_rl, which does not say how its network is built; export it to "
-            'ONNX with runner.export_policy_to_onnx("exported") and give exported/policy.onnx'
-        )
-    names = ", ".join(str(name) for name in list(parts)[:6])
-    return f"is the checkpoint of a training, with the parts {names}; {remedy}"
-
-
 def _check_old_format(content: bytes, what: str) -> None:
     """Refuse weights in torch's older format that would take more memory than the limit."""
     stream = io.BytesIO(content[len(_OLD_FORMAT) :])
@@ -361,9 +303,9 @@ def _check_old_format(content: bytes, what: str) -> None:
         raise PolicyFileError(f"{what} is not a whole file of torch; {DAMAGED}") from error
     largest = max((given for _, given, _ in read if isinstance(given, int)), default=0)
     storages = sum(opcode.name in ("PERSID", "BINPERSID") for opcode, _, _ in read)
-    if 4 * largest * max(1, storages) > limits.MAX_WEIGHTS_BYTES:
+    if 4 * largest * max(1, storages) > card.MAX_WEIGHTS_BYTES:
         raise PolicyFileError(
-            f"{what} asks for more memory than the limit of {limits.MAX_WEIGHTS_BYTES} bytes; "
+            f"{what} asks for more memory than the limit of {card.MAX_WEIGHTS_BYTES} bytes; "
             "give a model with a smaller network"
         )
 
@@ -381,10 +323,10 @@ def _check_archive(content: bytes, what: str) -> None:
             "torch.onnx.export, or save the state_dict alone"
         )
     unpacked = sum(member.file_size for member in members)
-    if unpacked > limits.MAX_WEIGHTS_BYTES:
+    if unpacked > card.MAX_WEIGHTS_BYTES:
         raise PolicyFileError(
             f"{what} unpacks to {unpacked} bytes, above the limit of "
-            f"{limits.MAX_WEIGHTS_BYTES}; give a model with a smaller network"
+            f"{card.MAX_WEIGHTS_BYTES}; give a model with a smaller network"
         )
 
 
@@ -416,9 +358,9 @@ def layers_of(
                 f"the weights '{name}' should have shape {shape} for the saved architecture "
                 f"{sizes} and have {found}; {DAMAGED}"
             )
-    if 4 * sum(math.prod(shape) for shape in expected.values()) > limits.MAX_WEIGHTS_BYTES:
+    if 4 * sum(math.prod(shape) for shape in expected.values()) > card.MAX_WEIGHTS_BYTES:
         raise PolicyFileError(
-            f"the actor needs more than {limits.MAX_WEIGHTS_BYTES} bytes; "
+            f"the actor needs more than {card.MAX_WEIGHTS_BYTES} bytes; "
             "give a model with a smaller network"
         )
     return tuple(
@@ -438,9 +380,6 @@ def averaged(layers: tuple[Layer, ...], quantiles: int) -> tuple[Layer, ...]:
         bias.reshape(quantiles, actions).mean(axis=0, dtype=np.float64),
     )
     return (*hidden, (mean[0].astype(np.float32), mean[1].astype(np.float32)))
-
-
-Json: TypeAlias = Mapping[str, Any]
 
 
 _CLASS_TEXT = re.compile(r"<class '([\w.]+)'>")

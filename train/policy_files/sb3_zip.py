@@ -29,12 +29,11 @@ from ..policy import (
     ObservationStatistics,
     expand_bound,
 )
-from . import limits
-from .limits import DAMAGED, PolicyFileError
+from . import card
+from .card import DAMAGED, PolicyFileError
 from .pickles import looks_pickled, read_number_type, read_vec_normalize
 from .sb3_weights import (
     SHARED,
-    Actor,
     Json,
     activation_name,
     actor_class,
@@ -137,14 +136,18 @@ def _printed_bound(space: Json, name: str, size: int) -> FloatArray:
     numbers = [_NUMBER_TEXT.fullmatch(word) for word in words]
     ends = len(_shape(space))
     opened, closed = len(text) - len(text.lstrip("[")), len(text) - len(text.rstrip("]"))
+    line = " ".join(text.split())
+    shortened = line if len(line) <= 60 else f"{line[:57]}..."
     whole = opened == closed == ends
     if not whole or len(numbers) != size or not all(numbers):
         raise PolicyFileError(
-            f"the action space's bound '{name}' is printed as {_shortened(text)}, which does not "
+            f"the action space's bound '{name}' is printed as {shortened}, which does not "
             f"spell out {size} numbers; {_PASS_BOUNDS}"
         )
-    for number in numbers:
-        if number is not None and _may_be_rounded(number):
+    for number in filter(None, numbers):
+        decimals = number.group("decimals") or ""
+        small = abs(float(number.group())) < 0.125
+        if not number.group("exponent") and len(decimals) > 6 and small:
             raise PolicyFileError(
                 f"the action space's bound '{name}' is printed as {number.group()}, which may be "
                 f"rounded; {_PASS_BOUNDS}"
@@ -153,45 +156,8 @@ def _printed_bound(space: Json, name: str, size: int) -> FloatArray:
         return np.array([float(word) for word in words]).astype(np.float32)
 
 
-def _may_be_rounded(number: re.Match[str]) -> bool:
-    """Whether more than one float32 is likely to be printed like this."""
-    decimals = number.group("decimals") or ""
-    return not number.group("exponent") and len(decimals) > 6 and abs(float(number.group())) < 0.125
-
-
-def _shortened(text: str) -> str:
-    """At most 60 characters of a text, on one line."""
-    line = " ".join(text.split())
-    return line if len(line) <= 60 else f"{line[:57]}..."
-
-
 _OFF_POLICY = "buffer_size"
 """Algorithms with a replay buffer keep raw observations outside `VecNormalize` as well."""
-
-
-def learned_scaled(data: Json) -> bool:
-    """Whether the model of this `data` was trained inside `VecNormalize`, as far as that shows.
-
-    Scaled observations are float32, which tells where the environment's are float64. Where these
-    are float32 too, on-policy algorithms keep raw ones inside `VecNormalize` alone, be it one with
-    ``norm_obs=False``, and of off-policy algorithms it does not show.
-    """
-    raw = data.get("_last_original_obs")
-    if raw is None:
-        return False
-    before, after = _kind(raw), _kind(data.get("_last_obs"))
-    if before and after and before != after:
-        return True
-    return _OFF_POLICY not in data and before != "f8"
-
-
-def _kind(described: Any) -> str | None:
-    """Type of a saved array's numbers, such as `f4`; None for what is no such array."""
-    text = described.get(":serialized:") if isinstance(described, dict) else None
-    try:
-        return read_number_type(base64.b64decode(str(text), validate=True))
-    except (PolicyFileError, ValueError):
-        return None
 
 
 _DEFAULTS = {"epsilon": 1e-8, "clip_obs": 10.0}
@@ -241,20 +207,15 @@ def read_observation_statistics(path: str | os.PathLike[str]) -> ObservationStat
         '"epsilon": 1e-8, "clip_obs": 10.0} with the numbers of the VecNormalize used in training'
     )
     try:
-        content = _read_small_file(file)
+        content = read_bounded(file, card.MAX_JSON_BYTES)
         if looks_pickled(content):
             return read_vec_normalize(content)
         return _statistics(json_object(content, "the file {}"))
+    except OSError as error:
+        reason = f"cannot be opened ({error.strerror})"
+        raise PolicyFileError(f"{file}: {reason}; {remedy}") from error
     except ValueError as error:
         raise PolicyFileError(f"{file}: {error}; {remedy}") from error
-
-
-def _read_small_file(file: Path) -> bytes:
-    """The bytes of a file of at most `limits.MAX_JSON_BYTES`."""
-    try:
-        return read_bounded(file, limits.MAX_JSON_BYTES)
-    except OSError as error:
-        raise PolicyFileError(f"cannot be opened ({error.strerror})") from error
 
 
 def _statistics(fields: Json) -> ObservationStatistics:
@@ -346,7 +307,10 @@ def read_sb3_model(model: Any, policy_id: str) -> MlpPolicy:
         if normalize is not None and normalize.norm_obs:
             own, limits_of = normalize.obs_rms, (normalize.epsilon, normalize.clip_obs)
             statistics = ObservationStatistics(own.mean, own.var, *limits_of)
-        return read_archive(content, policy_id, statistics, _bounds(model.action_space))
+        space = model.action_space
+        box = isinstance(space, spaces.Box)
+        bounds = (space.low.ravel(), space.high.ravel()) if box else None
+        return read_archive(content, policy_id, statistics, bounds)
     except (AttributeError, ValueError) as error:
         raise PolicyFileError(f"the model {policy_id}: {error}") from error
 
@@ -354,11 +318,30 @@ def read_sb3_model(model: Any, policy_id: str) -> MlpPolicy:
 def is_scaled(archive: Path | BinaryIO) -> bool:
     """Whether the model in a zip was trained inside `VecNormalize`, as far as that shows.
 
+    Scaled observations are float32, which tells where the environment's are float64. Where these
+    are float32 too, on-policy algorithms keep raw ones inside `VecNormalize` alone, be it one with
+    ``norm_obs=False``, and of off-policy algorithms it does not show.
+
     Raises:
         PolicyFileError: in one sentence, if it cannot be read.
     """
-    data_text, _ = _read_members(archive)
-    return learned_scaled(_data(data_text))
+    data, _ = _read_members(archive)
+    raw = data.get("_last_original_obs")
+    if raw is None:
+        return False
+    before, after = _find_number_type(raw), _find_number_type(data.get("_last_obs"))
+    if before and after and before != after:
+        return True
+    return _OFF_POLICY not in data and before != "f8"
+
+
+def _find_number_type(described: Any) -> str | None:
+    """Type of a saved array's numbers, such as `f4`; None for what is no such array."""
+    text = described.get(":serialized:") if isinstance(described, dict) else None
+    try:
+        return read_number_type(base64.b64decode(str(text), validate=True))
+    except (PolicyFileError, ValueError):
+        return None
 
 
 def lacks_statistics(model: Any) -> bool:
@@ -372,10 +355,6 @@ def lacks_statistics(model: Any) -> bool:
     content = io.BytesIO()
     model.save(content)
     return is_scaled(content)
-
-
-def _bounds(space: Any) -> tuple[ArrayLike, ArrayLike] | None:
-    return (space.low.ravel(), space.high.ravel()) if isinstance(space, spaces.Box) else None
 
 
 def read_archive(
@@ -397,14 +376,16 @@ def read_archive(
     Raises:
         ValueError: what is wrong with the zip or the policy, without a file's name.
     """
-    data_text, weights = _read_members(archive)
-    data = _data(data_text)
+    data, weights = _read_members(archive)
     actor, kwargs = actor_class(data), policy_kwargs(data)
     inputs = box_size(section(data, "observation_space"), "observation space")
     activation, squash = activation_name(kwargs, actor), squashed(data, kwargs, actor)
     limit = mean_limit(data, kwargs, actor)
     actions = decoding(section(data, "action_space"), squash, action_bounds, limit)
-    _check_kind(actions, actor)
+    if actor.discrete not in (None, isinstance(actions, DiscreteActions)):
+        raise PolicyFileError(
+            f"the action space {actions} is none that {actor.algorithms[0]} can have; {DAMAGED}"
+        )
     tensors = load(weights)
     shared, own = hidden_sizes(kwargs, actor, any(name.startswith(SHARED) for name in tensors))
     names = actor.names(len(shared), len(own), limit < math.inf)
@@ -414,28 +395,15 @@ def read_archive(
     return MlpPolicy(averaged(layers, quantiles), activation, actions, statistics, policy_id)
 
 
-def _data(content: bytes) -> Json:
-    return json_object(content, f"its member 'data' {{}}; {DAMAGED}")
-
-
-def _check_kind(actions: BoxActions | DiscreteActions, actor: Actor) -> None:
-    if actor.discrete is None or actor.discrete == isinstance(actions, DiscreteActions):
-        return
-    raise PolicyFileError(
-        f"the action space {actions} is none that {actor.algorithms[0]} can have; {DAMAGED}"
-    )
-
-
-def _read_members(file: Path | BinaryIO) -> tuple[bytes, bytes]:
-    """The bytes of `data` and `policy.pth`, checked for presence and size."""
+def _read_members(file: Path | BinaryIO) -> tuple[Json, bytes]:
+    """What `data` says, and the bytes of `policy.pth`, checked for presence and size."""
     try:
         if isinstance(file, Path):
             check_regular(file)
         with zipfile.ZipFile(file) as archive:
-            return (
-                read_member(archive, "data", limits.MAX_JSON_BYTES),
-                read_member(archive, "policy.pth", limits.MAX_WEIGHTS_BYTES),
-            )
+            data = read_member(archive, "data", card.MAX_JSON_BYTES)
+            weights = read_member(archive, "policy.pth", card.MAX_WEIGHTS_BYTES)
+        return json_object(data, f"its member 'data' {{}}; {DAMAGED}"), weights
     except PolicyFileError:
         raise
     except zipfile.BadZipFile as error:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import io
-import json
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -16,7 +15,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from integ_gym.envs.catalogue.lookup import is_integ_environment
+from integ_gym.envs.environment import is_integ_environment
 from integ_gym.envs.settings import DISCRETIZATION, Discretization
 from integ_gym.envs.testbeds.making import find_testbed
 from integ_gym.support.errors import InputError
@@ -28,10 +27,11 @@ from ..policy import BoxActions, DiscreteActions, MlpPolicy
 from .card import (
     FORMAT,
     UNHASHED_FORMAT,
+    PolicyFileError,
+    card_bytes,
     check_own_hash,
     hashed,
 )
-from .limits import PolicyFileError
 from .onnx import OnnxPolicy
 from .reading import read_weights
 from .safetensors_file import safetensors_bytes
@@ -204,15 +204,14 @@ def write_actor(
     if zip_bytes is not None:
         own[_ZIP_HASH] = _sha256(zip_bytes)
     full = hashed({**own, **card})
-    text = json.dumps(full, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
-    weights = safetensors_bytes(policy)
+    content, weights = card_bytes(full), safetensors_bytes(policy)
     (out_dir / SIDECAR_FILE).unlink(missing_ok=True)
     if zip_bytes is None:
         (out_dir / POLICY_FILE).unlink(missing_ok=True)
     else:
         replace_file(out_dir / POLICY_FILE, zip_bytes)
     replace_file(out_dir / WEIGHTS_FILE, weights)
-    replace_file(out_dir / SIDECAR_FILE, text.encode())
+    replace_file(out_dir / SIDECAR_FILE, content)
     return TrainedPolicy(out_dir / str(full["policy_file"]), out_dir / SIDECAR_FILE, full)
 
 

@@ -14,20 +14,24 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import ArrayLike
 
-from integ_gym.envs.catalogue.lookup import environment_setup, is_integ_environment
+from integ_gym.envs.environment import environment_setup, is_integ_environment
 from integ_gym.envs.settings import DISCRETIZATION
 from integ_gym.support.errors import InputError, InputTypeError
 from integ_gym.support.files import replace_file
 
 from ..policy import BoxActions, MlpPolicy
-from .card import FORMAT, hashed
-from .limits import PolicyFileError
+from .card import FORMAT, PolicyFileError, card_bytes, hashed
 from .onnx import OnnxPolicy, onnx_bytes
-from .reading import ONNX_ENDING, SAFETENSORS_ENDING, read_weights, unscaled
+from .reading import (
+    ONNX_ENDING,
+    SAFETENSORS_ENDING,
+    STATE_DICT_ENDINGS,
+    read_weights,
+    unscaled,
+)
 from .safetensors_file import safetensors_bytes
 from .sb3_zip import GivenStatistics, lacks_statistics, observation_statistics_of, read_sb3_model
 from .sidecar import Stated, has_sidecar, read_trained, stated_arguments
-from .state_dict import STATE_DICT_ENDINGS
 
 _UNSCALED = (
     "was trained inside VecNormalize, whose statistics are missing; pass "
@@ -116,8 +120,7 @@ def write_sidecar(
         card["network"]["scaled"] = True
         warnings.warn(f"{file}: {_NORMALIZED}", stacklevel=2)
     path = file.with_suffix(".json")
-    text = json.dumps(hashed(card), indent=2, allow_nan=False, ensure_ascii=False) + "\n"
-    replace_file(path, text.encode())
+    replace_file(path, card_bytes(hashed(card)))
     return path
 
 
@@ -209,74 +212,52 @@ def save_policy(
     own = _feed_forward(policy, name, obs_stats)
     training = _training(env_id, home, environment)
     if file.suffix == SAFETENSORS_ENDING:
-        _check_alone(file)
+        sidecar = file.with_suffix(".json")
+        others = [p for p in file.parent.glob(f"{file.stem}.*") if p not in (file, sidecar)]
+        if not file.exists() and sidecar.exists() and others:
+            raise InputError(
+                f"{sidecar} is the side-car of {others[0].name}; give the new file another name"
+            )
         replace_file(file, safetensors_bytes(own))
         write_sidecar(file, env_id, home=home, environment=environment, policy_id=name, seed=seed)
         return file
-    card = _plain({"policy_id": name, "seed": seed, **training, **_told(own, env_id)})
+    card = _plain({"policy_id": name, "seed": seed, **training, **_describe_interface(own, env_id)})
     replace_file(file, onnx_bytes(own, card))
     return file
 
 
 def _feed_forward(policy: Any, name: str, obs_stats: GivenStatistics) -> MlpPolicy:
+    """The policy to write, with the statistics that are given or that are its own."""
+    given = None
     if isinstance(policy, str | os.PathLike):
-        policy = _of_file(Path(policy), obs_stats)
-        return _named(policy, name)
-    if not isinstance(policy, MlpPolicy | OnnxPolicy):
-        model, policy = policy, read_sb3_model(policy, name)
-        if obs_stats is None and lacks_statistics(model):
+        path, card = Path(policy), None
+        if has_sidecar(path):
+            policy, card = read_trained(path)
+        if card is None or obs_stats is not None:
+            policy = read_weights(path, card, obs_stats)
+        if obs_stats is None and unscaled(path, card):
+            known = path.suffix.lower() in STATE_DICT_ENDINGS
+            raise PolicyFileError(f"{path}: {_NORMALIZED if known else _UNSCALED}")
+    else:
+        given = observation_statistics_of(obs_stats)
+        if not isinstance(policy, MlpPolicy | OnnxPolicy):
+            model, policy = policy, read_sb3_model(policy, name)
+            if obs_stats is None and lacks_statistics(model):
+                raise PolicyFileError(
+                    f"the model {name} was trained inside VecNormalize and is without it; load it "
+                    "with env=VecNormalize.load(path, venv), or pass obs_stats"
+                )
+        if obs_stats is not None and policy.statistics is not None:
             raise PolicyFileError(
-                f"the model {name} was trained inside VecNormalize and is without it; load it with "
-                "env=VecNormalize.load(path, venv), or pass obs_stats"
+                f"the policy {name} has statistics of its own; leave out obs_stats"
             )
-    named = _named(policy, name)
-    if obs_stats is not None and named.statistics is not None:
-        raise PolicyFileError(f"the policy {name} has statistics of its own; leave out obs_stats")
-    statistics = observation_statistics_of(obs_stats)
-    return named if statistics is None else replace(named, statistics=statistics)
-
-
-def _named(policy: Any, name: str) -> MlpPolicy:
     if isinstance(policy, OnnxPolicy):
         raise PolicyFileError(
             "onnxruntime runs an ONNX graph as it is, and it is written in no other format; give "
             "the model that it was exported from"
         )
-    if not isinstance(policy, MlpPolicy):
-        raise PolicyFileError("only a feed-forward policy is written; give one")
-    return replace(policy, policy_id=name)
-
-
-def _of_file(path: Path, obs_stats: GivenStatistics) -> Any:
-    """A policy with the statistics that are given, or that its side-car holds."""
-    if not has_sidecar(path):
-        policy, card = read_weights(path, obs_stats=obs_stats), None
-    else:
-        trained, card = read_trained(path)
-        policy = trained if obs_stats is None else read_weights(path, card, obs_stats)
-    if obs_stats is None:
-        _check_scale(path, card)
-    return policy
-
-
-def _check_scale(path: Path, card: Mapping[str, Any] | None) -> None:
-    """Refuse a policy that would act on observations of the wrong scale."""
-    if unscaled(path, card):
-        known = path.suffix.lower() in STATE_DICT_ENDINGS
-        raise PolicyFileError(f"{path}: {_NORMALIZED if known else _UNSCALED}")
-
-
-def _check_alone(file: Path) -> None:
-    """Refuse a name whose side-car is another policy's."""
-    others = [p for p in file.parent.glob(f"{file.stem}.*") if p not in (file, _sidecar(file))]
-    if not file.exists() and _sidecar(file).exists() and others:
-        raise InputError(
-            f"{_sidecar(file)} is the side-car of {others[0].name}; give the new file another name"
-        )
-
-
-def _sidecar(file: Path) -> Path:
-    return file.with_suffix(".json")
+    own: MlpPolicy = replace(policy, policy_id=name, statistics=given or policy.statistics)
+    return own
 
 
 def _training(env_id: str, home: Stated, environment: Mapping[str, Any] | None) -> dict[str, Any]:
@@ -301,7 +282,7 @@ def _statistics_of(own: Any) -> dict[str, Any] | None:
     return {"mean": own.mean.tolist(), "var": own.var.tolist(), **limits}
 
 
-def _told(policy: MlpPolicy, env_id: str) -> dict[str, Any]:
+def _describe_interface(policy: MlpPolicy, env_id: str) -> dict[str, Any]:
     """What a robot's software asks: order and scale of observations and actions."""
     setup = environment_setup(env_id, {}) if is_integ_environment(env_id) else None
     bounds = policy.actions if isinstance(policy.actions, BoxActions) else None

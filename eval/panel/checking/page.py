@@ -18,7 +18,7 @@ from integ_gym.support.terminal import plural
 
 from ..artefact import differences
 from ..existing import given_panel, other_facts
-from ..outputs import noted_call, panel_of, seen_now
+from ..outputs import panel_of, read_call, seen_now
 from ..plan import names_code, planned_spec
 from ..result import FILE_NAME, Panel, read_panel
 from ..run_directory import MANIFEST, RunDirectory, read_manifest
@@ -42,7 +42,7 @@ def deviations(
         ValueError: for a run that does not say how it was called, or for a panel of fewer seeds
             than were judged.
     """
-    called = noted_call(directory)
+    called = read_call(directory)
     if "policy" in directory.manifest()["specification"]:
         for name, *told in other_facts(spec, directory, own_code):
             yield _deviation(MANIFEST, f"given.{name}", *told)

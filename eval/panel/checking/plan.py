@@ -9,12 +9,12 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from integ_gym.evidence.fields import SCHEMA_VERSION
+from integ_gym.evidence.fields import FIRST_WRITTEN, SCHEMA_VERSION
 from integ_gym.evidence.recomputing import recompute
+from integ_gym.evidence.replaying import replay_some
 from integ_gym.evidence.schema import Finding
 from integ_gym.evidence.sealing import SEAL_FILE
 from integ_gym.evidence.store import EvidenceStore
-from integ_gym.evidence.verification import replay_some
 from integ_gym.support.terminal import plural
 from integ_gym.train.policy_files.reading import read_weights
 from integ_gym.train.policy_files.sidecar import (
@@ -67,7 +67,7 @@ FROM records WHERE phase = 'evaluation' GROUP BY ALL ORDER BY policy_id, cell
 
 _EARLIER = f"""
 SELECT schema_version, count(*) AS records FROM records
-WHERE schema_version < {SCHEMA_VERSION} GROUP BY ALL ORDER BY schema_version
+WHERE schema_version < {FIRST_WRITTEN} GROUP BY ALL ORDER BY schema_version
 """
 
 _WHOSE = """

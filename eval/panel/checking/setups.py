@@ -14,15 +14,9 @@ from typing import Any, NamedTuple
 import gymnasium as gym
 from gymnasium import spaces
 
-from integ_gym.envs.catalogue.lookup import is_integ_environment
+from integ_gym.envs.environment import is_integ_environment
 from integ_gym.envs.settings import DISCRETIZATION, NATIVE, Mixture
-from integ_gym.evidence.record import (
-    argument_values,
-    told_json,
-    told_perturbation,
-    told_training,
-)
-from integ_gym.evidence.schema import EvidenceError, Finding
+from integ_gym.evidence.schema import EvidenceError, Finding, argument_values, parse_field
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.train.policy_files.card import (
     LAST_EPISODES,
@@ -72,7 +66,7 @@ _VERSIONS = """
 SELECT package_versions, count(*) AS records FROM records GROUP BY ALL ORDER BY 1
 """
 
-_TOLD = {"perturbation": told_perturbation, "training_discretization": told_training}
+_PARSED = ("perturbation", "training_discretization")
 
 
 class PlannedPolicy(NamedTuple):
@@ -218,7 +212,7 @@ def of_versions(versions: Mapping[str, str], store: EvidenceStore) -> Iterator[F
     """Records of other versions than those that the run's manifest has."""
     for row in store.query(_VERSIONS).to_pylist():
         try:
-            told = told_json("package_versions", row["package_versions"])
+            told = parse_field("package_versions", row["package_versions"])
         except EvidenceError as error:
             yield Finding("evidence", None, f"{row['records']} records: {error}")
             continue
@@ -275,8 +269,7 @@ def _read(name: str, row: Mapping[str, Any]) -> Any:
     """
     if name == "arguments":
         return argument_values(row[name])
-    read = _TOLD.get(name)
-    return row[name] if read is None else read(row)
+    return parse_field(name, row[name]) if name in _PARSED else row[name]
 
 
 def _same(recorded: Any, wanted: Any) -> bool:

@@ -6,19 +6,18 @@ of its cell, and what a marker says of attempts, must follow from them; searches
 
 from __future__ import annotations
 
-import json
 import math
 import random
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+import msgspec
 import numpy as np
 import numpy.typing as npt
 
 from integ_gym.evidence.fields import ATTEMPT, LATER_ATTEMPT, SECOND_HORIZON
-from integ_gym.evidence.record import argument_values
-from integ_gym.evidence.schema import Finding
+from integ_gym.evidence.schema import Finding, argument_values
 from integ_gym.evidence.store import EvidenceStore
 
 from ..achieve import (
@@ -294,7 +293,7 @@ def _searched_again(
     marker = directory.marker(unit)
     assert marker is not None
     again = search_of(spec, cell)
-    made = {} if again is None else json.loads(json.dumps(vars(again)))
+    made = {} if again is None else msgspec.json.decode(msgspec.json.encode(again))
     for name, value in marker["search"].items():
         if not _same(value, made.get(name)):
             yield _of_marker(unit, f"search.{name}", value, made.get(name))

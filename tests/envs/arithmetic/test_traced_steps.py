@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 
 import gymnasium as gym
 import numpy as np
 import pytest
 from variants import VARIANTS
 
-from integ_gym.envs.catalogue.lookup import environment_setup
-from integ_gym.envs.integrators.interface import Step, along
-from integ_gym.envs.ops.compiling import compiled
-from integ_gym.envs.ops.dialects import SCALARS, NotTraceable, Unusual
-from integ_gym.envs.ops.ops import SCALAR
+from integ_gym.envs.environment import environment_setup
+from integ_gym.envs.integrators.interface import Step
+from integ_gym.envs.ops.compiling import compile_trace
+from integ_gym.envs.ops.dialects import SCALARS
+from integ_gym.envs.ops.ops import SCALAR, NotTraceable, Unusual, along
 from integ_gym.envs.registries import ENVIRONMENTS, INTEGRATORS
-from integ_gym.envs.steps import WARM_UP, plain_step, traced_step
-from integ_gym.envs.transition import DIVERGED, EnvState, initial_state
+from integ_gym.envs.steps import WARM_UP, trace_function
+from integ_gym.envs.transition import DIVERGED, EnvState, initial_state, scalar_step
 
 
 def _start(setup, seed):
@@ -38,16 +39,16 @@ def _actions(setup, rng):
 @pytest.mark.parametrize("integrator", INTEGRATORS.names())
 def test_traced_steps_equal_plain_ones_to_the_bit(env_id, integrator, variant):
     setup = environment_setup(env_id, {"integrator": integrator, **VARIANTS[variant]})
-    plain, traced = plain_step(setup), traced_step(setup)
-    assert traced is not None
+    plain, step = partial(scalar_step, setup, SCALAR), trace_function(setup, scalar_step)
+    assert step is not None
     state = _start(setup, 1)
     for action in _actions(setup, np.random.default_rng(2)):
         expected = plain(state, action)
         if math.isfinite(action):
-            assert repr(traced(state, action)) == repr(expected)
+            assert repr(step(state, action)) == repr(expected)
         else:
             with pytest.raises(Unusual):
-                traced(state, action)
+                step(state, action)
         state = EnvState._make(expected[0])
 
 
@@ -75,12 +76,12 @@ def _run(env):
 def test_a_motion_that_diverges_does_so_in_both(integrator, speed):
     setup = environment_setup("IntegCartPole-v0", {"integrator": integrator, "dt": 0.5})
     state = initial_state(SCALAR, setup, (0.0, 1.0), (0.0, speed))
-    plain, traced = plain_step(setup), traced_step(setup)
+    plain, step = partial(scalar_step, setup, SCALAR), trace_function(setup, scalar_step)
     statuses = []
     for _ in range(4):
         expected = plain(state, 1.0)
         try:
-            found = traced(state, 1.0)
+            found = step(state, 1.0)
         except (ArithmeticError, ValueError):
             found = expected
         assert repr(found) == repr(expected)
@@ -102,7 +103,7 @@ class Hesitant:
 def test_what_cannot_be_traced_runs_as_it_is_written():
     own = gym.make("IntegPendulum-v0", integrator=f"{__name__}:Hesitant")
     euler = gym.make("IntegPendulum-v0", integrator="explicit_euler")
-    assert traced_step(own.unwrapped.setup) is None
+    assert trace_function(own.unwrapped.setup, scalar_step) is None
     own.reset(seed=0)
     euler.reset(seed=0)
     for _ in range(WARM_UP + 5):
@@ -134,7 +135,7 @@ def _hailstone(ops, start):
     ("start", "steps", "peak"), [(1.0, 0, 1.0), (6.0, 8, 16.0), (27.0, 111, 9232.0)]
 )
 def test_nested_loops(start, steps, peak):  # fmt: skip
-    found = compiled(SCALARS, _hailstone, False)(start)
+    found = compile_trace(SCALARS, _hailstone, False)(start)
     assert found == _hailstone(SCALAR, start)
     assert (found["steps"], found["peak"]) == (steps, peak)
 
@@ -146,19 +147,19 @@ def test_constants_and_unused_work_leave_no_trace():
         total = ops.repeat(3, lambda k, c: (c[0] + k * pair[1], c[1]), (pair[0], 2.0))
         return ops.where(True, total[0], pair[1]), total[1], ops.maximum(1.0, 2.0)
 
-    made = compiled(SCALARS, function, (False, False))
+    made = compile_trace(SCALARS, function, (False, False))
     assert made((1.0, 2.0)) == (7.0, 2.0, 2.0)
     assert "sin" not in made.__doc__
 
 
 def test_asking_for_a_value_is_refused():
     with pytest.raises(NotTraceable):
-        compiled(SCALARS, lambda ops, x: 1.0 if x > 0.0 else 2.0, False)
+        compile_trace(SCALARS, lambda ops, x: 1.0 if x > 0.0 else 2.0, False)
 
 
 def _same_outcome(function, *values):
     """What the traced function gives or raises is what the plain one does."""
-    made = compiled(SCALARS, function, *(False for _ in values))
+    made = compile_trace(SCALARS, function, *(False for _ in values))
     try:
         expected = repr(function(SCALAR, *values))
     except ArithmeticError as error:
@@ -184,43 +185,3 @@ def test_what_raises_in_a_loop_that_nobody_needs_raises(x):
         return x
 
     _same_outcome(function, x)
-
-
-@pytest.mark.parametrize("limit", [3.0, 9.0])
-def test_a_condition_may_hold_a_loop(limit):
-    def function(ops, limit):
-        def unfinished(carry):
-            doubled = ops.while_loop(
-                lambda c: c[1] < 2.0, lambda c: (2.0 * c[0], c[1] + 1.0), (carry[0], 0.0)
-            )
-            return doubled[0] < 4.0 * limit
-
-        return ops.while_loop(unfinished, lambda c: (c[0] + 1.0, c[1] + limit), (1.0, 0.0))
-
-    assert compiled(SCALARS, function, False)(limit) == function(SCALAR, limit)
-
-
-class Tableau:
-    """Explicit Euler with its weight in an array."""
-
-    weights = np.array([1.0])
-
-    def step(self, ops, system, q, v, losses, control, dt):
-        acceleration, rates = system.rates(ops, q, v, control)
-        h = self.weights[0] * dt
-        return Step(along(q, h, v), along(v, h, acceleration), along(losses, h, rates))
-
-
-def test_constants_of_numpy_are_traced_as_numbers():
-    own = gym.make("IntegPendulum-v0", integrator=f"{__name__}:Tableau")
-    euler = gym.make("IntegPendulum-v0", integrator="explicit_euler")
-    assert traced_step(own.unwrapped.setup) is not None
-    own.reset(seed=0)
-    euler.reset(seed=0)
-    for _ in range(WARM_UP + 5):
-        assert own.step([0.5])[0].tolist() == euler.step([0.5])[0].tolist()
-
-
-def test_other_constants_are_not_traced():
-    with pytest.raises(NotTraceable, match="ndarray"):
-        compiled(SCALARS, lambda ops, x: ops.where(x > 0.0, np.ones(2), x), False)

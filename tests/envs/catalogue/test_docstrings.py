@@ -2,22 +2,14 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import Field, fields
 from typing import Any
 
 import pytest
-from house import FLOORS, ROOT
 
 import integ_gym
-from integ_gym.envs.catalogue.lookup import environment_class, environment_setup
+from integ_gym.envs.environment import environment_class, environment_setup
 
-TEXTS = [
-    path
-    for folder in (*FLOORS, "docs")
-    for ending in ("py", "md")
-    for path in (ROOT / folder).rglob(f"*.{ending}")
-]
 HEAD = "| Name | Default | Unit | Meaning |\n|---|---|---|---|\n"
 
 
@@ -66,16 +58,3 @@ def test_tables_of_arguments(env_id):
     expected = rows_of(env_id)
     assert len(expected) > 13
     assert lines == expected, "write the table as:\n" + "\n".join(expected)
-
-
-def test_units_are_spelled_in_one_way():
-    """Powers of units with ^, in docstrings, messages and documents as in the definitions."""
-    assert len(TEXTS) > 100
-    spelled = re.compile(r"\b(?:m|s|rad|kg)[²³⁻]")
-    found = [
-        f"{path.relative_to(ROOT)}: {line.strip()}"
-        for path in TEXTS
-        for line in path.read_text(encoding="utf-8").splitlines()
-        if spelled.search(line)
-    ]
-    assert not found, "\n".join(found)

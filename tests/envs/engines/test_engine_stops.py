@@ -23,10 +23,10 @@ from engine_cases import (
 from engine_checks import new_setup
 
 import integ_gym  # noqa: F401
-from integ_gym.envs.catalogue.lookup import environment_setup
 from integ_gym.envs.engines.maps import one_step_map
 from integ_gym.envs.engines.newton import FEATHERSTONE
 from integ_gym.envs.engines.rigid import HeldForce
+from integ_gym.envs.environment import environment_setup
 from integ_gym.envs.ops.ops import SCALAR
 
 SWING_UP = "IntegCartPoleSwingUp-v0"
@@ -140,14 +140,6 @@ def test_what_the_constraint_solver_does_is_reported_where_it_is_told(engine, in
         assert known == {"solver_tolerance": pytest.approx(tolerance), "solver_cap": cap}
 
 
-@pytest.mark.parametrize("engine", [*SOLVERS, "mjx", "dart", "sapien"])
-def test_without_stops_of_its_own_an_engine_has_no_constraint_to_report_on(engine):
-    integrator = next(of for name, of in STOPPED if name == engine)
-    free = setup_of(engine, integrator, "IntegCartPole-v0").engine
-    assert not free.reports
-    assert free.solver() == {"solver_tolerance": None, "solver_cap": None}
-
-
 def _held(setup, name, q, v, control):
     """(q, v) after one step of a map, with the force of stops and friction held during it."""
     system = setup.system
@@ -189,11 +181,6 @@ def test_a_step_in_contact_is_what_the_engine_says(engine, integrator):
             expected = mapped(one_step_map(told["map"]), setup, *case)
         error = np.abs(one_step(setup, *case) - expected) / (1.0 + np.abs(expected))
         assert error.max() <= TOLERANCE[setup.engine.width]
-
-
-@pytest.mark.parametrize(("engine", "integrator"), lighter(FIRST))
-def test_where_nothing_resists_there_is_nothing_to_say(engine, integrator):
-    assert setup_of(engine, integrator, "IntegPendulum-v0").engine.describe()["resistance"] is None
 
 
 def _coasted(name, dt, held):

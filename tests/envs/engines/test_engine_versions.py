@@ -10,7 +10,7 @@ import pytest
 from engine_cases import FIRST, needs
 
 import integ_gym
-from integ_gym.envs.mechanics import PlantSystem
+from integ_gym.envs.engines.stepping import PlantSystem
 from integ_gym.envs.numerics.stepping import engine_of
 from integ_gym.envs.plants.pendulum import Pendulum
 from integ_gym.envs.registries import ENGINES
@@ -80,19 +80,3 @@ def test_a_task_of_mujoco_is_checked_too(aged, monkeypatch):
         _ = testbed.home
     monkeypatch.setenv(versions.ANY_VERSION, "other,mujoco")
     assert replace(testbed.home, dt=0.01).dt == 0.01
-
-
-def test_an_extra_within_an_extra_is_checked(aged):
-    needs("mjx")
-    aged("pyarrow")
-    with pytest.raises(ValueError, match=r"pyarrow 0\.9"):
-        versions.check_versions("mjx")
-
-
-@pytest.mark.parametrize(
-    ("older", "newer"),
-    [("3.9", "3.10"), ("4.0.0rc1", "4.0.1"), ("4", "4.0.0.1"), ("2026.8", "2026.8.1+cpu")],
-)
-def test_versions_are_compared_by_their_numbers(older, newer):
-    assert versions._release(older) < versions._release(newer)
-    assert versions._release("4.0") == versions._release("4.0.0") == versions._release("4")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import gymnasium as gym
 import numpy as np
@@ -30,8 +31,8 @@ from integ_gym.envs.mechanics import Mechanism
 from integ_gym.envs.ops.ops import SCALAR
 from integ_gym.envs.plants.pendulum import Pendulum
 from integ_gym.envs.registries import ENGINES
-from integ_gym.envs.steps import plain_step, traced_step
-from integ_gym.envs.transition import EnvState, initial_state, transition
+from integ_gym.envs.steps import trace_function
+from integ_gym.envs.transition import EnvState, initial_state, scalar_step, transition
 
 DAMPED = pytest.mark.parametrize("damped", [False, True], ids=["undamped", "damped"])
 
@@ -50,6 +51,17 @@ def test_an_engine_applies_the_map_that_it_is_said_to(engine, integrator, env_id
         expected = mapped(known, setup, q, v, control)
         error = np.abs(one_step(setup, q, v, control) - expected) / (1.0 + np.abs(expected))
         assert error.max() <= tolerance
+
+
+@pytest.mark.parametrize(("engine", "integrator"), lighter(FIRST))
+@pytest.mark.parametrize("speed", [11.0, -101.0, 999.0])
+def test_no_speed_is_clipped_below_divergence(engine, integrator, speed):
+    """Nor does an engine damp by itself, in short steps in which every implicit one is solved."""
+    damped = _arguments("IntegPendulum-v0", True)
+    setup = setup_of(engine, integrator, "IntegPendulum-v0", dt=1e-4, **damped)
+    expected = mapped(one_step_map(setup.engine.map), setup, (0.3,), (speed,), 0.7)
+    tolerance = 10.0 * TOLERANCE[setup.engine.width]
+    np.testing.assert_allclose(one_step(setup, (0.3,), (speed,), 0.7), expected, rtol=tolerance)
 
 
 @pytest.mark.parametrize(("engine", "integrator", "env_id"), sparing(IDS, strength=1))
@@ -190,12 +202,12 @@ def test_the_vector_environment_equals_the_single_one(engine, integrator):
 @pytest.mark.parametrize(("engine", "integrator"), lighter(FIRST))
 def test_steps_are_traced_to_the_same_bits(engine, integrator):
     setup = setup_of(engine, integrator, "IntegPendulum-v0", control_period=0.06, damping=0.2)
-    plain, traced = plain_step(setup), traced_step(setup)
-    assert traced is not None
+    plain, step = partial(scalar_step, setup, SCALAR), trace_function(setup, scalar_step)
+    assert step is not None
     state = initial_state(SCALAR, setup, (0.5,), (3.0,))
     for action in (2.0, -1.0, 0.5):
         expected = plain(state, action)
-        assert repr(traced(state, action)) == repr(expected)
+        assert repr(step(state, action)) == repr(expected)
         state = EnvState._make(expected[0])
 
 

@@ -8,7 +8,7 @@ import sys
 import pytest
 from engine_cases import COMPILING, EVERY, FIRST, IDS
 
-from integ_gym.envs.engines.interface import missing_modules
+from integ_gym.envs.engines.stepping import missing_modules
 
 SCRIPT = """
 import math, warnings

@@ -70,14 +70,6 @@ def test_an_action_that_is_no_number_is_refused(env_id, value):
         lanes.step([value] if discrete else [[value]])
 
 
-@pytest.mark.parametrize("action", [{0.5}, {0.5: 1.0}, "5", b"5"], ids=repr)
-def test_a_box_action_is_a_list_of_one_number(action):
-    env = gym.make("IntegPendulum-v0")
-    env.reset(seed=0)
-    with pytest.raises(ValueError, match=r"action must have shape \(1,\)"):
-        env.unwrapped.step(action)
-
-
 @pytest.mark.parametrize("make", [gym.make, gym.make_vec])
 @pytest.mark.parametrize(
     ("env_id", "options"),
@@ -98,8 +90,3 @@ def test_starts_that_cannot_be_are_refused(env_id, options, make):
     names = "|".join(f"`{name}`" for name in options)
     with pytest.raises(ValueError, match=f"reset options? ({names})"):
         make(env_id).reset(seed=0, options=options)
-
-
-def test_a_parameter_may_be_an_array_of_no_dimension():
-    for make in (gym.make, gym.make_vec):
-        assert make("IntegPendulum-v0", mass=np.array(1.5)).unwrapped.setup.plant.mass == 1.5

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import gymnasium as gym
-import jax
 import numpy as np
 import pytest
-
-import integ_gym
 
 NOISY = {"observation_noise": 0.1, "integrator": "rk4"}
 QUIET = {"observation_noise": 0.0, "integrator": "rk4"}
@@ -82,17 +79,6 @@ def test_the_starts_that_follow_a_seed_are_gymnasiums():
             ours.step(np.zeros(1)), stock.step(np.zeros(1))
 
 
-def test_autoreset_lanes_have_the_noise_of_single_environments():
-    arguments = {**NOISY, "max_episode_steps": 4}
-    many = gym.make_vec("IntegPendulum-v0", 2, **arguments)
-    lanes = gym.make_vec("IntegPendulum-v0", 2, "sync", **arguments)
-    np.testing.assert_array_equal(many.reset(seed=1)[0], lanes.reset(seed=1)[0])
-    for _ in range(15):
-        many.action_space.seed(0)
-        action = many.action_space.sample()
-        np.testing.assert_array_equal(many.step(action)[0], lanes.step(action)[0])
-
-
 @pytest.mark.parametrize("noise", [0.0, 0.1])
 def test_a_mixture_has_the_starts_of_a_single_discretization(noise):
     mixture = [{"integrator": "rk4"}, {"integrator": "explicit_euler"}]
@@ -110,17 +96,3 @@ def test_a_mixture_has_the_starts_of_a_single_discretization(noise):
                 env.step(np.zeros((3, 1)))
         drawn.append(members)
     assert drawn[0] == drawn[1]
-
-
-def test_jax_starts_follow_from_keys_with_and_without_noise():
-    starts = []
-    for arguments in (QUIET, NOISY):
-        env = integ_gym.functional.make("IntegPendulum-v0", duration=0.1, **arguments)
-        key = jax.random.key(0)
-        state = env.initial(key, lanes=(3,))
-        found = [state.env.q[0]]
-        for index in range(5):
-            state, _ = env.step(state, np.zeros((3, 1)), jax.random.fold_in(key, index))
-            found.append(state.env.q[0])
-        starts.append(np.array(found))
-    np.testing.assert_array_equal(*starts)

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import integ_gym
-from integ_gym.envs.engines.interface import DIVERGENCE_SPEED
+from integ_gym.envs.engines.stepping import DIVERGENCE_SPEED
 from integ_gym.envs.numerics.energy import ledger
 from integ_gym.envs.numerics.stepping import fastest_rate, probe_state
 from integ_gym.envs.registries import PLANTS

@@ -137,11 +137,3 @@ def test_a_divergence_is_told_and_not_written_about(task, speed, integrator, tmp
     )
     assert (done.returncode, done.stdout + done.stderr) == (0, "")
     assert not list(tmp_path.iterdir())
-
-
-def test_other_warnings_of_the_simulation_are_counted_as_before():
-    env = integ_gym.rediscretize(gym.make("Hopper-v5"))
-    env.reset(seed=0)
-    env.step(np.zeros(3, np.float32))
-    numbers = env.unwrapped.data.warning.number
-    assert numbers[1] == numbers[2] == 0

@@ -9,13 +9,10 @@ import numpy as np
 import pytest
 from gymnasium.envs import registration
 from gymnasium.envs.registration import EnvSpec
-from gymnasium.vector import AutoresetMode
-from gymnasium.wrappers import TimeAwareObservation, TimeLimit
-from sb3_contrib.common.wrappers import TimeFeatureWrapper
+from gymnasium.wrappers import TimeLimit
 
 import integ_gym
-from integ_gym.envs.catalogue.lookup import environment_setup
-from integ_gym.evidence.context import EpisodeContext
+from integ_gym.evidence.labels import EpisodeContext
 from integ_gym.evidence.recorder import RecordEvidence
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.train.vec_env import Sb3VecEnv
@@ -79,15 +76,6 @@ def test_a_shorter_limit_is_a_shorter_duration(compiled):
     assert adapted.get_attr("spec")[0].max_episode_steps == 50
 
 
-def test_success_is_told_at_a_shorter_limit():
-    for make in (gym.make, partial(gym.make_vec, num_envs=1)):
-        env = make("IntegCartPole-v0", max_episode_steps=3)
-        env.reset(seed=0)
-        for _ in range(3):
-            *_, info = env.step(np.zeros(env.action_space.shape, dtype=np.int64))
-        assert np.all(info["success"])
-
-
 @pytest.mark.parametrize("asked", [201, 1000, 0, -1])
 @pytest.mark.parametrize("make", [gym.make, gym.make_vec])
 def test_a_longer_limit_is_refused_with_the_remedy(make, asked):
@@ -98,14 +86,6 @@ def test_a_longer_limit_is_refused_with_the_remedy(make, asked):
     assert longer.spec.max_episode_steps == 1000
 
 
-def test_no_other_form_passes_over_it():
-    words = r"unexpected keyword .* here give `duration`, s"
-    with pytest.raises(TypeError, match=words):
-        integ_gym.functional.make("IntegPendulum-v0", max_episode_steps=50)
-    with pytest.raises(TypeError, match=words):
-        environment_setup("IntegPendulum-v0", {"max_episode_steps": 50})
-
-
 def test_a_registration_of_ones_own_has_its_limit(own_id):
     assert _decisions(gym.make(own_id)) == 30
     assert _decisions(gym.make_vec(own_id, 2)) == 30
@@ -113,18 +93,6 @@ def test_a_registration_of_ones_own_has_its_limit(own_id):
     assert gym.make(own_id, max_episode_steps=40).unwrapped.setup.timing.horizon == 40
     with pytest.raises(ValueError, match="give a longer `duration`"):
         gym.make(own_id, duration=1.0)
-
-
-@pytest.mark.parametrize("asked", [{}, {"max_episode_steps": 50}])
-def test_clocks_of_other_libraries_run_out_with_the_episode(asked):
-    aware = TimeAwareObservation(gym.make("IntegPendulum-v0", **asked), normalize_time=True)
-    feature = TimeFeatureWrapper(gym.make("IntegPendulum-v0", **asked))
-    for env, at_the_end in ((aware, 1.0), (feature, 0.0)):
-        env.reset(seed=0)
-        ended = False
-        while not ended:
-            observation, _, _, ended, _ = env.step(np.zeros(1))
-        assert observation[-1] == at_the_end
 
 
 def test_records_have_the_limit_that_held(tmp_path):
@@ -137,12 +105,6 @@ def test_records_have_the_limit_that_held(tmp_path):
     assert (record["length"], record["truncated"], record["duration"]) == (50, True, 2.5)
     with pytest.raises(TypeError, match=r"after 50 steps, .* 200; give `max_episode_steps`"):
         RecordEvidence(TimeLimit(gym.make("IntegPendulum-v0"), 50), tmp_path / "b", context)
-
-
-def test_same_step_and_disabled_autoreset_end_there_too():
-    for mode in (AutoresetMode.SAME_STEP, AutoresetMode.DISABLED):
-        env = gym.make_vec("IntegPendulum-v0", 2, autoreset_mode=mode, max_episode_steps=7)
-        assert _decisions(env) == 7
 
 
 MAKES = {
@@ -185,14 +147,6 @@ def test_the_horizon_in_a_spec_is_no_limit_that_was_asked_for(first, then, own, 
     assert _decisions(MAKES[then](given, dt=0.025, max_episode_steps=30)) == 30
 
 
-def test_a_horizon_in_a_spec_is_none_in_other_processes_either():
-    spec = gym.make("IntegPendulum-v0", control_period=0.1).spec
-    env = gym.make_vec(spec, 1, "async", duration=20.0)
-    assert env.spec.max_episode_steps == 200
-    assert _decisions(env) == 200
-    env.close()
-
-
 @pytest.mark.parametrize(("first", "then"), FROM_SPECS)
 def test_a_limit_that_was_asked_for_stays_in_the_spec(own_id, first, then):
     specs = (
@@ -208,13 +162,6 @@ def test_a_limit_that_was_asked_for_stays_in_the_spec(own_id, first, then):
         assert _horizon(MAKES[then](spec, dt=0.025)) == 200
 
 
-def test_a_mixture_has_no_limit_from_its_spec():
-    mixture = [{"dt": 0.05}, {"dt": 0.025}]
-    env = gym.make_vec("IntegPendulum-v0", 2, mixture=mixture, control_period=0.1)
-    longer = gym.make_vec(env.spec, duration=20.0)
-    assert (_horizon(env), _horizon(longer), _horizon(gym.make_vec(env.spec))) == (100, 200, 100)
-
-
 def test_a_limit_is_read_however_gym_make_is_wrapped(monkeypatch):
     original = gym.make
 
@@ -228,23 +175,3 @@ def test_a_limit_is_read_however_gym_make_is_wrapped(monkeypatch):
         assert _horizon(gym.make("IntegPendulum-v0", max_episode_steps=50)) == 50
         with pytest.raises(ValueError, match="got 1000"):
             gym.make("IntegPendulum-v0", max_episode_steps=1000)
-
-
-def test_gymnasium_has_the_names_by_which_limits_are_read():
-    for maker, names in (
-        (registration.make, {"id", "max_episode_steps", "env_spec"}),
-        (registration.make_vec, {"id", "kwargs", "env_spec"}),
-    ):
-        code = maker.__code__
-        missing = names - {*code.co_varnames, *code.co_cellvars}
-        assert not missing, f"{maker.__name__} of this Gymnasium has no {missing}"
-        assert (maker.__module__, code.co_name) == (registration.__name__, maker.__name__)
-
-
-def test_the_warning_after_the_end_says_what_a_step_pays():
-    env = gym.make("IntegCartPole-v0", sutton_barto_reward=True).unwrapped
-    env.reset(seed=0)
-    while not env.step(1)[2]:
-        pass
-    with pytest.warns(UserWarning, match="further steps pay the least of a step"):
-        assert env.step(1)[1] == -1.0

@@ -5,7 +5,6 @@ from __future__ import annotations
 from math import pi
 
 import gymnasium as gym
-import jax
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
@@ -13,11 +12,6 @@ from motions import ALL
 from sameness import assert_same
 
 import integ_gym
-from integ_gym.envs.catalogue.pendulum import IntegPendulumEnv
-from integ_gym.envs.environment import make_setup
-from integ_gym.envs.ops.array_ops import ARRAY
-from integ_gym.envs.ops.jax_ops import JaxOps
-from integ_gym.envs.transition import initial_state, transition
 
 LANES = 5
 CASES = {
@@ -127,15 +121,6 @@ def test_plant_parameters_may_differ_per_lane():
         gym.make_vec("IntegPendulum-v0", num_envs=4, mass=masses)
 
 
-def test_torque_limits_may_differ_per_lane():
-    limits = np.array([0.5, 1.0, 2.0])
-    env = gym.make_vec("IntegPendulum-v0", num_envs=3, max_torque=limits)
-    env.reset(seed=0)
-    *_, info = env.step(np.full((3, 1), 1.5))
-    np.testing.assert_array_equal(info["control"], [0.5, 1.0, 1.5])
-    np.testing.assert_array_equal(info["saturated"], [True, True, False])
-
-
 def test_arrays_are_refused_where_they_cannot_work():
     values = np.array([1.0, 2.0])
     with pytest.raises(ValueError, match=r"give arrays to gym\.make_vec"):
@@ -185,80 +170,6 @@ def test_mixture_draws_a_discretization_at_each_reset():
         gym.make_vec("IntegPendulum-v0", mixture=[])
 
 
-def test_three_worlds_diverge_at_the_same_step():
-    arguments = {"integrator": "explicit_euler", "dt": 0.3, "gravity": 900.0, "duration": 60.0}
-    setup = make_setup(IntegPendulumEnv, arguments)
-    starts = np.random.default_rng(0).uniform((-3, -1), (3, 1), (LANES, 2))
-    state = initial_state(ARRAY, setup, (starts[:, 0],), (starts[:, 1],))
-    torque = np.full(LANES, 2.0)
-    by_array = _divergence_steps(lambda s: transition(ARRAY, setup, s, torque), state)
-    with jax.enable_x64(True):
-        ops = JaxOps("float64")
-        step = jax.jit(lambda s: transition(ops, setup, s, torque))
-        by_jax = _divergence_steps(step, state)
-    by_scalar = [_divergence_step(start, arguments) for start in starts]
-    assert by_scalar == by_array == by_jax
-    assert len(set(by_scalar)) > 1
-
-
-def _divergence_step(start, arguments):
-    env = gym.make("IntegPendulum-v0", **arguments)
-    env.reset(options={"state": start})
-    ended, steps = False, 0
-    while not ended:
-        *_, ended, truncated, info = env.step(np.array([2.0]))
-        steps += 1
-        assert not truncated
-    assert info["solver_status"] == "diverged"
-    return steps
-
-
-def _divergence_steps(step, state):
-    first = np.zeros(LANES, dtype=int)
-    for count in range(1, 200):
-        state, outcome = step(state)
-        diverged = np.asarray(outcome.status) == 2
-        first = np.where((first == 0) & diverged, count, first)
-    return first.tolist()
-
-
-@pytest.mark.parametrize("env_id", integ_gym.ENVIRONMENTS)
-def test_transition_under_jax_equals_the_environment(env_id):
-    single = gym.make(
-        env_id, integrator="rk4", dt=0.01, control_period=0.02, action_latency=0.01
-    ).unwrapped
-    setup = single.setup
-    single.reset(seed=0)
-    single.action_space.seed(0)
-    with jax.enable_x64(True):
-        ops = JaxOps("float64")
-        step = jax.jit(lambda s, a: transition(ops, setup, s, a))
-        state = initial_state(ops, setup, single._state.q, single._state.v)
-        for _ in range(30):
-            action = single.action_space.sample()
-            _, reward, terminated, _, info = single.step(action)
-            state, outcome = step(state, float(np.ravel(action)[0]))
-            np.testing.assert_allclose(
-                (*state.q, *state.v, outcome.reward, outcome.residual_energy),
-                (*single._state.q, *single._state.v, reward, info["energy_residual"]),
-                rtol=0, atol=1e-12,
-            )  # fmt: skip
-            assert bool(outcome.terminated) == terminated
-            if terminated:
-                break
-
-
-@pytest.mark.parametrize(
-    ("actions", "message"),
-    [(np.zeros((4, 1)), r"shape \(5, 1\)"), (np.zeros(5), r"shape \(5, 1\)")],
-)
-def test_wrong_action_shape_is_refused(actions, message):
-    env = gym.make_vec("IntegPendulum-v0", num_envs=LANES)
-    env.reset(seed=0)
-    with pytest.raises(ValueError, match=message):
-        env.step(actions)
-
-
 def test_wrong_use_is_refused():
     env = gym.make_vec("IntegCartPole-v0", num_envs=2, autoreset_mode="Disabled", duration=0.02)
     with pytest.raises(gym.error.ResetNeeded):
@@ -294,22 +205,6 @@ def test_actions_of_lanes_that_are_being_reset_are_not_looked_at():
     envs.step(np.array([7, 1]))
     with pytest.raises(ValueError, match="actions must be"):
         envs.step(np.array([7, 1]))
-
-
-@pytest.mark.parametrize("mixture", [3, "rk4", {"integrator": "rk4"}, ["rk4"]])
-def test_a_mixture_that_is_no_list_of_discretizations_is_refused(mixture):
-    with pytest.raises(ValueError, match="mixture"):
-        gym.make_vec("IntegPendulum-v0", num_envs=2, mixture=mixture)
-
-
-@pytest.mark.parametrize("period", [0.05, 0.02, 0.004])
-def test_frames_per_second_are_those_of_the_single_environment(period):
-    given = {"dt": period, "control_period": period}
-    single, lanes = (
-        gym.make("IntegPendulum-v0", **given),
-        gym.make_vec("IntegPendulum-v0", 3, **given),
-    )
-    assert lanes.metadata["render_fps"] == single.metadata["render_fps"] == round(1.0 / period)
 
 
 @pytest.mark.parametrize("order", [1, -1])

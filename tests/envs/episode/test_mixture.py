@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from fractions import Fraction
-
 import gymnasium as gym
 import jax
 import jax.numpy as jnp
@@ -13,7 +11,7 @@ from gymnasium.vector import AutoresetMode
 from motions import ALL
 
 from integ_gym.envs import functional
-from integ_gym.envs.catalogue.lookup import environment_mixture
+from integ_gym.envs.environment import environment_mixture
 from integ_gym.envs.registries import ENVIRONMENTS
 
 PERIOD = 0.04
@@ -153,25 +151,6 @@ def test_shares_of_a_functional_mixture():
     assert len(set(drawn)) > 5
 
 
-def test_shares_of_a_vector_mixture():
-    vector = _vector("IntegPendulum-v0", 4000, WEIGHTED)
-    _, info = vector.reset(seed=0)
-    shares = np.bincount(info["mixture_index"], minlength=3) / 4000
-    np.testing.assert_allclose(shares, [0.375, 0.125, 0.5], atol=4 * np.sqrt(0.25 / 4000))
-    assert vector.mixture.shares == (Fraction(3, 8), Fraction(1, 8), Fraction(1, 2))
-    assert [vector.mixture.member(x) for x in (0.0, 0.374, 0.376, 0.499, 0.501, 0.999)] == [
-        0, 0, 1, 1, 2, 2,
-    ]  # fmt: skip
-
-
-def test_an_environment_without_a_mixture_is_one_of_one_member():
-    mixture = environment_mixture("IntegPendulum-v0", {"integrator": "rk4", "mixture": None})
-    assert [setup.settings.integrator for setup in mixture.setups] == ["rk4"]
-    assert mixture.shares == (1,)
-    env = functional.make("IntegPendulum-v0", integrator="rk4")
-    assert (env.setups, env.shares) == ((env.setup,), (1,))
-
-
 def test_one_program_serves_other_values():
     env = functional.make("IntegPendulum-v0", mixture=WEIGHTED, control_period=PERIOD)
     compiled = []
@@ -196,18 +175,6 @@ def test_one_program_serves_other_values():
         env.params(mixture=WEIGHTED[:2])
     with pytest.raises(ValueError, match="another program"):
         env.params(max_speed=8.0)
-
-
-def test_members_with_equal_programs_share_a_group():
-    """A latency within the control period is structure, so each step has a group of its own."""
-    mixture = [{"integrator": "rk4", "dt": PERIOD / n} for n in (2, 4)]
-    plain = functional.make("IntegPendulum-v0", mixture=mixture, control_period=PERIOD)
-    late = functional.make(
-        "IntegPendulum-v0", mixture=mixture, control_period=PERIOD, action_latency=PERIOD / 2
-    )
-    plain.check_lanes(3)
-    with pytest.raises(ValueError, match="multiple of 2"):
-        late.check_lanes(3)
 
 
 PARTS = {"mixture": WEIGHTED, "control_period": PERIOD}

@@ -5,17 +5,18 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterator
+from functools import partial
 
 import numpy as np
 import pytest
 from driving import Browser, driven
 from variants import VARIANTS
 
-from integ_gym.envs.catalogue.lookup import environment_setup
+from integ_gym.envs.environment import environment_setup
 from integ_gym.envs.ops.ops import SCALAR
 from integ_gym.envs.registries import ENVIRONMENTS, INTEGRATORS
-from integ_gym.envs.steps import plain_step, script_of
-from integ_gym.envs.transition import EnvState, initial_state
+from integ_gym.envs.steps import script_of
+from integ_gym.envs.transition import EnvState, initial_state, scalar_step
 
 SECONDS = 10.0
 SMALL = 1e-5
@@ -43,7 +44,7 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
 
 def _played(setup, q, v, actions):
     state = initial_state(SCALAR, setup, q, v)
-    step, told = plain_step(setup), []
+    step, told = partial(scalar_step, setup, SCALAR), []
     for action in actions:
         after, observation, _, terminated, truncated, info, _ = step(state, action)
         state = EnvState._make(after)

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import pickle
-
 import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
-from integ_gym.envs.catalogue.lookup import environment_setup
+from integ_gym.envs.environment import environment_setup
 from integ_gym.envs.registries import ENVIRONMENTS
-from integ_gym.envs.starts import AT_ONCE, GivenNumbers, LaneStarts, numbers_per_start
-from integ_gym.envs.tasks.pendulum_swing_up import PendulumSwingUp
+from integ_gym.envs.starts import AT_ONCE, LaneStarts, numbers_per_start
+from integ_gym.envs.tasks import PendulumSwingUp
 
 LANES = 3
 SIZES = {
@@ -115,32 +113,6 @@ def test_other_tasks_draw_one_by_one(task):
     assert numbers_per_start(type(setup)(**{**vars(setup), "task": task()})) is None
 
 
-def test_given_numbers_stand_for_a_generator():
-    rng = np.random.default_rng(3)
-    numbers = rng.random(9)
-    given, drawn = GivenNumbers(iter(numbers)), np.random.default_rng(3)
-    assert given.uniform() == drawn.uniform()
-    assert given.uniform(-2.0, 3.0) == drawn.uniform(-2.0, 3.0)
-    for arguments in (
-        {"low": [-1.0, 0.0], "high": [1.0, 4.0]},
-        {"low": 1.0, "high": 2.0, "size": 3},
-    ):
-        assert given.uniform(**arguments) == drawn.uniform(**arguments).tolist()
-    assert given.uniform(size=(2,)) == drawn.uniform(size=(2,)).tolist()
-    assert given.taken == 9
-
-
-def test_what_was_drawn_ahead_is_put_back():
-    setup = environment_setup("IntegPendulum-v0", {})
-    generators, untouched = ([np.random.default_rng(k) for k in range(2)] for _ in range(2))
-    starts = LaneStarts(setup, generators, 2)
-    starts.draw(np.array([1]), {})
-    starts.put_back()
-    assert generators[0].bit_generator.state == untouched[0].bit_generator.state
-    untouched[1].random(2)
-    assert generators[1].random() == untouched[1].random()
-
-
 @pytest.mark.parametrize("most", [1 << 17, 8])
 def test_starts_of_many_lanes_are_their_own_generators(most, monkeypatch):
     """Also where few are drawn ahead, and where some are drawn by `begin` and some by `draw`."""
@@ -166,21 +138,6 @@ def test_starts_of_many_lanes_are_their_own_generators(most, monkeypatch):
         assert mine.bit_generator.state == own.bit_generator.state
 
 
-def test_a_half_used_generator_is_put_back_with_what_it_holds():
-    """A generator keeps half a number where 32 bits were asked for."""
-    setup = environment_setup("IntegPendulum-v0", {})
-    generators, untouched = ([np.random.default_rng(k) for k in range(2)] for _ in range(2))
-    for generator in (*generators, *untouched):
-        generator.integers(9, dtype=np.int32)
-    starts = LaneStarts(setup, generators, 2)
-    starts.draw(np.array([0]), {})
-    starts.put_back()
-    untouched[0].random(2)
-    for mine, other in zip(generators, untouched, strict=True):
-        assert mine.bit_generator.state["has_uint32"] == 1
-        assert mine.bit_generator.state == other.bit_generator.state
-
-
 def test_an_impossible_start_is_refused_when_it_is_drawn():
     """Not when it is made ahead: the lanes whose starts are possible go on."""
     setup = environment_setup("IntegPendulum-v0", {"max_speed": 1.0})
@@ -194,37 +151,8 @@ def test_an_impossible_start_is_refused_when_it_is_drawn():
         starts.begin(quick[:1], lambda state: ())
 
 
-def test_a_task_may_always_start_alike():
-    setup = environment_setup("IntegPendulum-v0", {})
-    fixed = type(setup)(**{**vars(setup), "task": Fixed()})
-    assert numbers_per_start(fixed) == 0
-    generators, untouched = ([np.random.default_rng(k) for k in range(LANES)] for _ in range(2))
-    starts = LaneStarts(fixed, generators, 0)
-    np.testing.assert_array_equal(starts.draw(np.array([0, 2]), {}), [[1.0, 0.5]] * 2)
-    begun = starts.begin(np.array([1, 2]), lambda state: ())
-    np.testing.assert_array_equal(begun.values[:2], [[1.0] * 2, [0.5] * 2])
-    starts.put_back()
-    for mine, own in zip(generators, untouched, strict=True):
-        assert mine.bit_generator.state == own.bit_generator.state
-    again = pickle.loads(pickle.dumps(starts))
-    np.testing.assert_array_equal(again.draw(np.array([1]), {}), [[1.0, 0.5]])
-
-
-class Fixed(PendulumSwingUp):
-    """It starts in one state."""
-
-    def draw_start(self, rng, start, options):
-        return 1.0, 0.5
-
-
 class Faster(PendulumSwingUp):
     """Some of its starts are faster than a motion may be."""
 
     def draw_start(self, rng, start, options):
         return rng.uniform(), 2.0 * rng.uniform()
-
-
-def test_a_start_that_is_too_fast_is_refused():
-    env = gym.make_vec("IntegPendulum-v0", num_envs=2, max_speed=1.5)
-    with pytest.raises(ValueError, match=r"a start state must be finite, with speeds up to 1\.5"):
-        env.reset(seed=0, options={"y_init": 50.0})

@@ -15,14 +15,12 @@ from motions import DRIVEN_PLANTS, STARTS
 from stated import stated
 
 import integ_gym
-from integ_gym.envs.engines.native import NativeEngine
-from integ_gym.envs.mechanics import PlantSystem
+from integ_gym.envs.engines.stepping import NativeEngine, PlantSystem
 from integ_gym.envs.numerics.accuracy import slope
 from integ_gym.envs.numerics.energy import ledger
 from integ_gym.envs.numerics.identity import declared
 from integ_gym.envs.numerics.stepping import fastest_rate
-from integ_gym.envs.ops.ops import SCALAR
-from integ_gym.envs.plants.interface import join_state
+from integ_gym.envs.ops.ops import SCALAR, join_state
 from integ_gym.envs.plants.pendulum import Pendulum
 from integ_gym.envs.registries import PLANTS
 

@@ -12,9 +12,9 @@ from own_plants import CentralSpring
 from integ_gym.envs.numerics.energy import energies, energy_growth
 from integ_gym.envs.numerics.identity import declared
 from integ_gym.envs.numerics.stepping import advance
-from integ_gym.envs.plants._oscillator import Oscillator
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.plants.elastic_pendulum import ElasticPendulum
+from integ_gym.envs.plants.oscillator import Oscillator
 
 CART_POLE = CartPole()
 HANGING = (0.0, 0.0, math.pi - 0.5, 0.0)

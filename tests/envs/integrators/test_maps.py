@@ -13,16 +13,9 @@ from checks import (
     registered_plants,
 )
 
-from integ_gym.envs.engines.maps import (
-    ExplicitRungeKutta,
-    ImplicitRungeKutta,
-    Tableau,
-    map_names,
-    one_step_map,
-)
-from integ_gym.envs.mechanics import PlantSystem
+from integ_gym.envs.engines.maps import Tableau, map_names, one_step_map
+from integ_gym.envs.engines.stepping import PlantSystem
 from integ_gym.envs.numerics.identity import declared
-from integ_gym.envs.numerics.stepping import advance
 from integ_gym.envs.ops.ops import SCALAR
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.registries import MAPS
@@ -94,10 +87,6 @@ def _defects(tableau: Tableau, order: int) -> list[float]:
     return [abs(b @ _weights_of(tree, a) - 1.0 / _density(tree)[1]) for tree in _trees(order)]
 
 
-def test_there_are_as_many_order_conditions_as_there_should_be():
-    assert [len(_trees(order)) for order in range(1, 8)] == [1, 1, 2, 4, 9, 20, 48]
-
-
 @pytest.mark.parametrize("name", TABLEAUX)
 def test_a_tableau_is_of_its_order_and_of_no_higher(name):
     owner = MAPS.load(name)
@@ -116,47 +105,6 @@ def test_phase_space_and_reversibility(one_step_map):
 @pytest.mark.parametrize("one_step_map", ALL)
 def test_ledger(one_step_map, plant):
     check_ledger(one_step_map, plant)
-
-
-class _RK4(ExplicitRungeKutta):
-    tableau = Tableau(((), (0.5,), (0.0, 0.5), (0.0, 0.0, 1.0)), (1 / 6, 1 / 3, 1 / 3, 1 / 6))
-
-
-class _Midpoint(ImplicitRungeKutta):
-    tableau = Tableau(((0.5,),), (1.0,))
-
-
-class _ImplicitEuler(ImplicitRungeKutta):
-    tableau = Tableau(((1.0,),), (1.0,))
-
-
-class _RK4AsIfImplicit(ImplicitRungeKutta):
-    tableau = Tableau(
-        (
-            (0.0, 0.0, 0.0, 0.0),
-            (0.5, 0.0, 0.0, 0.0),
-            (0.0, 0.5, 0.0, 0.0),
-            (0.0, 0.0, 1.0, 0.0),
-        ),
-        (1 / 6, 1 / 3, 1 / 3, 1 / 6),
-    )
-
-
-@pytest.mark.parametrize("plant", registered_plants(damping=0.3), ids=lambda p: p.name)
-@pytest.mark.parametrize(
-    ("ours", "integrator"),
-    [
-        (_RK4, "rk4"),
-        (_RK4AsIfImplicit, "rk4"),
-        (_Midpoint, "implicit_midpoint"),
-        (_ImplicitEuler, "implicit_euler"),
-    ],
-)
-def test_a_tableau_gives_the_method_written_by_hand(ours, integrator, plant):
-    state = np.random.default_rng(1).uniform(-1.0, 1.0, 2 * len(plant.coordinates))
-    expected = advance(integrator, plant, state, 0.02, 3, 0.7)
-    found = advance(f"{__name__}:{ours.__name__}", plant, state, 0.02, 3, 0.7)
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-11)
 
 
 OF_ONE_END = [n for n in map_names() if getattr(one_step_map(n), "losses_of", None)]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import log, pi, sqrt
+from math import log, pi
 
 import gymnasium as gym
 import jax
@@ -12,27 +12,23 @@ from gymnasium.vector import AutoresetMode
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from motions import ALL
-from sameness import assert_same
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from integ_gym.envs.engines.native import NativeEngine
-from integ_gym.envs.mechanics import PlantSystem, Stops
+from integ_gym.envs.engines.stepping import NativeEngine, PlantSystem
+from integ_gym.envs.mechanics import Stops
 from integ_gym.envs.numerics.energy import ledger
 from integ_gym.envs.numerics.identity import declared
-from integ_gym.envs.ops.array_ops import ARRAY
 from integ_gym.envs.ops.jax_ops import JaxOps
-from integ_gym.envs.ops.ops import SCALAR
+from integ_gym.envs.ops.ops import ARRAY, SCALAR
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.plants.pendulum import Pendulum
-from integ_gym.envs.transition import initial_state, transition
+from integ_gym.envs.transition import transition
 
 STOPPED = {
     "pendulum": ("IntegPendulum-v0", {"joint_limit": 1.0, "start": "uniform"}),
     "cart_pole": ("IntegCartPoleSwingUp-v0", {"track_limit": 0.05, "stop_stiffness": 500.0}),
 }
-FREE = Pendulum(gravity=0.0, joint_limit=1.0, stop_stiffness=100.0, stop_damping=0.4)
-"""Nothing acts on it but its stops."""
 
 speeds = st.floats(-50.0, 50.0)
 angles = st.floats(-3.0, 3.0)
@@ -65,12 +61,6 @@ def test_a_stop_pushes_inwards_and_only_takes_energy(x, v, d):
     power = contact.force * v
     stored = 200.0 * contact.penetration * v * np.sign(x)
     assert power + stored + contact.dissipated == pytest.approx(0.0, abs=1e-9 * (1 + abs(power)))
-
-
-@given(side=st.sampled_from((-1.0, 1.0)), v=st.floats(-4.0, 4.0), d=st.floats(0.0, 3.0))
-def test_force_is_continuous_on_touching(side, v, d):
-    stops = Stops(0, 1.0, 1e5, d)
-    assert abs(stops.contact(SCALAR, (side * (1.0 + 1e-12),), (v,)).force) < 1e-5
 
 
 @pytest.mark.parametrize(
@@ -110,16 +100,6 @@ def test_rebound_has_the_analytic_speed(arrival, damping):
     lost = 0.5 * plant.inertia * (arrival**2 - leaving**2)
     assert motion.losses[1] == pytest.approx(lost, rel=1e-9)
     assert motion.losses[0] == 0.0
-
-
-@pytest.mark.parametrize("arrival", [0.5, 2.0, 8.0])
-def test_penetration_stays_below_the_undamped_one(arrival):
-    plant = FREE
-    engine = NativeEngine(PlantSystem(plant), "reference", 0.001)
-    motion = engine.advance(SCALAR, (1.0,), (arrival,), ((0.0, 400),), None)
-    bound = arrival * sqrt(plant.inertia / plant.stop_stiffness)
-    assert 0.5 * bound < motion.penetration < bound
-    assert -motion.contact_force > plant.stop_stiffness * motion.penetration
 
 
 def exact(plant, q, v, control, duration):
@@ -190,13 +170,6 @@ def test_reference_sees_a_grazing_touch(depth, when):
     np.testing.assert_allclose(got, truth, rtol=0, atol=1e-9)
 
 
-def test_start_at_rest_on_the_stop_is_no_obstacle():
-    for plant in (FREE, Pendulum(joint_limit=1.0)):
-        engine = NativeEngine(PlantSystem(plant), "reference", 0.05)
-        motion = engine.advance(SCALAR, (1.0,), (0.0,), ((0.0, 2),), None)
-        assert motion.converged
-
-
 def _bounces(integrator: str, substeps: int) -> tuple[np.ndarray, float]:
     """States and Σ|residual| after 1 s between soft stops, from 8 places; shape (2, 8) and J."""
     plant = Pendulum(gravity=0.0, joint_limit=0.5, stop_stiffness=20.0, stop_damping=0.3)
@@ -223,23 +196,6 @@ def test_contact_converges_as_far_as_it_is_smooth(integrator):
     residuals = [residual for _, residual in runs]
     for values in (errors, residuals):
         assert values[-1] < values[0] / 2 ** (3 * (order - 0.3))
-
-
-def test_no_stop_gives_energy_on_the_reference():
-    """Energy never rises beyond what the actuator did, contact by contact."""
-    env = gym.make(
-        "IntegCartPoleSwingUp-v0", integrator="reference", track_limit=0.2, stop_stiffness=1e4
-    )
-    env.reset(seed=0)
-    env.action_space.seed(0)
-    touched = 0
-    for _ in range(300):
-        *_, info = env.step(env.action_space.sample())
-        touched += info["penetration"] > 0.0
-        assert info["contact_loss"] >= 0.0
-        assert abs(info["energy_residual"]) < 1e-9
-        assert info["solver_status"] == "ok"
-    assert touched > 5
 
 
 @pytest.mark.parametrize(
@@ -290,32 +246,6 @@ def test_three_worlds_agree_in_contact(case, integrator):
     assert touched
 
 
-@pytest.mark.parametrize("case", STOPPED)
-def test_vector_equals_sync_in_contact(case):
-    env_id, arguments = STOPPED[case]
-    arguments = {"integrator": "rk4", "dt": 0.01, "duration": 0.3, **arguments}
-    ours = gym.make_vec(env_id, num_envs=4, **arguments)
-    sync = gym.make_vec(env_id, num_envs=4, vectorization_mode="sync", **arguments)
-    for a, b in zip(ours.reset(seed=1), sync.reset(seed=1), strict=True):
-        assert_same(a, b)
-    ours.action_space.seed(0)
-    for _ in range(40):
-        actions = ours.action_space.sample()
-        for a, b in zip(ours.step(actions), sync.step(actions), strict=True):
-            assert_same(a, b)
-
-
-def test_stops_may_differ_per_lane():
-    limits = np.array([0.5, 1.0, 2.0])
-    env = gym.make_vec("IntegPendulum-v0", num_envs=3, joint_limit=limits, start="uniform")
-    for seed in range(5):
-        env.reset(seed=seed)
-        assert (np.abs(env.state[:, 0]) <= limits).all()
-    _, info = env.reset(options={"state": np.tile((1.5, 0.0), (3, 1))})
-    beyond = np.maximum(1.5 - limits, 0.0)
-    np.testing.assert_allclose(info["energy"] - info["energy"][2], 100.0 * beyond**2)
-
-
 def test_a_given_state_may_be_beyond_a_stop_and_a_drawn_one_not():
     env = gym.make("IntegPendulum-v0", joint_limit=2.0, stop_stiffness=10.0, start="hanging")
     env.reset(seed=0)
@@ -341,17 +271,6 @@ def test_the_ledger_names_force_and_penetration_at_the_ends_of_sub_steps():
     assert info["contact_loss"] == pytest.approx(sum(step["contact_loss"] for step in steps))
 
 
-@pytest.mark.parametrize("env_id", ["IntegPendulum-v0", "IntegCartPole-v0"])
-def test_without_stops_nothing_is_booked(env_id):
-    env = gym.make(env_id)
-    _, info = env.reset(seed=0)
-    env.action_space.seed(0)
-    for _ in range(5):
-        assert [info[n] for n in ("penetration", "contact_force", "contact_loss")] == [0.0] * 3
-        *_, info = env.step(env.action_space.sample())
-    assert env.unwrapped.setup.system.stops is None
-
-
 @pytest.mark.parametrize(
     ("env_id", "arguments", "message"),
     [
@@ -367,42 +286,6 @@ def test_without_stops_nothing_is_booked(env_id):
 def test_impossible_stops_and_friction_are_refused(env_id, arguments, message):
     with pytest.raises(ValueError, match=message):
         gym.make(env_id, **arguments)
-
-
-def test_implicit_methods_hold_a_stiff_stop_that_explicit_ones_cannot():
-    """hω = 10: the stop throws an explicit cart back faster than it came."""
-    for integrator, holds in (("implicit_euler", True), ("explicit_euler", False)):
-        plant = Pendulum(gravity=0.0, joint_limit=1.0, stop_stiffness=1e5 / 3.0, stop_damping=0.0)
-        engine = NativeEngine(PlantSystem(plant), integrator, 0.0316)
-        motion = engine.advance(SCALAR, (0.99,), (1.0,), ((0.0, 60),), None)
-        assert (abs(motion.v[0]) <= 1.0) is holds, integrator
-        assert motion.converged
-
-
-def test_a_pole_against_the_stop_does_not_end_the_episode():
-    env = gym.make("IntegCartPoleSwingUp-v0")
-    env.reset(options={"state": (2.35, 3.0, pi, 0.0)})
-    deepest = 0.0
-    for _ in range(100):
-        _, reward, terminated, _, info = env.step(np.array([10.0]))
-        assert not terminated
-        assert 0.0 <= reward <= 1.0
-        deepest = max(deepest, info["penetration"])
-    assert deepest > 0.02
-    setup = env.unwrapped.setup
-    inside, outside = ((x, 0.0) for x in (2.4, 2.41))
-    for x, expected in ((inside[0], True), (outside[0], False)):
-        assert setup.task.at_goal(SCALAR, (x, 0.1), (0.0, 0.0)) is expected
-
-
-def test_starts_of_the_three_worlds_carry_the_energy_of_the_stops():
-    plant = Pendulum(joint_limit=1.0, stop_stiffness=50.0)
-    env = gym.make("IntegPendulum-v0", joint_limit=1.0, stop_stiffness=50.0)
-    setup = env.unwrapped.setup
-    assert setup.plant == plant
-    scalar = initial_state(SCALAR, setup, (1.2,), (0.3,)).energy
-    array = initial_state(ARRAY, setup, (np.array([1.2]),), (np.array([0.3]),)).energy
-    assert array[0] == scalar
 
 
 @pytest.mark.parametrize(

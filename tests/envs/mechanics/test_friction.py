@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from math import pi, tanh
+from math import tanh
 
 import gymnasium as gym
 import numpy as np
 import pytest
 from motions import ALL
 
-from integ_gym.envs.engines.native import NativeEngine
-from integ_gym.envs.mechanics import PlantSystem
-from integ_gym.envs.ops.array_ops import ARRAY
-from integ_gym.envs.ops.ops import SCALAR
+from integ_gym.envs.engines.stepping import NativeEngine, PlantSystem
+from integ_gym.envs.ops.ops import ARRAY, SCALAR
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.plants.pendulum import Pendulum
 
@@ -27,17 +25,6 @@ def test_power_is_force_times_speed(v):
     assert acceleration == pytest.approx(force / plant.inertia)
     assert power == pytest.approx(-force * v)
     assert power >= 0.0
-
-
-def test_a_sliding_cart_stops_after_the_coulomb_distance():
-    """½ M v² = F x: with the pole free of gravity and hanging still, only its mass rides along."""
-    plant = CartPole(gravity=0.0, cart_friction=2.0, friction_speed=1e-4)
-    engine = NativeEngine(PlantSystem(plant), "reference", 0.1)
-    motion = engine.advance(SCALAR, (0.0, pi / 2), (1.0, 0.0), ((0.0, 12),), None)
-    effective = plant.total_mass
-    assert abs(motion.v[0]) < 1e-3
-    assert motion.q[0] == pytest.approx(0.5 * effective / 2.0, rel=0.02)
-    assert motion.losses[0] == pytest.approx(0.5 * effective, rel=0.02)
 
 
 @pytest.mark.parametrize("friction_speed", [0.01, 0.1])
@@ -82,30 +69,6 @@ def test_newton_copes_with_friction_and_stops(integrator, plant):
             converged = np.broadcast_to(motion.converged, lanes)
             assert converged.mean() > 0.99
             assert np.asarray(motion.residual)[converged].max() <= 1e-10
-
-
-@pytest.mark.parametrize("integrator", ALL)
-def test_zero_friction_is_no_friction(integrator):
-    rng = np.random.default_rng(0)
-    bare, asked = CartPole(), CartPole(friction=0.0, cart_friction=0.0, friction_speed=0.5)
-    for _ in range(5):
-        q, v = tuple(rng.uniform(-2, 2, 2).tolist()), tuple(rng.normal(size=2).tolist())
-        one, other = (
-            NativeEngine(PlantSystem(plant), integrator, 0.02).advance(
-                SCALAR, q, v, ((1.0, 3),), None
-            )
-            for plant in (bare, asked)
-        )
-        assert one == other
-
-
-def test_friction_may_differ_per_lane():
-    levels = np.array([0.0, 0.5, 1.0])
-    env = gym.make_vec("IntegPendulum-v0", num_envs=3, friction=levels, integrator="rk4", dt=0.01)
-    env.reset(options={"state": np.tile((pi, 2.0), (3, 1))})
-    *_, info = env.step(np.zeros((3, 1)))
-    assert (np.diff(info["dissipated"]) > 0.0).all()
-    assert info["dissipated"][0] == 0.0
 
 
 @pytest.mark.parametrize("integrator", ALL)

@@ -7,15 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from apart_scenarios import SCENARIOS
-from engine_cases import TOLERANCE
 from exchanges import replayed
 
 from integ_gym.envs.settings import Discretization
 from integ_gym.envs.testbeds import making
-from integ_gym.envs.testbeds import remote as tasks
-from integ_gym.envs.testbeds.interface import Applied
+from integ_gym.envs.testbeds.gym_testbed import Applied
 from integ_gym.envs.testbeds.making import make_checked
-from integ_gym.support.isolated import ISOLATED, IsolatedEnvironment, Worker, WorkerError
+from integ_gym.support.isolated import IsolatedEnvironment, Worker, WorkerError
 
 HOMES = {
     "dm_control": Discretization("RK4", 0.01, 0.01, "dm_control"),
@@ -134,26 +132,3 @@ def test_a_stale_number_of_steps_is_refused(monkeypatch):
         with pytest.raises(ValueError, match=r"`control_period`=0.01 was asked.* applies 0.005;"):
             make_checked(testbed, OTHERS["dm_control"], 2)
         monkeypatch.undo()
-
-
-def test_isaac_labs_damping_is_explicit_in_one_integrator_and_implicit_in_another():
-    """One step of its task, from what it answered when it was recorded, float32.
-
-    Symplectic Euler with the damping of the cart's actuator taken explicitly, and implicitly.
-    """
-    with replayed("isaaclab_task_steps"):
-        found = SCENARIOS["isaaclab_task_steps"]()
-    assert len(found) == 7
-    for name, errors in found.items():
-        explicitly, implicitly = (error <= TOLERANCE[32] for error in errors)
-        if "rk4" in name or "damping 0" in name:
-            assert explicitly, name
-            assert implicitly, name
-        else:
-            assert (explicitly, implicitly) == ("euler" in name, "implicitfast" in name), name
-            assert max(errors) > 0.05, name
-
-
-def test_every_environment_has_its_testbed():
-    found = {value.apart.name for value in vars(tasks).values() if hasattr(value, "apart")}
-    assert found == set(ISOLATED)

@@ -10,7 +10,6 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium import wrappers
-from gymnasium.envs.classic_control import CartPoleEnv, PendulumEnv
 from gymnasium.wrappers import RescaleAction, TimeLimit, TransformObservation, TransformReward
 from house import ROOT
 from mountain_car import MountainCar, ScaledMountainCar, swing
@@ -19,7 +18,7 @@ from integ_gym.envs.foreign import Repeated, StatedEnv, time_limit, wrappers_of
 from integ_gym.envs.settings import Discretization
 from integ_gym.envs.testbeds.gym_testbed import CLASSIC, GymTestbed
 from integ_gym.envs.testbeds.making import find_testbed, make_checked
-from integ_gym.evidence.context import EpisodeContext
+from integ_gym.evidence.labels import EpisodeContext
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.evidence.vector_recorder import RecordVectorEvidence
 
@@ -201,11 +200,6 @@ def test_rewards_are_what_they_are_said_to_be(rewards, expected):
     assert env.rewards_assumed is (rewards is None)
 
 
-def test_rewards_of_another_name_are_refused():
-    with pytest.raises(ValueError, match=r"unknown meaning of rewards 'mean'.*'?rate'?, "):
-        Repeated(Paying(), 2, "mean")
-
-
 class Held(GymTestbed):
     """Of which `held` alone is asked."""
 
@@ -258,46 +252,3 @@ def test_a_wrapper_that_cannot_be_kept_is_refused_by_name(wrapper, arguments):
     env = wrappers.ClipReward(wrapper(gym.make("Acrobot-v1"), **arguments), -1.0, 1.0)
     with pytest.raises(ValueError, match=f"`held` cannot keep the wrapper {wrapper.__name__}: it"):
         Held().held(env, FINE)
-
-
-class Stacked(MountainCar):
-    """Two frames, one of each decision."""
-
-    def build(self, discretization, **arguments):
-        return wrappers.FrameStackObservation(super().build(discretization), 2)
-
-
-def test_a_refused_wrapper_is_taken_around_what_held_returns():
-    testbed = Stacked()
-    environments = make_checked(testbed, replace(testbed.home, dt=0.5), 1)
-    assert environments.single_observation_space.shape == (2, 2)
-    assert environments.setups[0].timing.horizon == 200
-    environments.close()
-
-
-@pytest.mark.parametrize("seconds", [0.05, 0.025])
-def test_the_limit_of_a_class_made_directly_is_read_from_its_wrapper(seconds):
-    class Direct(GymTestbed):
-        home = Discretization("symplectic_euler", 0.05, 0.05, "gymnasium")
-        choices = ("symplectic_euler",)
-
-        def build(self, discretization, **arguments):
-            env = TimeLimit(PendulumEnv(**arguments), 30)
-            env.unwrapped.dt = discretization.dt
-            return self.held(env, discretization, rewards="rate")
-
-        def read(self, env):
-            return self.as_applied("symplectic_euler", env.unwrapped.dt, env)
-
-    testbed = Direct()
-    environments = make_checked(testbed, replace(testbed.home, dt=seconds), 2)
-    assert environments.setups[0].timing.horizon == 30
-    environments.reset(seed=0)
-    ended = [environments.step(np.zeros((2, 1), np.float32))[3].any() for _ in range(30)]
-    assert ended == [False] * 29 + [True]
-
-
-def test_the_limit_is_read_without_a_spec():
-    env = StatedEnv(TimeLimit(CartPoleEnv(), 12), Discretization("euler", 0.02, 0.02, "gymnasium"))
-    assert env.spec is None
-    assert env.setup.timing.horizon == 12

@@ -9,10 +9,6 @@ from pathlib import Path
 
 import pytest
 
-from integ_gym.envs.registries import TESTBEDS
-from integ_gym.envs.testbeds.jax_tasks import step_told
-from integ_gym.support.isolated import ISOLATED
-
 TASKS = {
     "playground": ("playground:CartpoleBalance", "RK4"),
     "brax": ("brax:inverted_pendulum", "spring"),
@@ -54,17 +50,6 @@ except ValueError as error:
     told["refused"] = str(error)
 print(json.dumps(told))
 """
-
-
-def test_every_library_has_a_task_here_or_a_recording() -> None:
-    assert set(TASKS) == {*TESTBEDS.parts, "gymnasium_robotics"} - set(ISOLATED)
-
-
-@pytest.mark.parametrize(("kept", "told"), [(0.02, 0.02), (0.001, 0.001), (1 / 3, 0.33333334)])
-def test_a_step_of_single_precision_is_told_as_it_was_given(kept: float, told: float) -> None:
-    import numpy as np
-
-    assert step_told(np.float32(kept)) == told
 
 
 @pytest.mark.slow

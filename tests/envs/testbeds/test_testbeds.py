@@ -11,18 +11,15 @@ import pytest
 from engine_cases import needs
 
 import integ_gym
-from integ_gym.envs.foreign import SURVIVAL, Repeated
+from integ_gym.envs.foreign import SURVIVAL
 from integ_gym.envs.settings import Discretization
-from integ_gym.envs.testbeds.gym_testbed import CLASSIC
-from integ_gym.envs.testbeds.interface import Applied
-from integ_gym.envs.testbeds.jax_tasks import BraxTask, Playground
+from integ_gym.envs.testbeds.gym_testbed import CLASSIC, Applied
 from integ_gym.envs.testbeds.making import (
     IntegTestbed,
     find_testbed,
     make_checked,
     make_training_environments,
 )
-from integ_gym.envs.testbeds.remote import RemoteTestbed
 
 TASK = "InvertedPendulum-v5"
 EVERY = (*integ_gym.ENVIRONMENTS, *CLASSIC, TASK)
@@ -133,39 +130,6 @@ def test_lanes_are_the_single_environments(env_id):
                               if env_id != TASK else single.state)  # fmt: skip
 
 
-def test_what_a_testbed_says_of_itself():
-    needs("mujoco")
-    ours, theirs = _testbed("IntegPendulum-v0"), _testbed(TASK)
-    assert ours.home == Discretization("symplectic_euler", 0.05, 0.05)
-    assert theirs.home == Discretization("RK4", 0.02, 0.04, "mujoco")
-    assert ours.truth(0.1) == Discretization("reference", 0.1, 0.1)
-    assert theirs.truth(0.04) is None
-    assert (ours.controller, theirs.controller) == ("pendulum_swing_up", None)
-    assert (ours.control_period, theirs.control_period) == (None, 0.04)
-    assert (ours.horizon, theirs.horizon) == ("duration", None)
-    assert "0.2 rad" in ours.success.goal
-    assert theirs.success.parameter == "success_return"
-    assert _testbed(TASK, success_return=5).success.goal == "return of at least 5"
-    assert _testbed(TASK) is theirs
-
-
-@pytest.mark.parametrize("env_id", integ_gym.ENVIRONMENTS)
-def test_the_horizon_is_how_long_an_episode_lasts(env_id):
-    """Twice the horizon is twice the episode, and the discretization is as it was."""
-    testbed, steps = _testbed(env_id), {}
-    for parts in (1, 2):
-        horizon = {testbed.horizon: 3 * parts * testbed.home.control_period}
-        environments = make_checked(testbed, testbed.home, 1, **horizon)
-        environments.reset(seed=0)
-        steps[parts], ended = 0, False
-        while not ended:
-            *_, terminated, truncated, _ = environments.step(environments.action_space.sample())
-            assert not terminated.any()
-            steps[parts], ended = steps[parts] + 1, truncated.all()
-        environments.close()
-    assert steps == {1: 3, 2: 6}
-
-
 class Rounding(IntegTestbed):
     """A testbed whose library rounds its step to milliseconds without a word."""
 
@@ -254,13 +218,6 @@ class Raising(Silent):
         raise self.kind(*filter(None, [self.message]))
 
 
-class RaisingItself(integ_gym.GymTestbed):
-    """Which raises itself."""
-
-    def __init__(self):
-        raise AssertionError
-
-
 @pytest.mark.parametrize("kind", ["AssertionError", "KeyError", "ValueError", "RuntimeError"])
 def test_whatever_a_constructor_raises_is_one_sentence(kind):
     testbed = find_testbed(f"{__name__}:Raising", {"kind": kind, "message": "no such door"})
@@ -268,29 +225,6 @@ def test_whatever_a_constructor_raises_is_one_sentence(kind):
         make_checked(testbed, testbed.home, 1)
     with pytest.raises(ValueError, match="of Raising cannot be made: " + kind + ".*no such door"):
         _ = testbed.success
-
-
-def test_an_exception_without_a_message_tells_the_line():
-    testbed = find_testbed(f"{__name__}:Raising", {})
-    with pytest.raises(ValueError, match=r"AssertionError in `raise self\.kind\(.*\(test_test"):
-        make_checked(testbed, testbed.home, 1)
-    with pytest.raises(ValueError, match=r"RaisingItself cannot be made: .*`raise Asser"):
-        find_testbed(f"{__name__}:RaisingItself", {})
-
-
-class _Asserting:
-    def __init__(self, **arguments):
-        raise AssertionError
-
-
-def test_a_task_that_gymnasium_cannot_make_is_one_sentence():
-    needs("mujoco")
-    gym.register("Asserting-v0", f"{__name__}:_Asserting", max_episode_steps=5)
-    try:
-        with pytest.raises(ValueError, match="cannot make 'Asserting-v0': AssertionError in `rai"):
-            _ = find_testbed("Asserting-v0", {}).home
-    finally:
-        gym.registry.pop("Asserting-v0")
 
 
 @pytest.mark.parametrize(
@@ -326,11 +260,6 @@ class Car(Silent):
         return gym.make(self.env_id)
 
 
-def test_a_testbed_of_ones_own_has_the_threshold_of_its_id():
-    testbed = find_testbed(f"{__name__}:Car", {})
-    assert testbed.success == integ_gym.Success("return of at least 90", "success_return", 90.0)
-
-
 def test_without_a_threshold_a_return_is_asked_for(monkeypatch):
     monkeypatch.setattr(gym.registry["MountainCarContinuous-v0"], "reward_threshold", None)
     testbed = Car()
@@ -340,65 +269,3 @@ def test_without_a_threshold_a_return_is_asked_for(monkeypatch):
     with pytest.raises(ValueError, match=asked):
         testbed.lane(testbed.home, {})
     assert Car(success_return=80.0).success.goal == "return of at least 80"
-
-
-@pytest.mark.parametrize("task", ["lqr.lqr_2_1", "lqr.lqr_6_2"])
-def test_tasks_of_dm_control_that_end_at_their_goal_ask_for_a_return(task):
-    """Nothing is started for it."""
-    with pytest.raises(ValueError, match=f"{task} ends at its goal"):
-        _ = find_testbed(f"dm_control:{task}", {}).success
-    assert find_testbed("dm_control:cartpole.swingup", {}).success.goal == SURVIVAL
-
-
-def test_acrobot_that_swings_up_succeeds_and_one_that_hangs_does_not():
-    testbed = find_testbed("Acrobot-v1", {})
-    for swings, expected in ((True, True), (False, False)):
-        environments = make_checked(testbed, testbed.home, 1)
-        observation, _ = environments.reset(seed=1)
-        ended = False
-        while not ended:
-            push = 1 if not swings else (2 if observation[0, 5] > 0.0 else 0)
-            observation, *_, terminated, truncated, info = environments.step(np.array([push]))
-            ended = bool(terminated[0] or truncated[0])
-        assert bool(info["success"][0]) is expected
-        assert bool(terminated[0]) is swings
-        environments.close()
-
-
-@pytest.mark.parametrize("kind", [BraxTask, Playground, RemoteTestbed])
-def test_a_control_period_of_zero_is_refused_and_not_taken_for_none(kind):
-    """Needs no library: it is refused before any task is made."""
-    testbed = object.__new__(kind)
-    with pytest.raises(ValueError, match="`control_period`=0 s is not a whole multiple of `dt`"):
-        testbed.build(Discretization("euler", 0.01, 0.0))
-
-
-def test_the_last_reward_of_an_episode_adds_less_than_one_step_to_a_rate():
-    """As docs/how-to/testbeds.md has it."""
-    returns = []
-    for count in (1, 4):
-        env = Repeated(_Paying(200 * count), count, "rate")
-        env.reset()
-        ended, total = False, 0.0
-        while not ended:
-            _, reward, _, ended, _ = env.step(0)
-            total += reward
-        returns.append(total)
-    assert returns == [-200.0, -200.75]
-
-
-class _Paying(gym.Env):
-    """Pays -1 for each of so many steps."""
-
-    observation_space = gym.spaces.Discrete(1)
-    action_space = gym.spaces.Discrete(1)
-
-    def __init__(self, steps):
-        self.left = steps
-
-    def step(self, action):
-        self.left -= 1
-        return 0, -1.0, False, self.left == 0, {}
-
-    def reset(self, *, seed=None, options=None):
-        return 0, {}

@@ -20,7 +20,7 @@ from house import page_text
 
 from integ_gym.cli import main
 from integ_gym.envs import numerics
-from integ_gym.envs.engines.interface import integrators_of
+from integ_gym.envs.engines.stepping import integrators_of
 from integ_gym.envs.numerics.stepping import one_step
 from integ_gym.envs.plants.pendulum import Pendulum
 from integ_gym.envs.registries import ENGINES

@@ -21,7 +21,7 @@ from integ_gym.eval.loss_check import (
     Check,
     CheckedCell,
 )
-from integ_gym.eval.statistics import Interval
+from integ_gym.eval.statistics import Estimate
 
 SMALL = {"total_steps": 512, "n_envs": 4, "n_steps": 32, "batch_size": 64}
 
@@ -127,7 +127,7 @@ def test_without_a_reference_the_finest_step_is_what_it_is_held_against(tmp_path
 
 def planted(seeds, half_width, loss=0.4, home=1.0, truth="achievable"):
     """A check that found so much."""
-    lost = Interval(loss, loss - half_width, loss + half_width, 0.95)
+    lost = Estimate(loss, loss - half_width, loss + half_width, 0.95)
     there = CheckedCell("truth", home - loss, 0.9, lost, truth)
     cells = (CheckedCell("home", home, home, None), there)
     cost = SimpleNamespace(wall_seconds=10.0 * seeds)

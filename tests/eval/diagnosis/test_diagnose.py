@@ -210,7 +210,8 @@ def test_a_directory_is_taken_again(tmp_path):
 )
 def test_bad_input_ends_with_one_line(arguments, message, tmp_path, capsys, monkeypatch):
     monkeypatch.syspath_prepend(ROOT / "tests" / "helpers" / "envs")
-    command = ["diagnose", *arguments, "--out", str(tmp_path / "out"), "--no-progress"]
+    quiet = [] if "--example" in arguments else ["--no-progress"]
+    command = ["diagnose", *arguments, "--out", str(tmp_path / "out"), *quiet]
     assert main(command) == 2
     error = capsys.readouterr().err.strip()
     assert message in error

@@ -11,12 +11,12 @@ import pytest
 from examining import examine, verdicts
 from plant_checks import damped
 
-from integ_gym.envs.engines.native import NativeEngine
+from integ_gym.envs import tasks as _box
+from integ_gym.envs.engines.stepping import NativeEngine
 from integ_gym.envs.integrators.rk4 import RK4
 from integ_gym.envs.mechanics import Stops
 from integ_gym.envs.registries import PLANTS
 from integ_gym.envs.settings import Timing
-from integ_gym.envs.tasks import interface as _box
 from integ_gym.eval.diagnosis import bench as open_loop
 from integ_gym.eval.diagnosis import control, identity
 from integ_gym.eval.diagnosis.subject import subjects
@@ -168,8 +168,8 @@ def test_saturation_that_is_not_counted(tmp_path, monkeypatch):
         command = saturated(ops, action, limit)
         return command._replace(saturated=command.saturated & False)
 
-    saturated = _box.saturated
-    monkeypatch.setattr(_box, "saturated", uncounted)
+    saturated = _box.saturate
+    monkeypatch.setattr(_box, "saturate", uncounted)
     findings = examine("actuation", "pendulum", "rk4", store=tmp_path)
     assert verdicts(findings, "counted as saturated") == {False}
     assert verdicts(findings, "IntegPendulum-v0, decisions") == {False}

@@ -9,7 +9,7 @@ import pytest
 from examining import examine, lines, verdicts
 from pairing import covering
 
-from integ_gym.envs.engines.native import NativeEngine
+from integ_gym.envs.engines.stepping import NativeEngine
 from integ_gym.envs.numerics import stepping
 from integ_gym.envs.numerics.accuracy import independent_motion
 from integ_gym.envs.numerics.stepping import advance

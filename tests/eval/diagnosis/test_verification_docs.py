@@ -13,8 +13,8 @@ from house import ROOT
 from integ_gym.envs.numerics.accuracy import convergence
 from integ_gym.envs.numerics.energy import energies, energy_growth
 from integ_gym.envs.numerics.identity import classify
-from integ_gym.envs.plants._oscillator import Oscillator
 from integ_gym.envs.plants.cart_pole import CartPole
+from integ_gym.envs.plants.oscillator import Oscillator
 from integ_gym.envs.registries import INTEGRATORS
 
 PAGE = ROOT / "docs" / "explanation" / "verification.md"

@@ -11,7 +11,7 @@ import pytest
 from PIL import Image
 
 import integ_gym
-from integ_gym.envs.catalogue.lookup import environment_setup
+from integ_gym.envs.environment import environment_setup
 from integ_gym.envs.registries import ENVIRONMENTS
 from integ_gym.envs.rendering.canvas import FAILS, GREEN
 from integ_gym.envs.settings import Discretization

@@ -19,8 +19,8 @@ from integ_gym.eval.panel.conclusions import (
     finding_of,
     next_step,
 )
-from integ_gym.eval.panel.matrix import Matrix, PanelLayout, Row
-from integ_gym.eval.panel.result import Cost, Look, Panel, Policy
+from integ_gym.eval.panel.matrix import Matrix, PanelLayout
+from integ_gym.eval.panel.result import Cost, Look, Panel, Policy, Row
 from integ_gym.eval.report.forests import paired_success
 from integ_gym.eval.report.page import _headline
 from integ_gym.eval.verdict import Search
@@ -49,10 +49,13 @@ def judged(
     ``tried`` is what others reach on the truth.
     """
     discretizations = [HOME, FINER, RK4, *([TRUTH] if truth else [])]
-    cells = {d.name: Cell(d, "reference" if d == TRUTH else "grid") for d in discretizations}
-    heavy = Cell(HOME, "perturbation", Perturbation(HEAVY, {"mass": 1.2}))
+    cells = {d.name: Cell.of(d, "reference" if d == TRUTH else "grid") for d in discretizations}
+    heavy = Cell.of(HOME, "perturbation", Perturbation(HEAVY, {"mass": 1.2}))
     cells[heavy.name] = heavy
-    rows = (Row("mine", "given", ("mine",), home), Row("random", "baseline", ("random",)))
+    rows = (
+        Row.of("mine", "given", [Policy(id="mine")], home),
+        Row.of("random", "baseline", [Policy(id="random")]),
+    )
     noise = np.linspace(-1.0, 1.0, starts)
     earned = {**dict.fromkeys(cells, -10.0), **(returns or {})}
     rates = {**dict.fromkeys(cells, success[HOME.name]), **success}
@@ -76,7 +79,7 @@ def judged(
         tried={TRUTH.name: tried},
     )  # fmt: skip
     return build_artefact(
-        layout, Matrix(rows, records, starts), {i: Policy(id=i) for i in ("mine", "random")},
+        layout, Matrix(rows, records, starts),
         {"mine": (), "random": ()},
         directory="runs/mine", name="evaluate mine", question="?", command=command, versions={},
         spec={"env_id": "IntegPendulum-v0", "environment": {"max_torque": 0.7}},
@@ -176,7 +179,7 @@ def test_an_unknown_home_is_said_first_and_asked_for() -> None:
     first, second, *_ = panel.answer.splitlines()
     assert first.startswith("Success on the truth 0.40 (0.27 to 0.54); home unknown, so what is")
     assert first.endswith("lost is unknown, and so is whether dt is the cause.")
-    assert second.startswith(f"Success is from 0.40 ({TRUTH.name}) to 1.00 (")
+    assert second.startswith("Success is from 0.40 (the truth) to 1.00 (")
     step = next_step(panel)
     assert step is not None
     assert step.command.endswith("runs/mine-home --home integrator=…,dt=…,control_period=…")

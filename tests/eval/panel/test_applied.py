@@ -8,8 +8,9 @@ from typing import Any
 import pyarrow as pa
 import pytest
 
+from integ_gym.eval.panel.cells import AppliedDiscretization
 from integ_gym.eval.panel.matrix import applied_in
-from integ_gym.eval.panel.result import FILE_NAME, AppliedDiscretization, read_panel
+from integ_gym.eval.panel.result import FILE_NAME, read_panel
 
 ROUNDED = {
     "cell": "a", "engine": "playground", "engine_version": None, "integrator": "Euler",

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from small_panel import small_data
 
-from integ_gym.eval.panel.plan import additions, continued, contradictions
+from integ_gym.eval.panel.plan import additions, contradictions, with_episode_parts
 from integ_gym.eval.panel.spec import parse_spec
 
 SWEEP = {"argument": "action_latency", "values": [0.0, 0.05, 0.1]}
@@ -77,7 +77,7 @@ def test_of_a_sweep_the_values_are_told():
 )
 def test_more_episodes_are_a_part_of_their_own(held, asked, parts):
     before, spec = _plain(episodes=held), parse_spec(small_data(episodes=asked), "small")
-    there = continued(spec, before)
+    there = with_episode_parts(spec, before)
     assert (there.episodes, there.episode_parts) == (spec.episodes, parts)
     more = there.episodes - before["episodes"]
     told = [f"{more} more episodes a seed"] if more else []
@@ -96,13 +96,13 @@ def test_more_episodes_are_a_part_of_their_own(held, asked, parts):
 )
 def test_fewer_episodes_or_other_parts_contradict(held, asked, told):
     before, spec = _plain(episodes=held), parse_spec(small_data(episodes=asked), "small")
-    assert list(contradictions(before, continued(spec, before).to_json())) == [told]
+    assert list(contradictions(before, with_episode_parts(spec, before).to_json())) == [told]
 
 
 @pytest.mark.parametrize("damaged", [None, "3", [3], 3.5, True])
 def test_damaged_episodes_are_not_gone_on_with(damaged):
     before, spec = {**_plain(), "episodes": damaged}, parse_spec(SMALL, "small")
-    there = continued(spec, before)
+    there = with_episode_parts(spec, before)
     assert list(contradictions(before, there.to_json())) == ["`episodes` none (now 3)"]
 
 

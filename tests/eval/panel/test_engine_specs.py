@@ -12,7 +12,7 @@ from engines_panel import trained_units
 from small_panel import small_data
 
 from integ_gym.cli import main
-from integ_gym.envs.engines.interface import missing_modules
+from integ_gym.envs.engines.stepping import missing_modules
 from integ_gym.envs.registries import ENGINES
 from integ_gym.eval.panel import cells as engines
 from integ_gym.eval.panel.cells import SpecError, installed_engines, integrator_applying, map_of

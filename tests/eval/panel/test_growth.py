@@ -11,10 +11,10 @@ from integ_gym.eval.panel.cells import SpecError
 from integ_gym.eval.panel.plan import (
     MOST_SEEDS,
     STAGES,
-    grown,
     inputs,
     planned_spec,
     stages,
+    with_seed_count,
 )
 from integ_gym.eval.panel.spec import parse_spec
 
@@ -22,7 +22,7 @@ from integ_gym.eval.panel.spec import parse_spec
 @pytest.mark.parametrize("count", [1, 2, 3, 60])
 def test_more_seeds_follow_those_that_are_there(count):
     spec = parse_spec(small_data(seeds=[7, 3]), "small")
-    seeds = grown(spec, count).seeds
+    seeds = with_seed_count(spec, count).seeds
     assert len(seeds) == len(set(seeds)) == count
     assert seeds[:2] == (7, 3)[:count]
     assert list(seeds[2:]) == list(range(8, 8 + count - 2))
@@ -31,14 +31,16 @@ def test_more_seeds_follow_those_that_are_there(count):
 @pytest.mark.parametrize("count", [0, -1, MOST_SEEDS + 1])
 def test_numbers_of_seeds_that_cannot_be(count):
     with pytest.raises(SpecError, match="takes 1 to 10000 seeds, got"):
-        grown(parse_spec(small_data(), "small"), count)
+        with_seed_count(parse_spec(small_data(), "small"), count)
 
 
 def test_records_do_not_depend_on_how_many_seeds_there_are():
     spec = parse_spec(small_data(), "small")
     cells = spec.cells_of(spec.train[0])
     own = inputs(spec, cells)
-    assert own == inputs(grown(spec, 40), cells) == inputs(grown(spec, 1), cells)
+    assert (
+        own == inputs(with_seed_count(spec, 40), cells) == inputs(with_seed_count(spec, 1), cells)
+    )
     assert own == inputs(parse_spec(small_data(perturbations=[], question="?"), "small"), cells)
     assert own != inputs(spec, cells[1:])
     assert own != inputs(parse_spec(small_data(episodes=4), "small"), cells)
@@ -69,7 +71,7 @@ def test_parts_without_episodes_are_refused(episodes):
 
 @pytest.mark.parametrize("count", [1, 5, 10, 11, 40, 41, 200])
 def test_stages_are_the_first_seeds_and_end_with_all(count):
-    spec = grown(parse_spec(small_data(), "small"), count)
+    spec = with_seed_count(parse_spec(small_data(), "small"), count)
     found = stages(spec)
     counts = [len(stage.seeds) for stage in found]
     assert found[-1] is spec

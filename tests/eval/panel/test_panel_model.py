@@ -106,9 +106,9 @@ def test_damaged_files_are_refused_with_the_place_and_the_remedy(
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("version", [1, 2, 3, 4, 6, None, "5"])
+@pytest.mark.parametrize("version", [1, 2, 3, 4, 5, 7, None, "6"])
 def test_other_versions_are_refused_with_the_remedy(version: Any, tmp_path: Path) -> None:
-    message = f"has panel schema_version {version!r}, expected 5; run the panel's command again"
+    message = f"has panel schema_version {version!r}, expected 6; run the panel's command again"
     with pytest.raises(ValueError, match=re.escape(message)):
         _read({**raw_of("full"), "schema_version": version}, tmp_path)
 

@@ -249,7 +249,7 @@ def test_records_of_an_earlier_schema_are_no_way_round_what_is_asked_now(run, ve
         pq.write_table(with_hashes(table.replace_schema_metadata(told)), file)
     make_fit(run, panel=False)
     seal(run)
-    words = f"records of schema version {version} in a run of the version that writes 4"
+    words = f"records of schema version {version} in a run of the version that writes 5"
     assert main(["evidence", "verify", str(run), "--depth", "sealed"]) == 1
     assert words in capsys.readouterr().out
     manifest = run / "run.json"

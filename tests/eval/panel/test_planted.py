@@ -12,8 +12,8 @@ from integ_gym.envs.settings import Discretization
 from integ_gym.eval.panel.achieve import Tried
 from integ_gym.eval.panel.artefact import build_artefact
 from integ_gym.eval.panel.cells import Cell
-from integ_gym.eval.panel.matrix import Matrix, PanelLayout, Row
-from integ_gym.eval.panel.result import Cost, Panel, Policy
+from integ_gym.eval.panel.matrix import Matrix, PanelLayout
+from integ_gym.eval.panel.result import Cost, Panel, Policy, Row
 from integ_gym.eval.verdict import Search
 
 Rates = npt.NDArray[np.float64]
@@ -37,10 +37,15 @@ def planted(
 ) -> Panel:
     """A panel of three rows and cells with the rates of every seed, by (row, cell)."""
     rows = tuple(
-        Row(home.name, "trained", tuple(f"{home.name}-{seed}" for seed in range(SEEDS)), home)
+        Row.of(
+            home.name,
+            "trained",
+            [Policy(id=f"{home.name}-{seed}") for seed in range(SEEDS)],
+            home,
+        )
         for home in ROWS
     )
-    cells = {d.name: Cell(d, "reference" if d == TRUTH else "grid") for d in ROWS}
+    cells = {d.name: Cell.of(d, "reference" if d == TRUTH else "grid") for d in ROWS}
     records = [
         {
             "policy_id": policy, "cell": cell, "episode_index": k,
@@ -54,16 +59,16 @@ def planted(
         }
         for row in rows
         for cell in cells
-        for seed, policy in enumerate(row.policies)
+        for seed, policy in enumerate(row.policy_ids)
         for k in range(EPISODES)
     ]  # fmt: skip
     can = dict.fromkeys(cells, SOLVED) | (tried or {})
     layout = PanelLayout(
         rows, cells, {row.name: tuple(cells) for row in rows}, TRUTH.name, family, tried=can
     )
-    ids = [policy for row in rows for policy in row.policies]
+    ids = [policy for row in rows for policy in row.policy_ids]
     return build_artefact(
-        layout, Matrix(rows, records, EPISODES), {i: Policy(id=i) for i in ids},
+        layout, Matrix(rows, records, EPISODES),
         dict.fromkeys(ids, "evidence/x.parquet"),
         directory="runs/planted", name="planted", question="?", spec={}, command="", versions={},
         cost=Cost(wall_seconds=0.0, workers=1, train_seconds=0.0, evaluate_seconds=0.0),
@@ -155,7 +160,7 @@ def test_without_a_family_the_largest_loss_that_says_something_is_told() -> None
     assert told == [(TRUTH.name, HERE.name), (HERE.name, TRUTH.name)]
     assert panel.headline.startswith(f"Success at home 1.00, on {HERE.name} 0.30, lost 0.70")
     assert panel.headline.endswith(
-        f"trained on {TRUTH.name}: dt looks like the cause (exploratory: no family was declared)."
+        "trained on the truth: dt looks like the cause (exploratory: no family was declared)."
     )
     assert "1 loses more than 0.2 of success by overfitting and 1 at most 0.1" in panel.answer
     assert f"no control that was found solves {THERE.name}" in panel.answer

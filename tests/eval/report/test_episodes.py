@@ -13,7 +13,7 @@ from report_pages import Page, episodes_of, network, panel_from, panel_of, raw_o
 
 from integ_gym.envs.settings import NATIVE
 from integ_gym.eval.panel.conclusions import finding_of
-from integ_gym.eval.panel.result import Estimate, Panel, Policy
+from integ_gym.eval.panel.result import Panel, Policy
 from integ_gym.eval.report.episodes import (
     MOST_POLICIES,
     Outcomes,
@@ -22,6 +22,7 @@ from integ_gym.eval.report.episodes import (
     read_network,
 )
 from integ_gym.eval.report.page import render
+from integ_gym.eval.statistics import Estimate
 from integ_gym.train.policy_files.writing import save_policy
 
 

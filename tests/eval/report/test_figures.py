@@ -15,8 +15,7 @@ from matplotlib.text import Text
 from report_pages import panel_from, panel_of, pixels
 from small_panel import FORMATS, every_format, pictures_alone
 
-from integ_gym.eval.report.figures import FIGURES, write_figures
-from integ_gym.eval.report.paper import COLUMN, PAGE, SIZE
+from integ_gym.eval.report.figures import COLUMN, FIGURES, PAGE, SIZE, write_figures
 from integ_gym.support import figures as style
 
 FIGURES_OF = {

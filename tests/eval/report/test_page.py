@@ -29,14 +29,14 @@ from report_pages import (
     render,
 )
 
-from integ_gym.eval.panel.conclusions import answer_lines
+from integ_gym.eval.panel.conclusions import answer_lines, verdict_reason
 from integ_gym.eval.panel.result import Panel
 from integ_gym.eval.report import page as report_page
 from integ_gym.eval.report.figures import write_figures
 from integ_gym.eval.report.page import write_report
 from integ_gym.eval.report.payload import LABEL_WORDS
 from integ_gym.evidence.fields import LABELS
-from integ_gym.support.terminal import fixed, true_minus
+from integ_gym.support.terminal import fixed
 
 AN_ENTRY = re.compile(r"r\d+c\d+(s\d+e\d+)?")
 
@@ -116,7 +116,7 @@ def test_the_answer_comes_first_and_numbers_are_the_panels() -> None:
     text = " ".join(page.text.split())
     places = [
         text.index(panel.question),
-        text.index(panel.said(true_minus(answer_lines(panel)[0]))),
+        text.index(answer_lines(panel)[0]),
         text.index("Verdicts on the declared family"),
     ]
     assert places == sorted(places)
@@ -125,6 +125,7 @@ def test_the_answer_comes_first_and_numbers_are_the_panels() -> None:
     for failure in panel.failures:
         assert f"integ-gym evidence show runs/panel {failure.record_id}" in page.text
     assert panel.command in page.text
+    assert "The task. Swing a torque-limited pendulum up and keep it there." in text
     baselines = {row.name for row in panel.rows if row.baseline}
     failed = sum(
         count
@@ -151,12 +152,12 @@ def test_every_verdict_has_its_card_with_the_parts_of_the_loss() -> None:
     tally = " ".join(f"1 {word}" for word in words)
     cards = shown.split(tally)[1]
     for word, judged in judged_in_turn.items():
-        head = f"{word} {panel.called(judged.row)} evaluated on {panel.called(judged.cell)}"
+        head = f"{word} {panel.label(judged.row)} evaluated on {panel.label(judged.cell)}"
         card = cards.split(head)[1].split(" evaluated on ")[0]
         for name in ("difficulty", "deadline", "overfitting"):
             assert f"{name} {fixed(getattr(judged, name).estimate, 2, True)}" in card
         assert f"loss in all {fixed(judged.total.estimate, 2, True)}" in card
-        assert panel.said(true_minus(judged.reason)) in card
+        assert verdict_reason(panel, judged) in card
     few = " ".join(page_of("nothing learned").text.split())
     assert "0 fails 0 transfers 0 inconclusive 1 not learned" in few
     assert "0 too slow" not in few

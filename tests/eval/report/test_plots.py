@@ -15,7 +15,7 @@ from report_example import IMPOSSIBLE, PERIOD, SCHEMES, SLOW, STEPS, UNKNOWN
 from report_pages import every_panel, page_of, panel_from, panel_of, raw_of, render
 
 from integ_gym.envs.registries import ENGINES, INTEGRATORS
-from integ_gym.eval.panel.result import Estimate
+from integ_gym.eval.panel.conclusions import solvable_reason
 from integ_gym.eval.report.figures import FIGURES
 from integ_gym.eval.report.findings import findings_of
 from integ_gym.eval.report.forests import (
@@ -31,6 +31,7 @@ from integ_gym.eval.report.forests import (
 from integ_gym.eval.report.ladders import ladder_plots, ladders_of, sweep_plots
 from integ_gym.eval.report.matrices import energy_matrix, success_matrix
 from integ_gym.eval.scheme_style import NATIVE, styles_of
+from integ_gym.eval.statistics import Estimate
 from integ_gym.support.figures import HUES, MARKERS, PALETTE, channels
 
 VISION = {
@@ -144,7 +145,7 @@ def test_forests_are_the_same_on_the_page_and_in_the_figure(name, panel, describ
     for block in forest.blocks:
         for line in block.lines:
             assert f"{line.number} {line.detail}" in shown
-            assert panel_of(panel).said(line.words) in page.values("aria-label")
+            assert line.words in page.values("aria-label")
             for part in (line.number, line.detail, line.cell):
                 assert part in text
 
@@ -171,7 +172,7 @@ def test_matrices_are_the_same_on_the_page_and_in_the_figure(name, describe, mea
     assert len(shades) > 100
     for row, cell, shade in shades:
         entry = carried["cells"][panel.anchor(row.name, cell)]
-        assert (entry[0], entry[3]) == (shade.text, panel.said(shade.words))
+        assert (entry[0], entry[3]) == (shade.text, shade.words)
         assert shade.text in text
         if measure == "success":  # reads without a script
             assert entry[3] in page.values("aria-label")
@@ -191,7 +192,7 @@ def test_cells_that_cannot_be_solved_in_time_are_hatched_on_the_page_and_in_the_
     assert {name for name, _ in matrix.hatchings} == statuses
     for cell, shade in hatched:
         assert shade.hatched == panel.cell(cell).achievability
-        assert panel.cell(cell).achievability_reason in shade.words
+        assert solvable_reason(panel, panel.cell(cell)) in shade.words
     classes = [set(own.get("class", "").split()) for tag, own in page.tags if tag == "a"]
     _, (draw, _) = FIGURES["success_matrix"]
     patches = [patch.get_hatch() for patch in draw(matrix).findobj(Rectangle)]
@@ -279,7 +280,7 @@ def test_a_given_policy_is_held_against_itself_cell_by_cell():
     panel = panel_of("given")
     success, earned = paired_success(panel), paired_return(panel)
     lines = success.blocks[0].lines
-    assert [line.cell for line in lines] == [panel.called(one.cell) for one in panel.paired]
+    assert [line.cell for line in lines] == [panel.label(one.cell) for one in panel.paired]
     filled = [line.marks[0].filled for line in lines]
     assert filled == [one.p_success_adjusted < 0.05 for one in panel.paired]
     assert any(filled)

@@ -15,7 +15,7 @@ from integ_gym.eval.statistics import (
     DRAWS,
     SHOWN,
     Difference,
-    Interval,
+    Estimate,
     holm,
     iqm,
     iqm_interval,
@@ -188,7 +188,7 @@ def test_batches_equal_single_calls() -> None:
 
 def test_p_values_are_counted_and_never_zero() -> None:
     draws = np.array([-0.2, 0.1, 0.3, 0.5])
-    difference = Difference(Interval(0.0, 0.0, 0.0, 0.95), lambda worst: draws)
+    difference = Difference(Estimate(0.0, 0.0, 0.0, 0.95), lambda worst: draws)
     assert difference.p_greater(0.1) == pytest.approx(3 / 5)
     assert difference.p_greater() == pytest.approx(2 / 5)
     assert difference.p_less() == pytest.approx(4 / 5)
@@ -197,7 +197,7 @@ def test_p_values_are_counted_and_never_zero() -> None:
 
 
 def test_interval_reads_as_text_without_negative_zero() -> None:
-    assert str(Interval(0.5, -0.001, 1.0, 0.95)) == "0.50 (95 % interval 0.00 to 1.00)"
+    assert str(Estimate(0.5, -0.001, 1.0, 0.95)) == "0.50 (0.00 to 1.00)"
 
 
 @pytest.mark.parametrize(

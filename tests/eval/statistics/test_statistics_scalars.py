@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from integ_gym.eval.statistics import Interval, iqm, iqm_interval, mean_interval
+from integ_gym.eval.statistics import Estimate, iqm, iqm_interval, mean_interval
 
 
 def test_iqm_deletes_total_failures() -> None:
@@ -53,4 +53,4 @@ def test_mean_interval_is_student_t(size: int) -> None:
 def test_mean_interval_needs_two_finite_seeds() -> None:
     assert mean_interval([]) is None
     assert mean_interval([3.0, float("nan"), float("inf")]) is None
-    assert mean_interval([3.0, 3.0]) == Interval(3.0, 3.0, 3.0, 0.95)
+    assert mean_interval([3.0, 3.0]) == Estimate(3.0, 3.0, 3.0, 0.95)

@@ -10,7 +10,7 @@ from scipy.stats import binom
 
 from integ_gym.eval.power import (
     Comparison,
-    Judgement,
+    Verdict,
     fewest_seeds,
     judge_family,
     seeds_wanted,
@@ -28,16 +28,18 @@ from integ_gym.eval.verdict import (
     share_of_look,
 )
 
-SOLVED = Achieved("achievable", "It is solved.")
+SOLVED = Achieved("achievable")
 
 
 def _judged(
     seeds: int, lost: int, before: tuple[int, ...], planned: tuple[int, ...] = ()
-) -> Judgement:
+) -> Verdict:
     """So many seeds of which some always fail elsewhere, and all others always succeed."""
     there = np.r_[np.zeros(lost), np.ones(seeds - lost)]
     rates = Rates(np.ones(seeds), there, there, np.ones(seeds), np.ones(100))
-    (judged,) = judge_family([Comparison("x", rates, SOLVED)], Looks(before, planned), draws=20_000)
+    (judged,) = judge_family(
+        [Comparison("x", "j", rates, SOLVED)], Looks(before, planned), draws=20_000
+    )
     return judged
 
 
@@ -134,11 +136,15 @@ def test_equivalence_is_tested_from_the_first_number_of_seeds_on_that_can_show_i
 
 def test_one_planned_look_decides_more_than_a_first_of_many():
     solved = Rates(*(np.ones(31),) * 3)
-    (first,) = judge_family([Comparison("x", solved, SOLVED)], draws=20_000)
-    (planned,) = judge_family([Comparison("x", solved, SOLVED)], Looks((), (31,)), draws=20_000)
+    (first,) = judge_family([Comparison("x", "j", solved, SOLVED)], draws=20_000)
+    (planned,) = judge_family(
+        [Comparison("x", "j", solved, SOLVED)], Looks((), (31,)), draws=20_000
+    )
     assert (first.verdict, planned.verdict) == ("inconclusive", "transfers")
     assert planned.p_equivalent_adjusted == planned.p_equivalent
-    (unplanned,) = judge_family([Comparison("x", solved, SOLVED)], Looks((), (64,)), draws=20_000)
+    (unplanned,) = judge_family(
+        [Comparison("x", "j", solved, SOLVED)], Looks((), (64,)), draws=20_000
+    )
     assert unplanned.verdict == "inconclusive"
 
 
@@ -152,7 +158,7 @@ def test_adjusted_p_values_are_held_against_the_whole_level():
     assert later.p_equivalent_adjusted == pytest.approx((first.p_equivalent or 0.0) * 8.0)
     few = _judged(32, 0, ())
     assert few.p_equivalent_adjusted == 1.0
-    assert "at least 33 seeds are needed" in few.reason
+    assert few.seeds_for_transfers == 33
 
 
 def test_what_more_seeds_can_show_counts_the_looks_before():

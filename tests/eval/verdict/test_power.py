@@ -18,12 +18,12 @@ from integ_gym.eval.power import (
 )
 from integ_gym.eval.verdict import Achieved, Rates
 
-SOLVED = Achieved("achievable", "It is solved.")
+SOLVED = Achieved("achievable")
 
 
 def _perfect(seeds: int, family: int) -> set[str]:
     rates = Rates(*(np.ones(seeds),) * 3)
-    comparisons = [Comparison(str(k), rates, SOLVED) for k in range(family)]
+    comparisons = [Comparison(str(k), "j", rates, SOLVED) for k in range(family)]
     return {judged.verdict for judged in judge_family(comparisons)}
 
 
@@ -66,14 +66,10 @@ def test_worlds_have_the_mean_that_is_asked(draw, mean):
 
 def test_a_postponed_verdict_tells_no_p_value():
     rates = Rates(*(np.ones(40),) * 3)
-    (judged,) = judge_family([Comparison("x", rates, SOLVED)])
-    later = postponed(judged, "Not yet.")
-    assert (judged.verdict, later.verdict, later.reason) == (
-        "transfers",
-        "inconclusive",
-        "Not yet.",
-    )
+    (judged,) = judge_family([Comparison("x", "j", rates, SOLVED)])
+    later = postponed(judged)
+    assert (judged.verdict, later.verdict) == ("transfers", "inconclusive")
     assert (later.p_exceeds, later.p_equivalent, later.p_equivalent_adjusted) == (None, None, None)
-    assert later.loss == judged.loss
-    (mark,) = judge_family([Comparison("x", rates, Achieved("too_slow", "Slow."))])
-    assert postponed(mark, "Not yet.") == mark
+    assert later.overfitting == judged.overfitting
+    (mark,) = judge_family([Comparison("x", "j", rates, Achieved("too_slow"))])
+    assert postponed(mark) == mark

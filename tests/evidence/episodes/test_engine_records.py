@@ -11,7 +11,7 @@ from engine_cases import EVERY, FIRST, STOPPED, TOLERANCE, lighter, needs
 
 import integ_gym
 from integ_gym.envs.registries import ENGINES
-from integ_gym.evidence.context import EpisodeContext
+from integ_gym.evidence.labels import EpisodeContext
 from integ_gym.evidence.recorder import RecordEvidence
 from integ_gym.evidence.store import EvidenceStore
 

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from integ_gym.envs.registries import PLANTS, TASKS
-from integ_gym.evidence.record import Layout, summarise
+from integ_gym.evidence.episodes import Layout, summarise
 
 TASK = TASKS.load("pendulum_swing_up")
 LAYOUT = Layout(PLANTS.load(TASK.plant), TASK, {"penetration": 0.0})

@@ -12,7 +12,7 @@ from dataclasses import replace
 import gymnasium as gym
 import pytest
 
-from integ_gym.evidence.context import EpisodeContext
+from integ_gym.evidence.labels import EpisodeContext
 from integ_gym.evidence.recorder import RecordEvidence
 from integ_gym.evidence.schema import EvidenceError
 from integ_gym.evidence.store import EvidenceStore
@@ -136,18 +136,6 @@ def test_two_recorders_of_one_context_in_two_processes_are_refused(tmp_path, con
     subprocess.run(command, check=True)
 
 
-def test_recorders_with_contexts_of_their_own_lose_nothing(tmp_path, context):
-    made = [_made(tmp_path, replace(context, cell=f"environment {k}")) for k in range(3)]
-    env = gym.vector.SyncVectorEnv(made)
-    env.reset(seed=0)
-    for _ in range(5):
-        env.step(env.action_space.sample())
-    env.close()
-    cells = [record["cell"] for record in EvidenceStore(tmp_path).records(trace=False)]
-    assert sorted(set(cells)) == ["environment 0", "environment 1", "environment 2"]
-    assert len(cells) == 6
-
-
 def test_episodes_that_are_recorded_are_refused_at_construction(tmp_path, context, play):
     env = _made(tmp_path, context)()
     play(env, range(3))
@@ -269,13 +257,6 @@ def test_a_recorder_that_nobody_has_any_more_holds_nothing_and_loses_nothing(
         gym.vector.SyncVectorEnv([_made(tmp_path, replace(context, first_episode=2))] * 2)
     _made(tmp_path, replace(context, first_episode=2))().close()
     assert [file.suffix for file in tmp_path.iterdir()] == [".parquet"]
-
-
-def test_a_recorder_that_leaves_writing_to_others_holds_nothing(tmp_path, context):
-    for _ in range(2):
-        env = gym.make("IntegPendulum-v0")
-        RecordEvidence(env, tmp_path / "store", context, commit_on_close=False)
-    assert not (tmp_path / "store").exists()
 
 
 def test_a_batch_of_less_than_one_is_refused(tmp_path, context):

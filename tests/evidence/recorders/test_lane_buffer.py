@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from integ_gym.evidence.episode_log import EpisodeHeads
+from integ_gym.evidence.episodes import EpisodeHeads
 from integ_gym.evidence.vector_recorder import LaneBuffer
 
 ENTRIES, HORIZON = 3, 30

@@ -13,9 +13,8 @@ from gymnasium.utils.env_checker import check_env
 from integ_gym.envs.catalogue.pendulum import IntegPendulumEnv
 from integ_gym.envs.registries import ENVIRONMENTS
 from integ_gym.evidence import recorder as recorder_module
-from integ_gym.evidence.context import EpisodeContext
 from integ_gym.evidence.fields import PHASES, record_fields
-from integ_gym.evidence.labels import Replays
+from integ_gym.evidence.labels import EpisodeContext, Replays
 from integ_gym.evidence.recorder import RecordEvidence
 from integ_gym.evidence.schema import BatchExistsError, EvidenceError
 from integ_gym.evidence.store import EvidenceStore
@@ -151,19 +150,6 @@ def test_home_needs_no_replay(home, label, tmp_path, play):
     env.close()
     (record,) = EvidenceStore(tmp_path).records()
     assert record["failure_label"] == label
-
-
-def test_replays_by_episode(tmp_path, play):
-    context = EpisodeContext("run", "cell", training_discretization={"integrator": "rk4"})
-    env = RecordEvidence(gym.make("IntegPendulum-v0", duration=0.5), tmp_path, context)
-    play(env, range(3))
-    assert env.summaries()["episode_index"].tolist() == [0, 1, 2]
-    assert not env.summaries()["success"].any()
-    env.commit(replays={1: Replays(home=True), 2: Replays(home=False)})
-    labels = [record["failure_label"] for record in EvidenceStore(tmp_path).records()]
-    assert labels[:2] == ["unattributed", "discretization_error"]
-    assert labels[2] in ("control_error", "planning_error")
-    env.close()
 
 
 def test_what_a_label_rests_on_is_recorded(tmp_path, play):
@@ -315,10 +301,6 @@ def test_traces_every_nth(phase, tmp_path, play):
     assert EvidenceStore(tmp_path).verify() == []
 
 
-def test_every_episode_has_a_trace_unless_told_otherwise():
-    assert all(EpisodeContext("run", "cell").has_trace(index) for index in range(9))
-
-
 def test_many_episodes_pass_through_a_small_buffer(tmp_path, context, play, monkeypatch):
     env_arguments = {"duration": 0.9}
     played = {}
@@ -363,14 +345,6 @@ def test_records_may_be_taken_and_committed_with_others(tmp_path, context, play)
     store.commit_all("together", [taken, env.take(), None])
     assert sorted(record["episode_index"] for record in store.records()) == [0, 1, 2]
     assert store.verify() == []
-
-
-def test_close_may_leave_records_behind(tmp_path, context, play):
-    env = gym.make("IntegPendulum-v0", duration=0.5)
-    env = RecordEvidence(env, tmp_path, context, commit_on_close=False)
-    play(env, [0])
-    env.close()
-    assert EvidenceStore(tmp_path).batches() == ()
 
 
 @pytest.mark.parametrize("env_id", ENVIRONMENTS)

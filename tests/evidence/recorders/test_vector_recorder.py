@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
 
-from integ_gym.evidence.context import EpisodeContext
 from integ_gym.evidence.fields import VOLATILE_NAMES
-from integ_gym.evidence.labels import Replays
+from integ_gym.evidence.labels import EpisodeContext, Replays
 from integ_gym.evidence.recorder import RecordEvidence
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.evidence.vector_recorder import LaneBuffer, RecordVectorEvidence

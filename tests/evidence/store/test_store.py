@@ -7,16 +7,13 @@ import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
-import gymnasium as gym
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
 from integ_gym.evidence.fields import SCHEMA_VERSION
-from integ_gym.evidence.recorder import RecordEvidence as Recorder
 from integ_gym.evidence.schema import VERSION_KEY, BatchExistsError, EvidenceError
 from integ_gym.evidence.store import EvidenceStore, open_run
 from integ_gym.support.files import LEFTOVER_AGE, write_once
@@ -206,12 +203,6 @@ def test_trace_is_a_table_of_its_own(two_environments):
     assert trace.column("reward")[-1].as_py() is None
 
 
-def test_summaries_can_be_read_without_traces(store):
-    for record in store.records(trace=False):
-        assert not record.trace
-        assert record["length"] == 10
-
-
 def test_verify_finds_altered_values(store, table):
     file = store.files()[0]
     assert store.verify() == []
@@ -259,22 +250,6 @@ def test_verify_finds_broken_and_foreign_files(store, table):
     assert "batch.parquet" not in problems
 
 
-@pytest.mark.parametrize("name", ["broken", "newer"])
-def test_bad_files_stop_every_reader(store, table, name):
-    if name == "broken":
-        (store.directory / "broken.parquet").write_bytes(b"nothing")
-    else:
-        newer = table.schema.metadata | {VERSION_KEY: str(SCHEMA_VERSION + 1).encode()}
-        pq.write_table(table.replace_schema_metadata(newer), store.directory / "newer.parquet")
-    for read in (
-        lambda: list(store.records()),
-        lambda: store.find("x"),
-        lambda: store.query("SELECT 1"),
-    ):
-        with pytest.raises(EvidenceError, match=f"{name}.parquet"):
-            read()
-
-
 def test_open_run(two_environments, tmp_path):
     assert open_run(two_environments).directory == two_environments / "evidence"
     inner = open_run(two_environments / "evidence")
@@ -285,12 +260,3 @@ def test_open_run(two_environments, tmp_path):
         open_run(tmp_path)
     with pytest.raises(EvidenceError, match="holds no evidence"):
         EvidenceStore(tmp_path).query("SELECT 1")
-
-
-def test_store_is_made_with_the_recorder(tmp_path, context, play):
-    directory: Path = tmp_path / "a" / "b"
-    env = Recorder(gym.make("IntegPendulum-v0", duration=0.1), directory, context)
-    assert EvidenceStore(directory).files() == []
-    play(env, [0])
-    env.close()
-    assert EvidenceStore(directory).count() == 1

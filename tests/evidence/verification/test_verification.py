@@ -13,12 +13,11 @@ import pytest
 
 from integ_gym.envs.registries import ENVIRONMENTS
 from integ_gym.evidence import replaying
-from integ_gym.evidence.context import EpisodeContext
 from integ_gym.evidence.hashing import with_hashes
-from integ_gym.evidence.labels import Replays
+from integ_gym.evidence.labels import EpisodeContext, Replays
 from integ_gym.evidence.recomputing import recompute
 from integ_gym.evidence.recorder import RecordEvidence
-from integ_gym.evidence.replaying import replay
+from integ_gym.evidence.replaying import missing_episodes, replay, replay_some
 from integ_gym.evidence.schema import EvidenceError, is_trace
 from integ_gym.evidence.sealing import (
     SEAL_FILE,
@@ -27,7 +26,6 @@ from integ_gym.evidence.sealing import (
     seal,
 )
 from integ_gym.evidence.store import EvidenceStore
-from integ_gym.evidence.verification import missing_episodes, replay_some
 
 SETTINGS = {
     "plain": {},
@@ -93,7 +91,7 @@ def test_replays_that_were_not_run_are_told_apart(known, latency, missed, tmp_pa
     play(env, range(3))
     env.close()
     store = EvidenceStore(tmp_path)
-    reasons = [record["failure_reason"] for record in store.records()]
+    reasons = [record.reason for record in store.records()]
     assert all(reason.startswith(f"the replay {missed}") for reason in reasons)
     assert _found(store) == []
     assert _replayed(store, exact=True).exact == 3
@@ -112,7 +110,8 @@ FORGED = {
     "solver_status": lambda values: ["not_converged" for _ in values],
     "initial_state": lambda values: [[x[0] + 0.1, x[1]] for x in values],
     "failure_label": lambda values: ["discretization_error" for _ in values],
-    "failure_reason": lambda values: ["it was the weather" for _ in values],
+    "failure_reason": lambda values: ["saturated" for _ in values],
+    "failure_numbers": lambda values: [x.replace('"time":', '"time":1') for x in values],
     "replay_home": lambda values: [True for _ in values],
     "cell_status": lambda values: ["unachievable" for _ in values],
     "reward": lambda values: [[0.0 * x if x else None for x in row] for row in values],

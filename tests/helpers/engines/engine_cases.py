@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 from pairing import covering
 
-from integ_gym.envs.catalogue.lookup import environment_setup
-from integ_gym.envs.engines.interface import missing_modules
+from integ_gym.envs.engines.stepping import missing_modules
+from integ_gym.envs.environment import environment_setup
 from integ_gym.envs.ops.ops import SCALAR
 from integ_gym.envs.registries import ENGINES, INTEGRATORS, MAPS
 from integ_gym.envs.settings import Setup

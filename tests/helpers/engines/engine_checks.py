@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from engine_cases import mapped, one_step
 
-from integ_gym.envs.catalogue.lookup import environment_setup
 from integ_gym.envs.engines.maps import one_step_map
+from integ_gym.envs.environment import environment_setup
 from integ_gym.envs.settings import Setup
 
 

@@ -13,8 +13,8 @@ from own_plants import CentralSpring
 from scipy.integrate import solve_ivp
 from scipy.special import ellipj, ellipk
 
+from integ_gym.envs.engines.stepping import PlantSystem
 from integ_gym.envs.integrators.newton import CAP, TOLERANCE
-from integ_gym.envs.mechanics import PlantSystem
 from integ_gym.envs.numerics.accuracy import (
     convergence,
     reversibility_errors,
@@ -24,8 +24,7 @@ from integ_gym.envs.numerics.accuracy import (
 from integ_gym.envs.numerics.energy import ledger
 from integ_gym.envs.numerics.identity import declared
 from integ_gym.envs.numerics.stepping import fastest_rate, linear_map, probe_state
-from integ_gym.envs.ops.ops import SCALAR
-from integ_gym.envs.plants.interface import join_state, split_state
+from integ_gym.envs.ops.ops import SCALAR, join_state, split_state
 from integ_gym.envs.plants.pendulum import Pendulum
 from integ_gym.envs.registries import INTEGRATORS, PLANTS
 

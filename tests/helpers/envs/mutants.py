@@ -8,13 +8,11 @@ import textwrap
 from functools import cached_property
 
 import integ_gym.envs.integrators.newton as newton
-from integ_gym.envs.integrators.explicit_euler import ExplicitEuler
-from integ_gym.envs.integrators.implicit_euler import ImplicitEuler
-from integ_gym.envs.integrators.implicit_midpoint import ImplicitMidpoint
-from integ_gym.envs.integrators.interface import Step, along
+from integ_gym.envs.integrators.euler import ExplicitEuler, SymplecticEuler
+from integ_gym.envs.integrators.implicit import ImplicitEuler, ImplicitMidpoint, StormerVerlet
+from integ_gym.envs.integrators.interface import Step
 from integ_gym.envs.integrators.rk4 import RK4
-from integ_gym.envs.integrators.stormer_verlet import StormerVerlet
-from integ_gym.envs.integrators.symplectic_euler import SymplecticEuler
+from integ_gym.envs.ops.ops import along
 
 
 class ExplicitForSymplectic(SymplecticEuler):

@@ -12,8 +12,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from integ_gym.envs.numerics.stepping import jacobian, probe_state
-from integ_gym.envs.ops.array_ops import ARRAY
-from integ_gym.envs.ops.ops import SCALAR
+from integ_gym.envs.ops.ops import ARRAY, SCALAR
 from integ_gym.envs.plants.interface import MASS_DISTRIBUTIONS
 
 

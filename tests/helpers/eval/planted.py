@@ -8,8 +8,8 @@ from typing import ClassVar
 import mutants
 import numpy as np
 
-from integ_gym.envs.integrators.explicit_euler import ExplicitEuler
-from integ_gym.envs.integrators.implicit_midpoint import ImplicitMidpoint
+from integ_gym.envs.integrators.euler import ExplicitEuler
+from integ_gym.envs.integrators.implicit import ImplicitMidpoint
 from integ_gym.envs.integrators.interface import Step
 from integ_gym.envs.integrators.rk4 import RK4
 from integ_gym.envs.plants.pendulum import Pendulum

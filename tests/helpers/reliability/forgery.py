@@ -96,8 +96,13 @@ def trace_gone(run: Path, other: Path, rng: random.Random) -> Names:
 
 def _succeed(row: dict[str, Any]) -> None:
     """A success in all that a record says of one without a trace."""
-    told = {"success": True, "failure_label": "none", "failure_reason": "", "truncated": True}
-    row |= {**told, "terminated": False, "time_to_success": 0.5}
+    told = {
+        "success": True,
+        "failure_label": "none",
+        "failure_reason": "succeeded",
+        "truncated": True,
+    }
+    row |= {**told, "failure_numbers": "{}", "terminated": False, "time_to_success": 0.5}
 
 
 def moved(run: Path, other: Path, rng: random.Random) -> Names:
@@ -167,13 +172,13 @@ def told(run: Path, other: Path, rng: random.Random) -> Names:
     file = run / "panel.json"
     panel = json.loads(file.read_text(encoding="utf-8"))
     entry = rng.choice(panel["matrix"])
-    kind = rng.choice(("rate", "count", "number", "number", "answer"))
+    kind = rng.choice(("rate", "count", "number", "number", "verdict"))
     if kind == "rate":
         entry["success_by_seed"][0] = 1.0 - entry["success_by_seed"][0]
     elif kind == "count":
         entry["episodes"] += 1
-    elif kind == "answer":
-        panel["answer"] = "Yes: all declared transfers hold."
+    elif kind == "verdict" and panel["verdicts"]:
+        panel["verdicts"][0]["verdict"] = "transfers"
     else:
         name = rng.choice([name for name, held in entry.items() if _is_estimate(held)])
         end = rng.choice([end for end, held in entry[name].items() if held is not None])

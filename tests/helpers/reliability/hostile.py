@@ -22,7 +22,7 @@ from victim import Victim, command, write_spec
 import integ_gym  # noqa: F401
 from integ_gym.eval.panel.run_directory import RunDirectory, read_manifest
 from integ_gym.eval.panel.spec import read_spec
-from integ_gym.evidence.exchange.exporting import EXPORT_FORMATS
+from integ_gym.evidence.exporting import EXPORT_FORMATS
 from integ_gym.evidence.hashing import with_hashes
 from integ_gym.evidence.schema import is_trace
 from integ_gym.support.parameters import finite_number

@@ -41,7 +41,7 @@ from victim import PICTURES, Task, write_spec
 from integ_gym.eval.panel.artefact import differences
 from integ_gym.eval.panel.checking.page import against_plan
 from integ_gym.eval.panel.existing import given_panel
-from integ_gym.eval.panel.outputs import noted_call, panel_of
+from integ_gym.eval.panel.outputs import panel_of, read_call
 from integ_gym.eval.panel.plan import planned_spec
 from integ_gym.eval.panel.policies import acting_in
 from integ_gym.eval.panel.result import FILE_NAME, Panel, read_panel, write_panel
@@ -49,11 +49,10 @@ from integ_gym.eval.panel.run_directory import MANIFEST, RunDirectory
 from integ_gym.evidence.fields import PHASES
 from integ_gym.evidence.recomputing import recompute
 from integ_gym.evidence.record import EvidenceRecord, records_of
-from integ_gym.evidence.replaying import replay
+from integ_gym.evidence.replaying import missing_episodes, other_columns, replay, replay_some
 from integ_gym.evidence.schema import Finding
 from integ_gym.evidence.sealing import broken_seals, seal
 from integ_gym.evidence.store import EvidenceStore
-from integ_gym.evidence.verification import missing_episodes, other_columns, replay_some
 
 T = TypeVar("T")
 
@@ -427,7 +426,7 @@ def remade(run: Path) -> Panel:
     """What ``panel.json`` has to say of plan and records as they are."""
     directory = RunDirectory(run, {})
     plan = directory.manifest()["specification"]
-    spec, called = planned_spec(plan), noted_call(directory)
+    spec, called = planned_spec(plan), read_call(directory)
     return (given_panel if "policy" in plan else panel_of)(spec, directory, called)
 
 

@@ -202,7 +202,7 @@ def _cells(run: Path) -> Any:
     """What ``panel.json`` says of every cell, but for how to look at the records."""
     panel = json.loads((run / "panel.json").read_text(encoding="utf-8"))
     told = [{k: v for k, v in one.items() if k not in ("file", "query")} for one in panel["matrix"]]
-    return told, panel["verdicts"], panel["answer"]
+    return told, panel["verdicts"]
 
 
 def _ended_well(*words: object, found: Outcome) -> tuple[int, str]:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import copy
 import hashlib
 import math
-from dataclasses import asdict
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from integ_gym.eval.power import Comparison, judge_family
@@ -42,8 +42,11 @@ IMPOSSIBLE, SLOW, UNKNOWN = (f"implicit_euler dt={dt:g}" for dt in STEPS)
 CEILING = {IMPOSSIBLE: (0.0, 0.0), SLOW: (0.3, 0.9), UNKNOWN: (0.3, 0.4)}
 """Success that nobody exceeds in a cell, within the horizon and within two."""
 
-SEARCH = Search(20.0, 19.6, [14.2, 15.1, 13.8, 14.9], "a beam over controls")
+SEARCH = Search(20.0, 19.6, (14.2, 15.1, 13.8, 14.9), "a beam over controls")
 """What a search over controls reaches where the goal cannot be reached."""
+
+SOLVABLE = ("achievability", "best", "search")
+"""What a cell says of whether it can be solved."""
 
 REASONS = {
     "evaluation_error": "the simulation diverged at 6.85 s.",
@@ -67,13 +70,15 @@ def cell(scheme: str, dt: float, period: float = PERIOD, **more: Any) -> dict[st
     """One entry of ``cells``."""
     name = f"{scheme} dt={dt:g}" + (f" control={period:g}" if period != PERIOD else "")
     place = {"engine": "native", "integrator": scheme, "dt": dt, "control_period": period}
-    unknown = ("perturbation", "role", "achievability", "achievability_reason")
+    change = more.get("perturbation")
+    if change:
+        more = {**more, "perturbation": {"name": change, "environment": {"mass": 1.2}}}
     return {
-        "name": ", ".join(filter(None, (name, more.get("perturbation")))),
+        "name": ", ".join(filter(None, (name, change))),
         **place,
         "applied": {**place, "engine_version": "0.1.0", "substeps": max(1, round(period / dt))},
         "kind": "grid",
-        **dict.fromkeys(unknown),
+        **dict.fromkeys(("perturbation", "role", *SOLVABLE)),
         **more,
     }
 
@@ -170,7 +175,7 @@ def spread(middle: float, line: dict[str, Any], rng: np.random.Generator) -> Any
     found = mean_interval(values)
     if found is None:
         return {"estimate": float(values[0]), "low": None, "high": None, "level": 0.95}
-    return asdict(found)
+    return msgspec.to_builtins(found)
 
 
 def pumped(scheme: str, dt: float) -> float:
@@ -189,7 +194,8 @@ def skill(line: dict[str, Any], place: dict[str, Any]) -> float:
         return min(most, 0.95 if place["integrator"] != "implicit_euler" else 0.03)
     off = pumped(place["integrator"], place["dt"]) - pumped(line["integrator"], line["dt"] or 0.05)
     off *= 1.0 if place["control_period"] == PERIOD else 0.7
-    change = CHANGES.get(place["perturbation"], 0.0)
+    changed = place["perturbation"]
+    change = CHANGES[changed["name"]] if changed else 0.0
     return min(most, 1.0 / (1.0 + math.exp(6.0 * (abs(off) + change - 0.95))))
 
 
@@ -265,17 +271,13 @@ class Success:
         ]
         return np.sum(parts, axis=0).tolist() if parts else None
 
-    def yardsticks(self, place: str) -> dict[str, list[float]]:
-        """By seed, of those who show whether a cell can be solved."""
+    def yardsticks(self, place: str) -> dict[str | None, list[float]]:
+        """By seed, of rows that show whether a cell can be solved; None: the controller's."""
         lines = self.rows.values()
         natives = [r["name"] for r in lines if r["kind"] == "trained" and r["home"] == place]
-        names = {"policies trained there": natives, "the hand-made controller": ["handmade"]}
-        return {
-            words: self.rate[row, place]
-            for words, rows in names.items()
-            for row in rows
-            if (row, place) in self.rate
-        }
+        found = {row: self.rate[row, place] for row in natives if (row, place) in self.rate}
+        own = self.rate.get(("handmade", place))
+        return found if own is None else {**found, None: own}
 
     def solvable(self, place: str) -> Achieved:
         """Whether a cell can be solved."""
@@ -293,10 +295,10 @@ class Success:
         later = {who: recovered_rates(place, x) for who, x in self.yardsticks(place).items()}
         starts = [
             float(start < round(mean * EPISODES))
-            for mean in later.get("the hand-made controller", [])
+            for mean in later.pop(None, [])
             for start in range(EPISODES)
         ]
-        natives = later.get("policies trained there")
+        natives = next(iter(later.values()), None)
         natives = None if self.rows[row]["home"] == place else natives
         return Rates(home, own, recovered_rates(place, own), natives, starts or None)
 
@@ -313,10 +315,9 @@ def base_panel(
         if place["kind"] not in ("perturbation", "ladder") or line["kind"] == "trained"
     ]
     panel: dict[str, Any] = {
-        "schema_version": 5,
+        "schema_version": 6,
         "name": "quick",
         "question": "Does a policy trained on one integrator survive another?",
-        "answer": "No: policies trained on explicit Euler lose more than half of their success.",
         "spec": {
             "env_id": "IntegPendulum-v0",
             "environment": {"max_torque": 0.8, "start": "hanging", "duration": 10.0},
@@ -358,13 +359,14 @@ def _complete(panel: dict[str, Any]) -> None:
     natives = {r["home"]: r for r in panel["rows"] if r["kind"] == "trained" and r["learned"]}
     for place in panel["cells"]:
         if place["kind"] in ("grid", "reference"):
-            can = success.solvable(place["name"])
-            place.update(achievability=can.status, achievability_reason=can.reason)
+            can = msgspec.to_builtins(success.solvable(place["name"]))
+            place.update(achievability=can["status"], best=can["best"], search=can["search"])
     for entry in panel["matrix"]:
         line, place = success.rows[entry["row"]], cells[entry["cell"]]
         own, made_of = entry["success_by_seed"], success.rates(entry["row"], entry["cell"])
         if made_of is not None and line["home"] != place["name"]:
-            parts = asdict(split(made_of, draws=500))  # few: nothing is concluded from them
+            found = split(made_of, draws=500)  # few: nothing is concluded from them
+            parts = msgspec.to_builtins(found)
             entry.update(home_drop=parts.pop("total"), **parts)
         native = natives.get(entry["cell"])
         if native is not None and line["kind"] == "trained":
@@ -381,12 +383,8 @@ def judge(panel: dict[str, Any], pairs: list[tuple[str, str]]) -> list[dict[str,
     for line, place in pairs:
         rates = success.rates(line, place)
         assert rates is not None
-        family.append(Comparison(f"{line} on {place}", rates, success.solvable(place)))
-    judged = [asdict(one) for one in judge_family(family, draws=20_000)]  # none of them is close
-    return [
-        {**one.pop("loss"), **one, "row": line, "cell": place}
-        for one, (line, place) in zip(judged, pairs, strict=True)
-    ]
+        family.append(Comparison(line, place, rates, success.solvable(place)))
+    return msgspec.to_builtins(list(judge_family(family, draws=20_000)))  # none of them is close
 
 
 def failures(panel: dict[str, Any], count: int) -> list[dict[str, Any]]:
@@ -414,19 +412,17 @@ def compared() -> list[dict[str, Any]]:
     good, bad = [0.9, 1.0, 0.95, 1.0, 0.9], [0.1, 0.05, 0.2, 0.0, 0.1]
     middle = [0.45, 0.5, 0.55, 0.6, 0.5]
     return [
-        {
-            **asdict(
-                compare_policies(
-                    [
-                        PolicyCell(EULER, good, weak),
-                        PolicyCell("rk4 dt=0.0125", fine, weak, "quarter_step"),
-                        PolicyCell(TRUTH, fine, weak, "reference"),
-                    ]
-                )
-            ),
-            "a": a,
-            "b": b,
-        }
+        msgspec.to_builtins(
+            compare_policies(
+                [
+                    PolicyCell(EULER, good, weak),
+                    PolicyCell("rk4 dt=0.0125", fine, weak, "quarter_step"),
+                    PolicyCell(TRUTH, fine, weak, "reference"),
+                ],
+                a=a,
+                b=b,
+            )
+        )
         for fine, weak, a, b in ((bad, middle, EULER, RK4), (good, bad, RK4, IMPLICIT))
     ]
 
@@ -455,8 +451,7 @@ def remedy(panel: dict[str, Any]) -> dict[str, Any]:
         for name in names
         for mixed in [rate["mixed steps", name]]
     ]
-    summary = "In 4 of the 15 discretizations that somebody solves, others lose; it keeps 3."
-    return {"row": "mixed steps", "singles": singles, "cells": cells, "summary": summary}
+    return {"row": "mixed steps", "singles": singles, "cells": cells}
 
 
 def training_cost(median: float | None, seeds: int) -> dict[str, Any]:
@@ -524,7 +519,7 @@ def given_panel() -> dict[str, Any]:
             "p_return_adjusted": 0.06 if finite else None,
         }
         panel["paired"].append(one)
-    panel["warnings"] = ["The policy file names no training discretization."]
+    panel["doubts"] = ["The policy file names no training discretization."]
     return panel
 
 
@@ -551,7 +546,7 @@ def none_panel() -> dict[str, Any]:
     for line in panel["rows"]:
         line.update(dict.fromkeys((*of_row, "training_steps")), policies=[], shares={})
     for place in panel["cells"]:
-        place.update(dict.fromkeys(("role", "achievability", "achievability_reason")))
+        place.update(dict.fromkeys(("role", *SOLVABLE)))
     for judged in panel["verdicts"]:
         judged.update(dict.fromkeys(name for name in judged if name.startswith("p_")))
         for part in ("total", *parts):
@@ -564,9 +559,8 @@ def none_panel() -> dict[str, Any]:
 def hostile_panel() -> dict[str, Any]:
     """Names, texts and paths that try to break out of the page or out of mathtext."""
     words = {
-        "name", "row", "cell", "home", "reason", "question", "answer", "command", "a", "b",
+        "name", "row", "cell", "home", "reason", "question", "command", "a", "b",
         "integrator", "perturbation", "record_id", "query", "platform", "id", "singles",
-        "achievability_reason",
     }  # fmt: skip
 
     def poison(value: Any, key: str = "") -> Any:

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from integ_gym.envs.registries import ENVIRONMENTS
-from integ_gym.evidence.context import EpisodeContext
+from integ_gym.evidence.labels import EpisodeContext
 from integ_gym.support.processes import peak_memory
 from integ_gym.train.config import TrainingEvidence
 from integ_gym.train.fleet.training import train_chunk

@@ -15,7 +15,7 @@ import pytest
 from gymnasium import spaces
 
 from integ_gym.train.policy import MlpPolicy
-from integ_gym.train.policy_files.limits import PolicyFileError
+from integ_gym.train.policy_files.card import PolicyFileError
 from integ_gym.train.policy_files.sb3_zip import read_sb3_zip
 
 torch = pytest.importorskip("torch")

@@ -56,10 +56,8 @@ def test_a_narrow_terminal_is_told_the_same(capsys, monkeypatch):
     assert main(given) == 0
     lists = capsys.readouterr().out.split("\n\n")
     assert max(map(len, "\n".join(lists).splitlines())) <= 50
-    read = [
-        dict(re.split(r" {2,}", line, maxsplit=1) for line in one.splitlines()) for one in lists
-    ]
-    assert read[: len(rows)] == rows
+    pairs = [[re.split(r" {2,}", x, maxsplit=1) for x in one.splitlines()] for one in lists]
+    assert [dict(one) for one in pairs[: len(rows)]] == rows
 
 
 @pytest.mark.parametrize("given", [[], ["--json"]], ids=["table", "json"])

@@ -19,6 +19,7 @@ import integ_gym
 from integ_gym.cli import main
 from integ_gym.commands import evaluate, panel, train, watch
 from integ_gym.eval import watch as of_policy
+from integ_gym.eval.panel import existing
 from integ_gym.eval.panel import run as calls
 from integ_gym.eval.panel.spec import built_in_spec
 from integ_gym.support.executors import Resources
@@ -303,15 +304,19 @@ def judged(monkeypatch):
     def run(**given):
         found: list[Any] = []
 
-        def evaluated(existing, spec, place, command, **options):
-            known = (existing.policy.policy_id, str(existing.provenance), existing.seed)
+        def evaluated(given_policy, spec, place, command, **options):
+            known = (
+                given_policy.policy.policy_id,
+                str(given_policy.provenance),
+                given_policy.seed,
+            )
             cluster = options.pop("cluster")
             found.append((known, spec.to_json(), str(place), command, cluster.workers, options))
 
-        monkeypatch.setattr(calls, "evaluate_existing", evaluated)
+        monkeypatch.setattr(existing, "evaluate_existing", evaluated)
         lines: list[str] = []
         base = {"policy": act, "env_id": PENDULUM, "out": "out", "on_home": lambda line: None}
-        calls.evaluate(**{**base, **given})
+        existing.evaluate(**{**base, **given})
         found.append(lines)
         return _plain(found)
 

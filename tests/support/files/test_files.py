@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from argparse import ArgumentTypeError
 from pathlib import Path
 
 import pytest
 
 from integ_gym.support.files import display_path
-from integ_gym.support.options import display_command, named_value
+from integ_gym.support.options import display_command, named_value, whole_number
 
 
 @pytest.fixture
@@ -30,3 +31,10 @@ def test_a_command_is_told_without_absolute_paths(here):
 
 def test_a_value_that_is_nested_too_deep_is_text():
     assert named_value("a=" + "[" * 100_000)[1].startswith("[[")
+
+
+@pytest.mark.parametrize("word", ["1.5", "1e-3", "many", "nan", "1e999"])
+def test_what_is_no_whole_number_is_refused(word):
+    assert whole_number("2.5e3") == 2500
+    with pytest.raises(ArgumentTypeError, match=f"expected a whole number.*{word}"):
+        whole_number(word)

@@ -9,12 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from integ_gym.support.files import (
-    DEEPEST,
-    check_regular,
-    read_bounded,
-    read_object,
-)
+from integ_gym.support.files import DEEPEST, check_regular, read_bounded, read_object
 
 KINDS = {"name": str, "seconds": float, "parts": (list, type(None))}
 WHOLE = '{"name": "a", "seconds": 1, "parts": null}'

@@ -34,20 +34,6 @@ def test_the_next_item_is_made_while_one_is_used():
         assert made[min(number + 1, 2)].wait(PATIENCE)
 
 
-def test_no_more_than_one_is_made_ahead():
-    made = []
-
-    def items():
-        for number in range(4):
-            made.append(number)
-            yield number
-
-    following = prefetch(items())
-    assert next(following) == 0
-    following.close()
-    assert made in ([0], [0, 1])
-
-
 def test_what_making_raises_is_raised_in_its_place():
     def items():
         yield 1
@@ -63,7 +49,7 @@ def test_no_item_is_lost_where_threads_end_in_between():
     """The main thread ends while another goes on: the second item can be given to no thread."""
     program = """
 import threading
-from integ_gym.support.processes import ahead
+from integ_gym.support.processes import prefetch
 
 def use():
     following = ahead(iter(range(4)))
@@ -93,15 +79,3 @@ def test_a_worker_has_one_thread(parent, monkeypatch):
 
     assert list(prefetch(items())) == [None] * 3
     assert {ident == threading.get_ident() for ident in made} == {parent is not None}
-
-
-def test_items_are_made_at_the_end_of_the_process():
-    """When the interpreter has stopped to start threads."""
-    program = (
-        "import atexit; from integ_gym.support.processes import ahead; "
-        "atexit.register(lambda: print(list(ahead(iter(range(3))))))"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=True
-    )
-    assert (done.stdout, done.stderr) == ("[0, 1, 2]\n", "")

@@ -13,11 +13,7 @@ from contextlib import suppress
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from integ_gym.support.processes import (
-    Progress,
-    limit_threads,
-    report_work,
-)
+from integ_gym.support.processes import Progress, limit_threads, report_work
 from integ_gym.support.terminal import WorkBar
 
 SCRIPT = """

@@ -16,12 +16,7 @@ from playing import CART_POLE, ELASTIC, PENDULUM, SWING_UP, TIGHT, play, setup_o
 
 import integ_gym
 from integ_gym.envs.registries import TASKS
-from integ_gym.train.baselines import (
-    BASELINES,
-    HANDMADE,
-    has_handmade,
-    make_baseline,
-)
+from integ_gym.train.baselines import BASELINES, HANDMADE, has_handmade, make_baseline
 from integ_gym.train.policy import Policy
 
 pytest.importorskip("scipy")

@@ -20,9 +20,9 @@ from safetensors.numpy import save
 from stable_baselines3 import PPO
 from stable_baselines3.common.logger import Logger
 
-from integ_gym.envs.catalogue.lookup import environment_setup
+from integ_gym.envs.environment import environment_setup
 from integ_gym.envs.registries import ENVIRONMENTS
-from integ_gym.evidence.context import EpisodeContext
+from integ_gym.evidence.labels import EpisodeContext
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.train.command import training_command as main
 from integ_gym.train.config import TrainingEvidence
@@ -37,21 +37,15 @@ from integ_gym.train.fleet.learning import (
     initial_stack,
     log_prob_and_entropy,
     orthogonal,
-    outputs,
     permutations,
     state_dict,
     update,
 )
 from integ_gym.train.fleet.planning import kind_of
 from integ_gym.train.fleet.program import FleetProgram
-from integ_gym.train.fleet.training import (
-    train_chunk,
-    train_fleet,
-    train_in_stages,
-    write_outcome,
-)
+from integ_gym.train.fleet.training import train_chunk, train_fleet, train_in_stages, write_outcome
 from integ_gym.train.policy import ACTIVATIONS as POLICY_ACTIVATIONS
-from integ_gym.train.policy_files.limits import PolicyFileError
+from integ_gym.train.policy_files.card import PolicyFileError
 from integ_gym.train.policy_files.safetensors_file import FORMAT, read_safetensors
 from integ_gym.train.policy_files.sidecar import read_trained
 from integ_gym.train.ppo import make_training_envs, model_arguments
@@ -490,12 +484,6 @@ def test_refusals(tmp_path, capsys):
     assert "Did you mean 'rk4'" in capsys.readouterr().err
 
 
-def test_a_missing_extra_is_one_line(monkeypatch, tmp_path):
-    monkeypatch.setattr("integ_gym.support.optional.find_spec", lambda name: None)
-    with pytest.raises(ModuleNotFoundError, match=r'jax .* "\.\[fleet\]"$'):
-        train_fleet([small_run()], [tmp_path])
-
-
 def test_safetensors_that_are_none_are_refused(tmp_path):
     damaged = tmp_path / "damaged.safetensors"
     damaged.write_bytes(b"nothing")
@@ -515,10 +503,3 @@ def test_log_probabilities_of_a_known_distribution():
     p = 1.0 / (1.0 + np.exp(-1.0))
     np.testing.assert_allclose(log_prob, [[np.log(p), np.log(1 - p)]], rtol=1e-6)
     np.testing.assert_allclose(entropy, -(p * np.log(p) + (1 - p) * np.log(1 - p)), rtol=1e-6)
-
-
-def test_a_network_without_hidden_layers():
-    stack = jax.tree.map(jnp.asarray, initial_stack([0], (3,), 1, [0.0]))
-    out = outputs(stack, "Tanh", jnp.ones((1, 3, 5)))
-    assert out.shape == (1, 2, 1, 5)
-    np.testing.assert_allclose(out[0, 1, 0, 0], stack.weights[0][0, 1, 0].sum(), rtol=1e-6)

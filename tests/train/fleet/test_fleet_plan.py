@@ -11,7 +11,7 @@ import psutil
 import pytest
 from fleet_runs import own_gpu, small_run, trained_memory
 
-from integ_gym.envs.integrators.explicit_euler import ExplicitEuler
+from integ_gym.envs.integrators.euler import ExplicitEuler
 from integ_gym.support.executors import MOST_LOSSES
 from integ_gym.support.processes import Progress
 from integ_gym.train.config import TrainingError

@@ -11,7 +11,7 @@ import pytest
 from fleet_runs import OF_EACH_ACTION
 from small_ppo import trained
 
-from integ_gym.evidence.context import EpisodeContext
+from integ_gym.evidence.labels import EpisodeContext
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.train.command import training_command as main
 from integ_gym.train.config import TrainingEvidence

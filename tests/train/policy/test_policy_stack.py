@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from integ_gym.envs.catalogue.lookup import environment_setup
+from integ_gym.envs.environment import environment_setup
 from integ_gym.envs.registries import ENVIRONMENTS
 from integ_gym.train.baselines import BASELINES, make_baseline
-from integ_gym.train.called_policy import PolicyStack
 from integ_gym.train.fleet.learning import initial_stack
 from integ_gym.train.policy import (
     ACTIVATIONS,
@@ -16,6 +15,7 @@ from integ_gym.train.policy import (
     DiscreteActions,
     MlpPolicy,
     ObservationStatistics,
+    PolicyStack,
 )
 
 BOX = BoxActions([-2.0], [2.0])

@@ -22,7 +22,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
 import integ_gym
 from integ_gym.eval.panel.policies import read_existing
-from integ_gym.train.policy_files.limits import PolicyFileError
+from integ_gym.train.policy_files.card import PolicyFileError
 from integ_gym.train.policy_files.reading import unscaled
 from integ_gym.train.policy_files.sidecar import read_trained
 from integ_gym.train.policy_files.writing import save_policy, write_sidecar
@@ -128,7 +128,7 @@ def _doubts(policy, folder: Path, **arguments) -> list[str]:
         policy, PENDULUM, folder, home=HOME, integrators=["rk4"], dts=[0.05], episodes=2,
         environment={"duration": 0.5}, workers=1, progress=False, on_doubt=said.append, **arguments,
     )  # fmt: skip
-    written = json.loads((folder / "panel.json").read_text(encoding="utf-8"))["warnings"]
+    written = json.loads((folder / "panel.json").read_text(encoding="utf-8"))["doubts"]
     assert written == said == list(panel.warnings)
     return [one for one in said if "trained inside VecNormalize" in one]
 

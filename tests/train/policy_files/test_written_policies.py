@@ -25,7 +25,7 @@ from integ_gym.train.policy import (
     MlpPolicy,
     ObservationStatistics,
 )
-from integ_gym.train.policy_files.limits import PolicyFileError
+from integ_gym.train.policy_files.card import PolicyFileError
 from integ_gym.train.policy_files.onnx import OnnxPolicy, onnx_bytes, onnx_card, read_onnx
 from integ_gym.train.policy_files.reading import read_weights, unscaled
 from integ_gym.train.policy_files.safetensors_file import read_safetensors, safetensors_bytes

@@ -18,7 +18,7 @@ from small_ppo import FLAGS, SMALL, files_of, looked_on, trained
 
 import integ_gym
 from integ_gym.envs.rediscretized import rediscretize
-from integ_gym.evidence.context import EpisodeContext
+from integ_gym.evidence.labels import EpisodeContext
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.train.config import TrainingError, TrainingEvidence
 from integ_gym.train.fleet.training import train_fleet
@@ -132,14 +132,6 @@ def test_the_script_writes_what_the_command_writes(small: TrainedPolicy, tmp_pat
     names = {Path(name).parts[0] for name in files_of(folder)}
     assert names == {Path(name).parts[0] for name in files_of(small.policy.parent)}
     assert "PPO, 1 policy: 100%" in done.stderr
-
-
-def test_the_script_s_help_has_its_own_examples() -> None:
-    done = subprocess.run(
-        [sys.executable, str(SCRIPT), "--help"], capture_output=True, text=True, check=True
-    )
-    assert "examples:\n  python train/ppo.py --integrator rk4 --dt 0.05" in done.stdout
-    assert "integ-gym train" not in done.stdout
 
 
 @pytest.mark.parametrize(("env_id", "actions"), [("InvertedPendulum-v5", 1), ("Hopper-v5", 3)])

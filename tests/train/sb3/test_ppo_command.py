@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import pytest
-from small_ppo import FLAGS, SMALL
+from small_ppo import FLAGS
 
 from integ_gym.train import command
 from integ_gym.train.command import training_command as main
@@ -97,16 +96,6 @@ def test_bad_input_is_one_line_and_exit_code_2(
     assert not (tmp_path / "out").exists()
 
 
-def test_a_policy_in_the_way_is_one_line_and_exit_code_2(
-    small: TrainedPolicy, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main([*FLAGS, "--out", str(small.policy.parent)]) == 2
-    assert (
-        "already holds policy.zip, policy.safetensors, policy.json; give another"
-        in capsys.readouterr().err
-    )
-
-
 @pytest.mark.parametrize("missing", ["torch", "stable_baselines3", "rich", "tensorboard"])
 def test_a_missing_extra_names_the_command(
     missing: str,
@@ -119,17 +108,6 @@ def test_a_missing_extra_names_the_command(
     assert capsys.readouterr().err == (
         f'integ-gym train: error: {missing} is not installed; run: pip install -e ".[train]"\n'
     )
-
-
-def test_help_has_examples_and_every_hyperparameter(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as caught:
-        main(["--help"])
-    assert caught.value.code == 0
-    text = capsys.readouterr().out
-    assert "examples:\n  integ-gym train " in text
-    for name in asdict(SMALL):
-        if name not in ("env_id", "env_arguments"):
-            assert f"--{name.replace('_', '-')}" in text
 
 
 def test_importing_the_trainer_imports_no_learner() -> None:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import math
-from dataclasses import asdict, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -44,27 +43,10 @@ def test_impossible_values_are_refused(changes: dict[str, Any], message: str) ->
     assert "\n" not in str(caught.value)
 
 
-def test_config_survives_json() -> None:
-    assert PPOConfig(**json.loads(json.dumps(asdict(SMALL)))) == SMALL
-
-
-@pytest.mark.parametrize("env_id", PPOConfig.environment_defaults)
-def test_defaults_of_each_environment(env_id: str) -> None:
-    config = PPOConfig.of(env_id, seed=5)
-    assert (config.env_id, config.seed) == (env_id, 5)
-    for name, value in PPOConfig.environment_defaults[env_id].items():
-        assert getattr(config, name) == value
-
-
 def test_discount_is_a_time_constant() -> None:
     config = PPOConfig(discount_time=2.0)
     assert config.discount(0.05) == pytest.approx(math.exp(-0.025), rel=1e-15)
     assert config.discount(0.1) == pytest.approx(config.discount(0.05) ** 2, rel=1e-15)
-
-
-def test_runs_are_whole_rollouts() -> None:
-    assert SMALL.rollout == 256
-    assert SMALL.rounded_steps == 512
 
 
 def test_lanes_of_neighbouring_seeds_do_not_overlap() -> None:

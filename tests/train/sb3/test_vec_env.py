@@ -197,15 +197,6 @@ def test_seeds_and_options_count_for_one_reset() -> None:
     np.testing.assert_array_equal(ours.reset(), again)
 
 
-def test_without_a_seed_numpy_s_generator_seeds_the_lanes() -> None:
-    env = Sb3VecEnv(vector("IntegPendulum-v0"))
-    np.random.seed(5)  # noqa: NPY002
-    first = list(env.seed())
-    np.random.seed(5)  # noqa: NPY002
-    theirs = list(singles("IntegPendulum-v0").seed())
-    assert first == theirs
-
-
 def test_lanes_with_different_options_are_refused() -> None:
     env = Sb3VecEnv(vector("IntegPendulum-v0"))
     env.set_options([{"x_init": 0.1 * lane} for lane in range(LANES)])
@@ -295,12 +286,3 @@ def test_frames_and_close() -> None:
     np.testing.assert_array_equal(env.env_method("render", indices=[1])[0], frames[1])
     env.close()
     assert env.vector_env.closed
-
-
-def test_a_wrapper_sees_every_step() -> None:
-    wrapper = Transparent(vector("IntegPendulum-v0"))
-    env = Sb3VecEnv(wrapper)
-    env.reset()
-    for actions in actions_of(env, 3):
-        env.step(actions)
-    assert wrapper.steps_seen == 3

@@ -13,8 +13,7 @@ from own_plants import CentralSpring
 
 from integ_gym.envs.engines import casadi as _casadi_engine
 from integ_gym.envs.engines.maps import one_step_map
-from integ_gym.envs.mechanics import PlantSystem
-from integ_gym.envs.numerics.identity import fingerprint
+from integ_gym.envs.engines.stepping import PlantSystem
 from integ_gym.envs.ops.ops import SCALAR
 from integ_gym.envs.registries import ENGINES
 from integ_gym.support.optional import load
@@ -143,35 +142,6 @@ def test_equations_that_cannot_be_told_are_refused(plant, reason):
         ENGINES.load("casadi")(PlantSystem(plant), "rk", 0.01)
 
 
-@pytest.mark.parametrize("integrator", ["rk", *COLLOCATIONS])
-def test_one_step_is_one_element(casadi, integrator, monkeypatch):
-    """CasADi's own default, 20 elements, is another map."""
-    setup = setup_of("casadi", integrator, "IntegPendulum-v0", dt=0.1)
-    step = setup.engine.move(SCALAR, (0.5,), (3.0,), (0.0,), 1.0)
-    monkeypatch.setattr(_casadi_engine, "_ONE_ELEMENT", {})
-    if integrator == "rk":
-        engine = ENGINES.load("casadi")(setup.system, "rk", 0.1)
-        divided = engine.move(SCALAR, (0.5,), (3.0,), (0.0,), 1.0)
-        assert abs(divided.q[0] - step.q[0]) > 1e-6
-    else:
-        divided = _integrated(casadi, setup.system, integrator, {})
-        assert abs(divided[0] - step.q[0]) > 1e-9
-    whole = _integrated(casadi, setup.system, integrator, {"number_of_finite_elements": 1})
-    assert whole == (*step.q, *step.v, *step.losses)
-
-
-def _integrated(casadi, system, integrator, options):
-    """One step of 0.1 s by CasADi's integrator itself, from where the test above begins."""
-    from integ_gym.envs.engines.casadi import _equations
-
-    plugin, *scheme = integrator.split("_")
-    if scheme:
-        names = ("collocation_scheme", "interpolation_order")
-        options = {**options, **dict(zip(names, (scheme[0], int(scheme[1])), strict=True))}
-    made = casadi.integrator("whole", plugin, _equations(system), 0.0, 0.1, options)
-    return tuple(np.array(made(x0=[0.5, 3.0, 0.0], p=1.0)["xf"]).ravel().tolist())
-
-
 @pytest.mark.parametrize("integrator", COLLOCATIONS)
 def test_a_step_that_newton_does_not_solve_is_not_converged(integrator, monkeypatch, capfd):
     """And says so in `info`, without an exception and without a word on the terminal."""
@@ -189,15 +159,6 @@ def test_a_step_that_newton_does_not_solve_is_not_converged(integrator, monkeypa
     assert tuple(capfd.readouterr()) == ("", "")
 
 
-@pytest.mark.parametrize("integrator", COLLOCATIONS)
-def test_rounding_of_a_large_angle_is_not_taken_for_a_failure(integrator):
-    setup = setup_of("casadi", integrator, "IntegPendulum-v0")
-    step = setup.engine.move(SCALAR, (2.0e4,), (3.0,), (0.0,), 1.0)
-    assert step.converged
-    assert step.iterations < 50
-    assert step.residual < _casadi_engine.TOLERANCE
-
-
 @pytest.mark.parametrize("integrator", ADAPTIVE)
 def test_an_adaptive_integrator_that_gives_up_diverges(integrator, monkeypatch, capfd):
     """And the next step is none the worse for it."""
@@ -210,41 +171,3 @@ def test_an_adaptive_integrator_that_gives_up_diverges(integrator, monkeypatch, 
     assert not motion.converged
     assert setup.engine.move(SCALAR, (0.5,), (3.0,), (0.0,), 1.0) == before
     assert tuple(capfd.readouterr()) == ("", "")
-
-
-@pytest.mark.parametrize("integrator", ADAPTIVE)
-def test_adaptive_integrators_are_as_accurate_as_they_are_asked_to_be(integrator, monkeypatch):
-    setup = setup_of("casadi", integrator, "IntegCartPole-v0", damping=0.02, dt=0.0202)
-    state = ((0.1, 2.0), (1.0, 6.0), (0.0,), 1.5)
-    reference = one_step_map("reference").step(SCALAR, setup.system, *state, 0.0202)
-    errors = []
-    for asked in (1e-6, 1e-9, 1e-12):
-        monkeypatch.setattr(_casadi_engine, "TOLERANCE", asked)
-        engine = ENGINES.load("casadi")(setup.system, integrator, 0.0202)
-        step = engine.move(SCALAR, *state)
-        assert step.iterations > 10
-        ends = np.array((*step.q, *step.v)), np.array((*reference.q, *reference.v))
-        errors.append(np.abs(np.subtract(*ends)).max())
-        assert errors[-1] < asked * step.iterations * (1.0 + np.abs(ends).max())
-    assert errors[0] > 100.0 * errors[1] > 1e4 * errors[2]
-
-
-@pytest.mark.parametrize("integrator", INTEGRATORS)
-def test_the_solver_is_described(integrator):
-    told = setup_of("casadi", integrator, "IntegPendulum-v0").engine.solver()
-    cap = 5000 if integrator in ADAPTIVE else 50
-    expected = (None, None) if integrator == "rk" else (1e-12, cap)
-    assert (told["solver_tolerance"], told["solver_cap"]) == expected
-
-
-@pytest.mark.parametrize("plant", ["cart_pole", "elastic_pendulum"])
-@pytest.mark.parametrize("integrator", INTEGRATORS)
-def test_the_fingerprint_tells_the_integrators_apart(integrator, plant):
-    """Those of order 5 and the exact ones too, also where the plant is stiff."""
-    found = fingerprint("casadi", integrator, plant)
-    declared = ENGINES.load("casadi").maps[integrator]
-    assert found.equal_maps == (found.map,) == (declared,)
-    if integrator in ADAPTIVE:
-        assert found.order is None
-    else:
-        assert found.order == pytest.approx(one_step_map(declared).order, abs=0.05)

@@ -2,30 +2,23 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import gymnasium as gym
 import numpy as np
 import pytest
 from engine_cases import DAMPING, mapped, needs, one_step, setup_of, states
-from engine_checks import new_setup, told_by_an_episode
+from engine_checks import new_setup
 
 import integ_gym  # noqa: F401
 from integ_gym.envs.engines.drake import (
     DISCRETE,
     EXPLICIT,
     IMPLICIT,
-    SPAN,
-    Clock,
     DrakeEngine,
-    Stepper,
     implicit_steps,
     rest_serves,
 )
 from integ_gym.envs.engines.maps import one_step_map
-from integ_gym.envs.numerics.identity import fingerprint
 from integ_gym.envs.ops.ops import SCALAR
-from integ_gym.support.optional import load
 
 ALL = tuple(DrakeEngine.maps)
 CONTINUOUS = (*EXPLICIT, *IMPLICIT)
@@ -54,80 +47,6 @@ def test_a_step_depends_on_nothing_that_went_before(integrator, env_id, dt):
         run(*q, *(90.0 * x for x in v), control, *[0.0] * (n - 1))
         for _ in range(2):
             assert run(*q, *v, control, *[0.0] * (n - 1))[: 2 * n] == tuple(expected)
-
-
-@pytest.mark.parametrize("integrator", ALL)
-def test_every_step_is_of_the_same_size(integrator):
-    """1000 steps in one call are 1000 single steps: advancing to k·dt took a tenth more of them."""
-    setup = _setup(integrator, "IntegPendulum-v0", dt=0.01)
-    run, single = setup.engine.run(1000), setup.engine.run(1)
-    state = (3.0, 0.5)
-    for _ in range(1000):
-        state = single(*state, 0.2)[:2]
-    assert run(3.0, 0.5, 0.2)[:2] == state
-
-
-@pytest.mark.parametrize("dt", [0.01, 0.05, 1.0 / 3.0, 1e-4])
-def test_the_size_of_a_step_is_dt_to_the_rounding_of_the_state(dt):
-    needs("drake")
-    plant = _setup("explicit_euler", "IntegPendulum-v0").engine._plant
-    clock = Clock(plant, "explicit_euler", dt)
-    clock.set_back()
-    times = [clock.simulator.get_context().get_time()]
-    while clock.now < SPAN:
-        clock.take(1)
-        times.append(clock.simulator.get_context().get_time())
-    (size,) = {later - earlier for earlier, later in pairwise(times)}
-    assert size == pytest.approx(dt, rel=2.0**-46, abs=0.0)
-
-
-@pytest.mark.parametrize("integrator", IMPLICIT)
-@pytest.mark.parametrize(
-    ("env_id", "dt", "expected"),
-    [("IntegCartPole-v0", 0.002, True), ("IntegPendulum-v0", 0.05, False)],
-)
-def test_steps_begin_with_the_matrices_that_take_fewer_evaluations(
-    integrator, env_id, dt, expected
-):
-    """And end where those with the others end, at the accuracy that both aim at."""
-    setup = _setup(integrator, env_id, dt=dt)
-    plant, rest = setup.engine._plant, (0.0,) * len(setup.plant.coordinates)
-    assert rest_serves(plant, integrator, dt) is expected
-    steppers = {chosen: Stepper(plant, integrator, dt, chosen) for chosen in (True, False)}
-    evaluations = {True: 0, False: 0}
-    for q, v, _ in states(setup):
-        ends = []
-        for chosen, stepper in steppers.items():
-            ends.append(stepper.step((*q, *v), rest)[0])
-            evaluations[chosen] += stepper.evaluations
-        np.testing.assert_allclose(*ends, rtol=0.0, atol=1e-9)
-    assert evaluations[expected] <= evaluations[not expected]
-
-
-def test_advancing_to_multiples_of_the_step_takes_more_steps():
-    """Why we do not."""
-    needs("drake")
-    setup = _setup("semi_explicit_euler", "IntegPendulum-v0", dt=0.05)
-    analysis = load("pydrake.systems.analysis", "drake")
-    plant = setup.engine._plant
-    simulator = analysis.Simulator(plant)
-    integrator = analysis.ResetIntegratorFromFlags(simulator, "semi_explicit_euler", 0.05)
-    integrator.set_fixed_step_mode(True)
-    port = plant.get_applied_generalized_force_input_port()
-    port.FixValue(simulator.get_mutable_context(), (0.0,))
-    for k in range(4000):
-        simulator.AdvanceTo((k + 1) * 0.05)
-    assert integrator.get_num_steps_taken() > 4100
-
-
-@pytest.mark.parametrize("integrator", CONTINUOUS)
-def test_continuous_plants_have_no_stops(integrator):
-    needs("drake")
-    with pytest.raises(ValueError, match="ignores joint stops; use `integrator`: tamsi, sap"):
-        gym.make(
-            "IntegPendulum-v0", engine="drake", integrator=integrator, contact="engine",
-            joint_limit=1.0,
-        )  # fmt: skip
 
 
 @pytest.mark.parametrize("integrator", ALL)
@@ -195,40 +114,6 @@ def test_damping_takes_what_it_takes_in_the_map(integrator):
     assert kinds == ({True, False} if integrator in IMPLICIT else {True})
 
 
-def test_a_divided_step_leaves_the_ledger_open_with_damping():
-    needs("drake")
-    for steps in (1, 3):
-        env = gym.make(
-            "IntegCartPole-v0", engine="drake", integrator="radau1", dt=0.1,
-            control_period=0.1 * steps, **DAMPING["IntegCartPole-v0"],
-        )  # fmt: skip
-        for state, is_open in (((0.0, 1.0, 0.1, 2.0), False), ((0.0, 1.0, 0.1, 40.0), True)):
-            env.reset(options={"state": state})
-            *_, info = env.step(1)
-            assert info["solver_status"] == ("not_converged" if is_open else "ok")
-            assert np.isnan([info["dissipated"], info["energy_residual"]]).all() == is_open
-
-
-def test_a_step_is_not_given_up_for_the_time_at_which_it_is_taken():
-    """Its smallest parts are rounded with the time; of this step, up to failure at some times."""
-    run = _setup("velocity_implicit_euler", dt=0.002).engine.run(1)
-    state = (0.754159830379713, 1.3105641374741142, 11039.685763272246, -45894.363593736736)
-    ends = set()
-    for calm in range(60):
-        for _ in range(calm):
-            run(0.0, 0.1, 0.2, 0.3, 0.0, 0.0)
-        ends.add(run(*state, 1.0, 0.0))
-    (end,) = ends
-    assert np.isfinite(end[0])
-
-
-def test_a_step_is_divided_by_128_at_most():
-    """By the step's own size, be it a little less than dt, as here, or more."""
-    state = (-1.4427065631673313, -2.0862302229071163, 3768.298236907265, 2082.4159625158104)
-    run = _setup("velocity_implicit_euler", dt=0.05).engine.run(1)
-    assert np.isfinite(run(*state, 0.0, 0.0)[0])
-
-
 @pytest.mark.parametrize("integrator", ["runge_kutta3", "radau3"])
 def test_lanes_report_as_single_environments_do(integrator):
     needs("drake")
@@ -245,18 +130,6 @@ def test_lanes_report_as_single_environments_do(integrator):
             assert told[name][lane] == info[name]
     expected = "not_converged" if integrator == "radau3" else "ok"
     assert told["solver_status"].tolist() == ["ok", expected]
-
-
-@pytest.mark.parametrize("integrator", IMPLICIT)
-def test_the_most_iterations_of_any_step_are_told(integrator):
-    setup = _setup(integrator)
-    q, v, control = states(setup, 1)[0]
-    told, many = [], setup.engine.advance(SCALAR, q, v, ((control, 4),), None)
-    for _ in range(4):
-        motion = setup.engine.advance(SCALAR, q, v, ((control, 1),), None)
-        q, v = motion.q, motion.v
-        told.append(motion.iterations)
-    assert many.iterations == max(told)
 
 
 @pytest.mark.parametrize("integrator", IMPLICIT)
@@ -284,35 +157,3 @@ def test_a_step_that_drake_gives_up_is_a_divergence(integrator):
     assert terminated
     assert info["solver_status"] == "diverged"
     assert np.isfinite(observation).all()
-
-
-@pytest.mark.parametrize("integrator", ALL)
-def test_no_cap_on_speed_and_no_hidden_damping(integrator):
-    setup = _setup(integrator, dt=1e-4)
-    known = one_step_map(setup.engine.map)
-    for q, v in (((0.3, -0.4), (-500.0, 500.0)), ((0.0, 3.0), (1e-6, 0.0))):
-        expected = mapped(known, setup, q, v, 0.7)
-        np.testing.assert_allclose(one_step(setup, q, v, 0.7), expected, rtol=1e-9, atol=1e-9)
-
-
-@pytest.mark.parametrize("integrator", DISCRETE)
-def test_stops_are_recorded_with_what_they_are_made_of(integrator):
-    setup = _setup(integrator, "IntegCartPoleSwingUp-v0", contact="engine", dt=0.001)
-    told = setup.engine.describe()["stops"]
-    assert told["time_step"] == 0.001
-    assert told["discrete_contact_solver"] == ("kTamsi" if integrator == "tamsi" else "kSap")
-
-
-@pytest.mark.parametrize("steps", [1, 20])
-@pytest.mark.parametrize("integrator", ["lagged", "runge_kutta3", "radau3"])
-def test_an_episode_leaves_the_process_as_it_was(integrator, steps, tmp_path):
-    needs("drake")
-    assert told_by_an_episode("drake", integrator, tmp_path, steps) == (0, "")
-
-
-@pytest.mark.parametrize("integrator", ["radau1", "implicit_euler"])
-def test_divided_steps_have_no_part_in_the_fingerprint(integrator):
-    needs("drake")
-    found = fingerprint("drake", integrator, "cart_pole")
-    assert found.map == DrakeEngine.maps[integrator]
-    assert max(found.defects.values()) < 1e-9

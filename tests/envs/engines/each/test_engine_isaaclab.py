@@ -8,20 +8,17 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from apart_scenarios import SCENARIOS
-from engine_cases import DAMPING, ELSEWHERE, IDS, TOLERANCE, mapped, one_step, states
+from engine_cases import IDS, TOLERANCE
 from engine_checks import new_setup
 from exchanges import replayed
-from house import ROOT
 
 from integ_gym.cli import main
 from integ_gym.envs.engines import isaaclab
-from integ_gym.envs.engines.interface import missing_modules
 from integ_gym.envs.engines.isaaclab import LEAST_INERTIA, usd
-from integ_gym.envs.engines.maps import one_step_map
+from integ_gym.envs.engines.stepping import missing_modules
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.plants.pendulum import Pendulum
 from integ_gym.envs.registries import ENGINES
-from integ_gym.support.isolated import WorkerError
 
 MAPS = ENGINES.load("isaaclab").maps
 RECORDED = "isaaclab_engine"
@@ -35,46 +32,12 @@ def _no_idle_process():
         isaaclab._idle.pop().close()
 
 
-@pytest.fixture
-def setup():
-    """A cart-pole on Isaac Lab, as recorded."""
-    with replayed(RECORDED):
-        yield new_setup("isaaclab", "euler", "IntegCartPole-v0")
-
-
-def test_engines_that_live_elsewhere_have_a_recording():
-    assert ELSEWHERE == ("isaaclab",)
-    for engine in ELSEWHERE:
-        assert f"{engine}_engine" in SCENARIOS
-
-
 def test_every_integrator_is_the_map_that_it_is_said_to_be():
     """Of both plants, damped and undamped, in what Isaac Lab answered when it was recorded."""
     with replayed(RECORDED):
         found = SCENARIOS[RECORDED]()
     assert len(found) == len(MAPS) * len(IDS) * 2
     assert max(found.values()) <= TOLERANCE[32]
-
-
-@pytest.mark.parametrize("integrator", MAPS)
-def test_no_other_kind_of_symplectic_euler_would_do(integrator):
-    """With damping, where it is taken otherwise, or in a cart-pole's Coriolis forces."""
-    kinds = {"symplectic_euler", "symplectic_euler_implicit_damping"} - {MAPS[integrator]}
-    with replayed(RECORDED):
-        setup = new_setup("isaaclab", integrator, IDS[1], **DAMPING[IDS[1]])
-        ends = [one_step(setup, *case) for case in states(setup, 8)]
-        for name in kinds:
-            known = one_step_map(name)
-            expected = [mapped(known, setup, *case) for case in states(setup, 8)]
-            assert np.abs(np.array(ends) - expected).max() > 1e-4
-
-
-def test_what_it_says_of_itself(setup):
-    told = setup.engine.describe()
-    assert told["map"] == "symplectic_euler_implicit_damping"
-    assert told["width"] == 32
-    assert told["versions"]["isaaclab"] == "3.0.0"
-    assert set(told["versions"]) == {"isaaclab", "newton", "warp-lang", "mujoco-warp"}
 
 
 def test_a_model_that_is_not_the_plant_is_refused(monkeypatch):
@@ -88,41 +51,6 @@ def test_a_model_that_is_not_the_plant_is_refused(monkeypatch):
     monkeypatch.setattr(isaaclab.IsaaclabEngine, "at_rest", heavier)
     with replayed(RECORDED), pytest.raises(ValueError, match="another mass matrix"):
         new_setup("isaaclab", "euler", "IntegCartPole-v0")
-
-
-def test_a_process_that_is_lost_is_an_error_and_no_motion(setup):
-    """A crash says so at every further step, and its process is not used again."""
-    engine = setup.engine
-    engine._worker._process.kill()
-    for _ in range(2):
-        with pytest.raises(WorkerError, match="isaaclab ended with exit code -9"):
-            one_step(setup, *states(setup, 1)[0])
-    isaaclab._give_back(engine._worker)
-    assert engine._worker not in isaaclab._idle
-
-
-def test_what_was_not_recorded_is_not_made_up(setup):
-    with pytest.raises(WorkerError, match="not in the recording"):
-        one_step(setup, (0.0, 0.0), (0.0, 0.0), 0.5)
-
-
-def test_a_process_is_used_again_by_the_next_engine(monkeypatch):
-    with replayed(RECORDED):
-        first = new_setup("isaaclab", "euler", "IntegPendulum-v0")
-    process = first.engine._worker
-    made = []
-    monkeypatch.setattr(
-        isaaclab.IsaaclabEngine, "_make", lambda engine, lanes: made.append(engine._worker)
-    )
-    monkeypatch.setattr(isaaclab.IsaaclabEngine, "_check", lambda engine: None)
-    del first
-    new_setup("isaaclab", "euler", "IntegPendulum-v0")
-    assert made == [process]
-
-
-def test_its_stops_are_refused():
-    with pytest.raises(ValueError, match="engine 'isaaclab' has no joint stops of its own"):
-        gym.make("IntegCartPoleSwingUp-v0", engine="isaaclab", integrator="euler", contact="engine")
 
 
 def test_without_its_environment_one_sentence_says_what_sets_it_up(capsys, tmp_path):
@@ -145,16 +73,3 @@ def test_a_mechanism_is_told_without_loss():
     light = usd(Pendulum(mass_distribution="point", mass=1e-6).mechanism)
     assert f"diagonalInertia = ({LEAST_INERTIA!r}, " in light
     assert text.count("{") == text.count("}")
-
-
-def test_the_served_file_imports_nothing_of_ours():
-    """It is run by another interpreter, which has no integ-gym."""
-    served = [
-        *ROOT.glob("envs/**/*served*.py"),
-        ROOT / "support" / "isolated_serving.py",
-    ]
-    assert len(served) == 4
-    for path in served:
-        text = path.read_text(encoding="utf-8")
-        assert "integ_gym" not in text
-        assert "from ." not in text

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from contextlib import nullcontext
-
 import pytest
 from engine_cases import FIRST, TOLERANCE, lighter, needs, setup_of, states
 from engine_checks import defect, new_setup
 
-from integ_gym.envs.engines.rigid import LEAST_INERTIA
 from integ_gym.envs.registries import ENGINES
 
 PENDULUM = "IntegPendulum-v0"
@@ -45,16 +42,3 @@ def test_what_is_too_light_is_refused_with_the_reason(engine):
         ValueError, match=r"no body's moment of inertia below 1\.1e-15 kg m\^2.*use"
     ):
         new_setup(engine, integrator, PENDULUM, mass_distribution="point", mass=1e-9, length=1e-3)
-
-
-@pytest.mark.parametrize(("inertia", "taken"), [(LEAST_INERTIA, True), (0.9e-15, False)])
-def test_the_least_that_is_told_is_that_of_mujocos_compiler(inertia, taken):
-    needs("mujoco")
-    import mujoco
-
-    text = (
-        '<mujoco><worldbody><body><joint/><inertial pos="0 0 1" mass="1" '
-        f'diaginertia="{inertia} {inertia} {inertia}"/></body></worldbody></mujoco>'
-    )
-    with nullcontext() if taken else pytest.raises(ValueError, match="mjMINVAL"):
-        assert mujoco.MjModel.from_xml_string(text).nv == 1

@@ -5,15 +5,12 @@ from __future__ import annotations
 import subprocess
 import sys
 
-import gymnasium as gym
 import numpy as np
 import pytest
-from engine_cases import needs, one_step, setup_of, states
+from engine_cases import needs, setup_of
 from engine_checks import new_setup
 
-from integ_gym.envs.engines.rigid import mjcf
 from integ_gym.envs.ops.ops import SCALAR
-from integ_gym.envs.registries import ENGINES
 
 ENGINE = ("mjx", "Euler")
 STOPPED = {"env_id": "IntegCartPoleSwingUp-v0", "contact": "engine", "dt": 0.001}
@@ -26,20 +23,6 @@ def program():
     from integ_gym.envs.engines import mjx_program as _mjx_program
 
     return _mjx_program
-
-
-def test_mujocos_other_integrators_are_none_of_mjxs(program):
-    mechanism = setup_of(*ENGINE, "IntegPendulum-v0").plant.mechanism
-
-    def step(integrator):
-        made = program.program_of(mechanism, integrator)
-        made.step(program.numbers(mechanism, 0.02, ()), np.zeros(3))
-
-    for integrator in set(ENGINES.load("mujoco").maps) - set(ENGINES.load("mjx").maps):
-        with pytest.raises(NotImplementedError):
-            step(integrator)
-        with pytest.raises(ValueError, match=f"'{integrator}'.*Valid choices"):
-            new_setup("mjx", integrator, "IntegPendulum-v0")
 
 
 def test_one_program_serves_all_mechanisms_of_the_same_joints(program):
@@ -63,14 +46,6 @@ def test_lanes_are_single_environments_to_the_last_bit(program):
         assert np.isnan(got).all() if lane in (5, 7) else got == list(single)
 
 
-def test_parameters_of_lanes_are_refused(program):
-    with pytest.raises(ValueError, match="engine 'mjx' takes one value of `mass`"):
-        gym.make_vec(
-            "IntegPendulum-v0", num_envs=2, engine="mjx", integrator="Euler",
-            mass=np.array([1.0, 2.0]),
-        )  # fmt: skip
-
-
 @pytest.mark.parametrize("cart_mass", [0.5, 5.0])
 def test_its_stops_are_those_of_mujoco(program, cart_mass):
     """Also where the mechanism is another than the one that a program is made for."""
@@ -83,35 +58,6 @@ def test_its_stops_are_those_of_mujoco(program, cart_mass):
         told.append((np.array([*end[0], *end[1]]), setup.engine.describe()["stops"]))
     np.testing.assert_allclose(told[0][0], told[1][0], rtol=1e-9)
     assert told[0][1] == told[1][1]
-
-
-def test_mjx_does_not_hand_out_its_solvers_iterations(program):
-    """The number in its data is never written, which is why there is none to report."""
-    import jax
-    import mujoco
-    from mujoco import mjx
-
-    system = new_setup(*ENGINE, **STOPPED).system
-    text = mjcf(system.plant.mechanism.stopped(system.engine_stops), 0.001, "Euler")
-    made = mujoco.MjModel.from_xml_string(text)
-    state = {"qpos": np.array([2.41, 0.3]), "qvel": np.array([1.0, 5.0])}
-    data = mujoco.MjData(made)
-    data.qpos[:], data.qvel[:] = state["qpos"], state["qvel"]
-    mujoco.mj_step(made, data)
-    assert data.solver_niter.max() > 0
-    with jax.enable_x64(True):
-        step = jax.jit(mjx.step)
-        end = step(mjx.put_model(made, impl="jax"), mjx.make_data(made).replace(**state))
-        assert float(end.qfrc_constraint[0]) < 0.0
-        assert int(end._impl.solver_niter) == 0
-
-
-def test_speeds_up_to_divergence_are_not_clipped(program):
-    setup = setup_of(*ENGINE, "IntegPendulum-v0")
-    for q, v, control in states(setup, 5):
-        fast = (999.0 * np.sign(v[0]),)
-        moved = one_step(setup, q, fast, control)[0] - q[0]
-        assert abs(moved) == pytest.approx(999.0 * 0.02, rel=1e-3)
 
 
 EPISODE = """

@@ -6,10 +6,10 @@ import gc
 
 import numpy as np
 import pytest
-from engine_cases import DAMPING, IDS, needs, one_step, setup_of, states
+from engine_cases import needs, one_step
 from engine_checks import defect, new_setup, told_by_an_episode
 
-from integ_gym.envs.engines.stepping import load_undisturbed
+from integ_gym.envs.engines.simulator import load_undisturbed
 
 ENGINE = ("pybullet", "semi_implicit_euler")
 STOPPED = {"env_id": "IntegCartPoleSwingUp-v0", "contact": "engine", "dt": 0.001}
@@ -22,37 +22,7 @@ def _setup(env_id="IntegPendulum-v0", **arguments):
 @pytest.fixture
 def bullet():
     needs("pybullet")
-    return load_undisturbed("pybullet", "pybullet", banner="pybullet build time")
-
-
-@pytest.mark.parametrize("env_id", IDS)
-@pytest.mark.parametrize("speed", [99.0, 101.0, 500.0, 999.0])
-def test_no_speed_is_clipped_below_divergence(bullet, env_id, speed):
-    setup = setup_of(*ENGINE, env_id, **DAMPING[env_id])
-    fast = [(q, tuple(speed * np.sign(v)), u) for q, v, u in states(setup)]
-    assert defect(setup, fast) < 1e-12
-
-
-def test_inertia_is_ours_and_not_that_of_a_shape(bullet, monkeypatch):
-    """Left to itself, PyBullet takes the inertia of a collision shape, which there is not."""
-    monkeypatch.setattr(bullet, "URDF_USE_INERTIA_FROM_FILE", 0)
-    with pytest.raises(ValueError, match="another mass matrix"):
-        _setup()
-
-
-def test_damping_and_cap_of_its_own_would_act(bullet, monkeypatch):
-    monkeypatch.setattr(bullet, "changeDynamics", lambda *_, **__: None)
-    setup = _setup()
-    assert defect(setup, [((1.0,), (5.0,), 0.0)]) > 1e-3
-    assert one_step(setup, (1.0,), (150.0,), 0.0)[1] <= 100.0
-
-
-def test_a_motor_of_its_own_would_freeze_the_joint(bullet, monkeypatch):
-    motor = bullet.setJointMotorControl2
-    monkeypatch.setattr(bullet, "setJointMotorControl2", lambda *_, **__: None)
-    assert one_step(_setup(), (1.0,), (0.01,), 0.0)[1] == pytest.approx(0.0, abs=1e-12)
-    monkeypatch.setattr(bullet, "setJointMotorControl2", motor)
-    assert one_step(_setup(), (1.0,), (0.01,), 0.0)[1] > 0.01
+    return load_undisturbed("pybullet", "pybullet")
 
 
 def test_the_stop_is_bullets_own_law(bullet):
@@ -61,20 +31,6 @@ def test_the_stop_is_bullets_own_law(bullet):
     erp = setup.engine.describe()["stops"]["erp"]
     x_dot = one_step(setup, (2.41, 0.0), (0.5, 0.0), 0.0)[2]
     assert x_dot == pytest.approx(-erp * 0.01 / 0.001, rel=1e-9)
-
-
-def test_the_parameters_of_the_stop_are_those_that_bullet_has_by_itself(bullet, monkeypatch):
-    case = ((2.41, 0.3), (0.5, 1.0), 1.0)
-    ours = one_step(_setup(**STOPPED), *case)
-    monkeypatch.setattr(bullet, "setPhysicsEngineParameter", lambda **_: None)
-    assert (one_step(_setup(**STOPPED), *case) == ours).all()
-
-
-def test_a_stop_may_be_anywhere(bullet):
-    setup = _setup(joint_limit=0.2, contact="engine", damping=0.3)
-    inside = ((0.1,), (0.5,), 1.0)
-    assert one_step(setup, *inside) == pytest.approx(one_step(_setup(damping=0.3), *inside))
-    assert one_step(setup, (0.21,), (3.0,), 0.0)[1] < 0.0
 
 
 def test_a_state_that_is_astray_leaves_no_trace(bullet):
@@ -103,12 +59,6 @@ def test_a_client_is_closed_with_its_engine(bullet):
     del setup
     gc.collect()
     assert not bullet.isConnected(client)
-
-
-def test_the_client_that_others_mean_by_default_is_left_to_them(bullet):
-    setup = _setup()
-    assert setup.engine._client != 0
-    assert not bullet.isConnected(0)
 
 
 def test_where_no_client_is_left_the_remedy_is_told(bullet, monkeypatch):

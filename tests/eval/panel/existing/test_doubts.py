@@ -15,6 +15,7 @@ from integ_gym.eval.panel.doubts import doubts_of
 from integ_gym.eval.panel.existing import plan
 from integ_gym.eval.panel.matrix import Matrix, PanelLayout, given_rows
 from integ_gym.eval.panel.policies import given_policy, read_existing
+from integ_gym.eval.panel.result import Policy
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.train.baselines import BASELINES
 from integ_gym.train.policy import BoxActions, DiscreteActions, MlpPolicy
@@ -58,7 +59,8 @@ def _found(existing, outcome):
     """Specification, layout and matrix of an evaluation with these outcomes."""
     name = existing.policy.policy_id
     spec = plan(existing, PENDULUM, ["rk4", "explicit_euler"], [0.05], EPISODES)
-    layout = PanelLayout.of(spec, given_rows(spec, name, existing.home), {}, {})
+    rows, homes = given_rows(spec, Policy(id=name), existing.home)
+    layout = PanelLayout.of(spec, rows, homes, {}, {})
     noise = np.linspace(-1.0, 1.0, EPISODES)
     records = []
     for row in layout.rows:
@@ -228,7 +230,7 @@ def test_the_truth_is_called_so_everywhere(tmp_path):
     assert first.startswith("Mean return at home ")
     assert ", on the truth " in first
     assert "It never succeeds, so returns are compared." in panel.answer
-    assert panel.said(panel.answer).startswith(first)
+    assert panel.answer.startswith(first)
     assert "the reference" not in panel.answer
     assert panel.truth is not None
     assert panel.truth.name == TRUTH

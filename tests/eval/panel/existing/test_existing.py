@@ -79,7 +79,7 @@ def test_writes_the_usual_directory(cart_pole_policy, cart_pole_run):
     for name in ("panel.json", "report.html", "figures", "evidence"):
         assert (cart_pole_run / name).exists()
     panel = _panel(cart_pole_run)
-    assert panel["warnings"] == []
+    assert panel["doubts"] == []
     assert [row["name"] for row in panel["rows"]] == ["balance", "random", "zero", "handmade"]
     assert panel["rows"][0]["home"] == "explicit_euler dt=0.02"
     assert len(panel["cells"]) == 6 * 3 + 1 + 4
@@ -141,7 +141,7 @@ def test_warns_where_the_policy_is_no_better_than_random(pendulum_policy, tmp_pa
     assert main([*command, *selected, "--no-progress"]) == 0
     assert "\nwarning: " in capsys.readouterr().err
     panel = _panel(out)
-    assert panel["warnings"]
+    assert panel["doubts"]
     assert {c["name"] for c in panel["cells"] if c["perturbation"] is None} == {
         "rk4 dt=0.05", "symplectic_euler dt=0.05", "reference dt=0.05",
     }  # fmt: skip

@@ -127,7 +127,7 @@ def test_of_an_unknown_home_nothing_is_claimed(tmp_path):
     assert not labels & {"discretization_error", "planning_error", "control_error"}
     assert panel["rows"][0]["home"] is None
     assert panel["spec"]["home"]["discretizations"] is None
-    assert panel["warnings"] == doubts
+    assert panel["doubts"] == doubts
     assert "the home of lazy is unknown" in doubts[0]
     page = (tmp_path / "o" / "report.html").read_text(encoding="utf-8")
     assert "the home of lazy is unknown" in page

@@ -79,7 +79,7 @@ def test_writes_the_usual_directory_without_a_truth(run, balancing):
     assert [cell["name"] for cell in panel["cells"]] == [*CELLS, HOME]
     assert {cell["kind"] for cell in panel["cells"]} == {"grid"}
     assert panel["rows"][0]["home"] == HOME
-    assert panel["warnings"] == []
+    assert panel["doubts"] == []
     assert "no reference solution" in panel["protocol_gaps"][0]
     assert len(panel["matrix"]) == 3 * len(panel["cells"])
     assert all(entry["return"] is not None for entry in panel["matrix"])
@@ -140,10 +140,12 @@ def test_starts_are_paired_and_the_cells_differ(run):
 @pytest.mark.slow
 def test_a_fall_is_told_as_such(run):
     labels = _column(run, "failure_label", "random", HOME)
-    reasons = _column(run, "failure_reason", "random", HOME)
     lengths = _column(run, "length", "random", HOME)
     assert set(labels) == {"control_error"}
-    for reason, length in zip(reasons, lengths, strict=True):
+    (file,) = run.glob("evidence/evaluate-random*.parquet")
+    records = EvidenceStore(file.parent, file.name).records(trace=False)
+    own = [r.reason for r in records if (r["cell"], r["phase"]) == (HOME, "evaluation")]
+    for reason, length in zip(own, lengths, strict=True):
         assert reason.startswith(f"it was terminated at {length * 0.04:.4g} s (asked: not termin")
 
 
@@ -168,12 +170,12 @@ def test_says_where_survival_tells_nothing(running, tmp_path, capsys):
     assert _evaluate(running, "HalfCheetah-v5", tmp_path / "survival", *short) == 0
     assert "give --success-return R" in capsys.readouterr().err
     survival = _panel(tmp_path / "survival")
-    assert "calls the task solved at 4800" in survival["warnings"][-1]
+    assert "calls the task solved at 4800" in survival["doubts"][-1]
     assert {entry["success"]["estimate"] for entry in survival["matrix"]} == {1.0}
 
     assert _evaluate(running, "HalfCheetah-v5", tmp_path / "r", "--success-return=0", *short) == 0
     returns = _panel(tmp_path / "r")
-    assert not any("--success-return" in warning for warning in returns["warnings"])
+    assert not any("--success-return" in warning for warning in returns["doubts"])
     for entry in returns["matrix"]:
         earned = np.array(_column(tmp_path / "r", "return", entry["row"], entry["cell"]))
         assert entry["success"]["estimate"] == np.mean(earned >= 0.0)

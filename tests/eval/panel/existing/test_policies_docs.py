@@ -133,6 +133,6 @@ def test_a_documented_command_runs(words, folder, capsys):
     printed = capsys.readouterr()
     assert printed.err.startswith("home: ")
     assert printed.err.startswith("home: unknown") == (panel.rows[0].home is None)
-    assert panel.said(panel.headline).split()[:3] == printed.out.split()[:3]
+    assert panel.headline.split()[:3] == printed.out.split()[:3]
     assert {entry.episodes for entry in panel.matrix} == {2}
     assert (out / "report.html").exists()

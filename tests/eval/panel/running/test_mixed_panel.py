@@ -14,10 +14,12 @@ from engine_cases import needs
 from mixed_panel import TOML
 
 from integ_gym.cli import main
-from integ_gym.envs.catalogue.lookup import environment_setup
+from integ_gym.envs.environment import environment_setup
 from integ_gym.envs.settings import Discretization
 from integ_gym.eval.panel.cells import Cell, DiscretizationMixture, SpecError, training_arguments
+from integ_gym.eval.panel.conclusions import remedy_summary
 from integ_gym.eval.panel.episodes import Subject, evaluate
+from integ_gym.eval.panel.result import read_panel
 from integ_gym.eval.panel.run import check_spec
 from integ_gym.eval.panel.spec import PanelSpec, parse_spec
 from integ_gym.eval.panel.units import training_config, units_of
@@ -242,7 +244,8 @@ def test_the_page_and_the_figures_show_the_remedy(finished):
     assert all(len(cost["by_seed"]) == 2 for cost in costs.values())
     page = (out / "report.html").read_text(encoding="utf-8")
     text = re.sub(r"<wbr>|<[^>]+>", "", page)
-    assert remedy["summary"] in text
+    whole = read_panel(out / "panel.json")
+    assert remedy_summary(whole, whole.remedies[0]) in text
     assert "What it costs in training" in text
     assert "mixture of 3" in text
 
@@ -303,7 +306,7 @@ def test_a_failure_is_the_discretizations_where_any_member_succeeds(tmp_path):
     environment = {"start": "hanging", "max_torque": 0.7, "duration": 12.0}
     setup = environment_setup("IntegPendulum-v0", {**environment, **rk4.arguments()})
     home = DiscretizationMixture("both", ((rk4, 1.0), (fine, 1.0)))
-    cells = tuple(Cell(d, "grid") for d in (rk4, fine, coarse))
+    cells = tuple(Cell.of(d, "grid") for d in (rk4, fine, coarse))
     subject = Subject(make_baseline("handmade", setup), cells, home)
     store = EvidenceStore(tmp_path)
     spec = PanelSpec(
@@ -318,7 +321,7 @@ def test_a_failure_is_the_discretizations_where_any_member_succeeds(tmp_path):
         count = labels[record["cell"]]
         count[record["failure_label"]] = count.get(record["failure_label"], 0) + 1
         if record["failure_label"] == "discretization_error":
-            assert "on a training discretization of it" in record["failure_reason"]
+            assert "on a training discretization of it" in record.reason
     assert labels[rk4.name] == {"none": 20}
     assert labels[fine.name] == {"too_slow": 20}
     assert labels[coarse.name] == {"discretization_error": 20}

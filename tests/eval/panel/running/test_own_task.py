@@ -10,8 +10,8 @@ import pytest
 from house import ROOT
 from small_panel import small_data
 
-from integ_gym.envs.catalogue import lookup
-from integ_gym.envs.catalogue.lookup import environment_setup
+from integ_gym.envs import environment as lookup
+from integ_gym.envs.environment import environment_setup
 from integ_gym.envs.testbeds import making
 from integ_gym.eval.panel.run import check_spec
 from integ_gym.eval.panel.spec import parse_spec

@@ -9,27 +9,27 @@ import pytest
 from engine_cases import needs, setup_of
 
 from integ_gym.envs.engines.rigid import HeldForce
-from integ_gym.envs.integrators.interface import along
-from integ_gym.envs.ops.ops import SCALAR
+from integ_gym.envs.ops.ops import SCALAR, along
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.plants.pendulum import Pendulum
 from integ_gym.envs.registries import INTEGRATORS
 from integ_gym.envs.settings import Discretization
 from integ_gym.eval.panel.cells import Cell
 from integ_gym.eval.panel.findings import EVALUATED_ONCE, agreements, twin_of
-from integ_gym.eval.panel.matrix import Matrix, PanelLayout, Row
+from integ_gym.eval.panel.matrix import Matrix, PanelLayout
+from integ_gym.eval.panel.result import Policy, Row
 from integ_gym.eval.panel.spec import parse_spec
 
 FREE = Pendulum()
 NATIVE = {
     cell.name: cell
     for name in INTEGRATORS.names()
-    for cell in [Cell(Discretization(name, 0.01, 0.05), "grid")]
+    for cell in [Cell.of(Discretization(name, 0.01, 0.05), "grid")]
 }
 
 
 def _twin(engine, integrator, resisted, plant=FREE):
-    cell = Cell(Discretization(integrator, 0.01, 0.05, engine), "grid")
+    cell = Cell.of(Discretization(integrator, 0.01, 0.05, engine), "grid")
     found = twin_of(cell, NATIVE, plant, resisted)
     return None if found is None else NATIVE[found].discretization.integrator
 
@@ -99,7 +99,7 @@ def test_a_panel_looks_whether_its_plant_has_stops(env_id, twin):
     needs("mujoco")
     spec = parse_spec(tomllib.loads(TOML.format(env_id=env_id)), "test")
     cells = {cell.name: cell for cell in spec.columns()}
-    rows = (Row("zero", "baseline", ("zero",)),)
+    rows = (Row.of("zero", "baseline", [Policy(id="zero")]),)
     records = [
         {"policy_id": "zero", "cell": cell, "episode_index": k, "success": True}
         for cell in cells

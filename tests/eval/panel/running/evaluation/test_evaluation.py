@@ -114,7 +114,7 @@ def test_episodes_of_a_task_without_lanes_are_divided_without_a_trace(tmp_path, 
     monkeypatch.chdir(tmp_path)
     env_id, store = "InvertedPendulum-v5", EvidenceStore(tmp_path / "evidence")
     testbed = find_testbed(env_id, {})
-    cells = tuple(Cell(replace(testbed.home, integrator=i), "grid") for i in ("RK4", "Euler"))
+    cells = tuple(Cell.of(replace(testbed.home, integrator=i), "grid") for i in ("RK4", "Euler"))
     random = make_baseline("random", nominal_setup(testbed, testbed.home.control_period))
     subject = Subject(random, cells, cells[0].discretization, 0)
     period = testbed.home.control_period
@@ -138,7 +138,7 @@ def test_labels_wait_for_the_replays_that_they_rest_on():
     home, other, _ = spec.train
     cells = [spec.cells_of(home), spec.cells_of(other)]
     known = Successes([home, other], cells, {})
-    at_home, at_other = Cell(home, "grid"), Cell(other, "grid")
+    at_home, at_other = Cell.of(home, "grid"), Cell.of(other, "grid")
     flags = np.array([[True, False], [False, True]])
     known.note(at_home, [0, 1], flags, None)
     assert known.suffice(at_home, [0])
@@ -148,7 +148,7 @@ def test_labels_wait_for_the_replays_that_they_rest_on():
     said = known.replays(at_home, [0, 1])
     assert [r.home for r in said[0].values()] == ["is home", "is home"]
     assert [r.home for r in said[1].values()] == [True, False]
-    heavy = Cell(spec.reference, "perturbation", PERTURBATIONS[2])
+    heavy = Cell.of(spec.reference, "perturbation", PERTURBATIONS[2])
     known.note(heavy, [0], flags[:1], None)
     assert not known.suffice(heavy, [0])
 
@@ -168,8 +168,8 @@ def test_the_undisturbed_cell_answers_for_what_the_perturbation_alone_brings(
     environment, changed, without_noise, without_delay
 ):
     rk4 = Discretization("rk4", 0.05, 0.05)
-    plain = Cell(rk4, "grid")
-    disturbed = Cell(rk4, "perturbation", Perturbation("x", changed))
+    plain = Cell.of(rk4, "grid")
+    disturbed = Cell.of(rk4, "perturbation", Perturbation("x", changed))
     known = Successes([None], [[plain, disturbed]], environment)
     known.note(plain, [0], np.array([[True]]), None)
     known.note(disturbed, [0], np.array([[False]]), None)
