@@ -191,10 +191,14 @@ def test_work_that_is_booked_by_half(share, tmp_path, monkeypatch):
 @pytest.mark.parametrize("late", [0, 1, 2])
 def test_commands_that_act_at_the_wrong_time(late, tmp_path, monkeypatch):
     """Latencies ignored, or one step too long wherever there is one."""
+
+    def mistimed(cls, *given):
+        timing = right(*given)
+        return replace(timing, delay=divmod(_wrong(timing, late), timing.substeps))
+
+    right = Timing.of
     if late != 1:
-        monkeypatch.setattr(
-            Timing, "delay", property(lambda t: divmod(_wrong(t, late), t.substeps))
-        )
+        monkeypatch.setattr(Timing, "of", classmethod(mistimed))
     monkeypatch.setattr(control, "success", lambda *arguments: None)
     findings = examine("latency", "pendulum", "rk4", store=tmp_path)
     assert verdicts(findings, "delayed commands") == {late == 1}
