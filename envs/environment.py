@@ -156,7 +156,8 @@ class IntegEnv(gym.Env[Observation, Any]):
     def state_components(self) -> Components:
         """The same as floats, which takes less time."""
         current = self._current()
-        return self._in_order(current.q + current.v)
+        ordered: Components = self._in_order(current.q + current.v)
+        return ordered
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None

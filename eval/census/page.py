@@ -226,7 +226,7 @@ def _card(line: Json) -> Json:
 def _curve(drift: Json) -> Json:
     """Energy over time, and the exact one, as points of a drawing."""
     both = [*drift["energies"], *drift["exact_energies"]]
-    top = max(1.0, *(x for x in both if x is not None))
+    top: float = max(1.0, *(x for x in both if x is not None))
 
     def height(energy: float) -> float:
         return HIGH - EDGE - (HIGH - 2.0 * EDGE) * energy / (1.05 * top)

@@ -136,7 +136,7 @@ class Finding:
         order = ""
         if self.order_steps and self.order is None:
             order = "rounding"
-        elif self.order_steps:
+        elif self.order is not None:
             order = f"order {self.order:.2f}" if math.isfinite(self.order) else "diverges"
         return "; ".join(filter(None, (numbers + unit, order)))
 

@@ -186,7 +186,7 @@ def diagnose_stiffness(diagnosis: Diagnosis) -> None:
             expectation = near(wanted / rate, off, (limit / rate,), "s", why)
         quantity = f"one step, linearized at rest (ω = {rate:.4g} rad/s): stable up to a dt of"
         diagnosis.add(integrator, quantity, (limit / rate,), "s", expectation)
-        rollouts = []
+        rollouts: list[Rollout] = []
         for dt in (z / rate for z in FOLLOWED):
             rollouts += diagnosis.follow(
                 integrator, (dt,), start, control_period=dt, duration=STEPS * dt,

@@ -160,7 +160,8 @@ def _print_wanted(panel: Panel) -> None:
             else "eight times as many seeds would not decide it: its overfitting lies between the "
             "margins, or near one of them"
         )
-        print_wrapped(f"{one.name} is inconclusive with {panel.row(one.row).seeds} seeds; {more}.")
+        name = f"{panel.label(one.row)} → {panel.label(one.cell)}"
+        print_wrapped(f"{name} is inconclusive with {panel.row(one.row).seeds} seeds; {more}.")
     if not open_ones:
         print_wrapped("No verdict of the finished panel wants for seeds.")
 
