@@ -98,7 +98,8 @@ class IntegEnv(gym.Env[Observation, Any]):
         self._choices = {choice: float(choice) for choice in range(self._discrete or 0)}
         self._noise = self.setup.settings.observation_noise
         count = len(self.setup.plant.coordinates)
-        self._in_order = itemgetter(*(place for k in range(count) for place in (k, count + k)))
+        order = (place for k in range(count) for place in (k, count + k))
+        self._in_order: Callable[[Components], Components] = itemgetter(*order)
         self.episode = -1
         """How many episodes have begun since the last seed, before this one."""
         self._state: EnvState | None = None
