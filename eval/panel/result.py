@@ -707,9 +707,9 @@ def read_panel(path: Path) -> Panel:
             f"{path} is damaged or holds no panel ({error}); run the panel again to write it anew"
         ) from error
     raise OtherVersionError(
-        f"{path} has panel schema_version {version!r}, expected {SCHEMA_VERSION}; run the panel's "
-        "command again, which keeps what is finished and writes the file anew, or use the "
-        "integ-gym version that wrote it"
+        f"{path} has schema_version {version!r}, and this version of integ-gym reads "
+        f"{SCHEMA_VERSION}; use the version that wrote it, or judge its policies anew with "
+        "--policies and another --out; `integ-gym evidence verify` checks its records"
     )
 
 

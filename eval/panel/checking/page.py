@@ -20,8 +20,8 @@ from ..artefact import differences
 from ..existing import given_panel, other_facts
 from ..outputs import panel_of, read_call, seen_now
 from ..plan import names_code, planned_spec
-from ..result import FILE_NAME, Panel, read_panel
-from ..run_directory import MANIFEST, RunDirectory, read_manifest
+from ..result import FILE_NAME, OtherVersionError, Panel, read_panel
+from ..run_directory import MANIFEST, RunDirectory, RunDirectoryError, read_manifest
 from ..spec import PanelSpec
 from .plan import UNFIT, of_sample, planned, refuse_first
 
@@ -88,6 +88,12 @@ def check_finished(path: Path) -> None:
     Raises:
         RunDirectoryError: with the first of them and the remedy.
     """
+    try:
+        read_panel(path / FILE_NAME)
+    except OtherVersionError as error:
+        raise RunDirectoryError(str(error)) from None
+    except InputError:
+        pass  # the plan's check says what is damaged
     directory = RunDirectory(path, {})
     refuse_first(path, against_plan(path), broken_seals(path), of_sample(directory))
 

@@ -13,6 +13,7 @@ import msgspec
 import pytest
 from report_pages import every_panel, panel_of, raw_of
 
+from integ_gym.eval.panel.checking.page import check_finished
 from integ_gym.eval.panel.result import (
     FILE_NAME,
     SCHEMA_PATH,
@@ -21,6 +22,7 @@ from integ_gym.eval.panel.result import (
     schema_text,
     write_panel,
 )
+from integ_gym.eval.panel.run_directory import RunDirectoryError
 
 
 def _read(raw: Any, directory: Path) -> Any:
@@ -108,9 +110,13 @@ def test_damaged_files_are_refused_with_the_place_and_the_remedy(
 
 @pytest.mark.parametrize("version", [1, 2, 3, 4, 5, 7, None, "6"])
 def test_other_versions_are_refused_with_the_remedy(version: Any, tmp_path: Path) -> None:
-    message = f"has panel schema_version {version!r}, expected 6; run the panel's command again"
+    message = (
+        f"has schema_version {version!r}, and this version of integ-gym reads 6; use the version"
+    )
     with pytest.raises(ValueError, match=re.escape(message)):
         _read({**raw_of("full"), "schema_version": version}, tmp_path)
+    with pytest.raises(RunDirectoryError, match=re.escape(message)):
+        check_finished(tmp_path)
 
 
 @pytest.mark.parametrize("content", ["", "{", "[]", "3", "\x00"])
