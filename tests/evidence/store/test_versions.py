@@ -237,7 +237,7 @@ def test_another_version_is_refused(store, table, version):
     ]
 
 
-@pytest.mark.parametrize("version", range(1, SCHEMA_VERSION))
+@pytest.mark.parametrize("version", sorted({field.since for field in SUMMARY_FIELDS} - {5}))
 def test_a_file_of_any_version_has_what_its_version_had(tmp_path, table, version):
     store = EvidenceStore(tmp_path / "evidence")
     store.commit("batch", _of_version(table, version))
