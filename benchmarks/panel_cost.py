@@ -32,7 +32,8 @@ from measuring import results, training_cost
 from tqdm import tqdm
 
 from integ_gym.support.processes import cores
-from integ_gym.train.fleet.planning import GIB_PER_WORKER, kind_of
+from integ_gym.train.fleet.planning import kind_of
+from integ_gym.train.fleet.worker import GIB_PER_WORKER
 from integ_gym.train.ppo import PPOConfig
 
 EXAMPLES = """\

@@ -329,7 +329,7 @@ def loss_interval(home: RatesLike, away: RatesLike, *, draws: int = DRAWS) -> Es
     """
     drawn = paired_posterior(home, away, draws=draws)
     loss = mean_of(np.asarray(home, float)) - mean_of(np.asarray(away, float))
-    return replace(equal_tailed(loss, drawn, NOMINAL), level=LEVEL)
+    return msgspec.structs.replace(equal_tailed(loss, drawn, NOMINAL), level=LEVEL)
 
 
 def wanted_seeds(seeds: int, half_width: float) -> int:

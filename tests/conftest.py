@@ -53,7 +53,7 @@ def pytest_collection_finish() -> None:
     """
     if "jax" in sys.modules:
         from integ_gym.envs.ops.jax_ops import jax
-        from integ_gym.train.fleet.planning import default_cache_dir
+        from integ_gym.train.fleet.worker import default_cache_dir
 
         jax.config.update("jax_compilation_cache_dir", str(default_cache_dir()))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)

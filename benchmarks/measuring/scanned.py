@@ -19,7 +19,7 @@ import numpy as np
 from integ_gym.envs import functional
 from integ_gym.envs.ops.jax_ops import jax, jnp
 from integ_gym.support.processes import Progress, cores
-from integ_gym.train.fleet.planning import default_cache_dir, prepare_worker
+from integ_gym.train.fleet.worker import default_cache_dir, prepare_worker
 
 GAINS = {
     "IntegPendulum-v0": (0.0, -6.0, -1.5),

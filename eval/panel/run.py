@@ -15,7 +15,7 @@ from integ_gym.support.executors import Cluster, Resources, open_cluster
 from integ_gym.support.optional import require
 from integ_gym.support.processes import check_spawning, cores
 from integ_gym.support.storage import Place, Storage, open_storage
-from integ_gym.train.fleet.planning import workers_of
+from integ_gym.train.fleet.worker import workers_of
 from integ_gym.train.policy_files.sidecar import read_trained, readable_file
 
 from .cells import SpecError

@@ -14,7 +14,7 @@ from integ_gym.support.executors import Cluster
 from integ_gym.support.files import read_object, write_json
 from integ_gym.support.optional import require
 from integ_gym.train.config import TrainingConfig, TrainingEvidence
-from integ_gym.train.fleet.planning import GIB_PER_WORKER, Workers, workers_of
+from integ_gym.train.fleet.worker import GIB_PER_WORKER, Workers, workers_of
 from integ_gym.train.policy_files.card import card_hash
 from integ_gym.train.policy_files.sidecar import TrainedPolicy
 

@@ -58,18 +58,9 @@ from .learning import (
     state_dict,
     zip_of_weights,
 )
-from .planning import (
-    ROWS_AT_ONCE,
-    Chunk,
-    Device,
-    Kind,
-    fleet_workers,
-    kind_of,
-    plan,
-    prepare_worker,
-    workers_of,
-)
+from .planning import ROWS_AT_ONCE, Chunk, Kind, kind_of, plan
 from .program import FleetProgram
+from .worker import Device, fleet_workers, prepare_worker, workers_of
 
 Array = NDArray[Any]
 

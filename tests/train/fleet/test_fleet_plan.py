@@ -16,18 +16,10 @@ from integ_gym.support.executors import MOST_LOSSES
 from integ_gym.support.processes import Progress
 from integ_gym.train.config import TrainingError
 from integ_gym.train.fleet import planning as fleet_plan
-from integ_gym.train.fleet import planning as fleet_worker
-from integ_gym.train.fleet.planning import (
-    LONGEST,
-    PROGRAM_BYTES,
-    Workers,
-    default_gib,
-    fleet_workers,
-    kind_of,
-    plan,
-    prepare_worker,
-)
+from integ_gym.train.fleet import worker as fleet_worker
+from integ_gym.train.fleet.planning import LONGEST, PROGRAM_BYTES, default_gib, kind_of, plan
 from integ_gym.train.fleet.training import train_fleet
+from integ_gym.train.fleet.worker import Workers, fleet_workers, prepare_worker
 
 ONE, TWO = Workers(1, "cpu"), Workers(2, "cpu")
 

@@ -15,8 +15,9 @@ from integ_gym.evidence.labels import EpisodeContext
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.train.command import training_command as main
 from integ_gym.train.config import TrainingEvidence
-from integ_gym.train.fleet.planning import Workers, plan
+from integ_gym.train.fleet.planning import plan
 from integ_gym.train.fleet.training import train_chunk, train_fleet, write_outcome
+from integ_gym.train.fleet.worker import Workers
 from integ_gym.train.policy_files.sidecar import read_trained
 from integ_gym.train.ppo import PPOConfig
 

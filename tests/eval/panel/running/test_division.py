@@ -9,7 +9,7 @@ from integ_gym.eval.panel.run_directory import RunDirectory
 from integ_gym.eval.panel.spec import read_spec
 from integ_gym.eval.panel.training import waiting_chunks
 from integ_gym.eval.panel.units import trained_units
-from integ_gym.train.fleet.planning import Workers
+from integ_gym.train.fleet.worker import Workers
 
 TWO, MANY = Workers(2, "cpu"), Workers(64, "cpu")
 

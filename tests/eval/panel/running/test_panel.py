@@ -19,6 +19,7 @@ import pytest
 from small_panel import TOML
 
 from integ_gym.cli import main
+from integ_gym.eval.panel.conclusions import verdict_reason
 from integ_gym.eval.panel.result import read_panel
 from integ_gym.eval.panel.spec import read_spec
 from integ_gym.evidence.store import EvidenceStore
@@ -184,9 +185,10 @@ def test_what_a_terminal_is_shown_reads_well(panel_directory, capsys, monkeypatc
     assert len(commands) <= 1  # in one line, so that it can be copied
     assert max(len(line) for line in lines if line not in commands) <= 80
     verdicts = " ".join(printed.out.split())
-    for verdict in _panel(panel_directory)["verdicts"]:
-        told = f"{verdict['verdict']} {verdict['name']}: {verdict['reason']}"
-        assert told.replace("reference dt=0.05", "the truth") in verdicts
+    panel = read_panel(panel_directory / "panel.json")
+    for judged in panel.verdicts:
+        assert f"{judged.verdict} {panel.label(judged.row)}" in verdicts
+        assert panel.in_words(verdict_reason(panel, judged)) in verdicts
 
 
 @pytest.mark.slow
