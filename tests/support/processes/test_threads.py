@@ -52,7 +52,7 @@ import threading
 from integ_gym.support.processes import prefetch
 
 def use():
-    following = ahead(iter(range(4)))
+    following = prefetch(iter(range(4)))
     found = [next(following)]
     ended.wait()
     print(found + list(following))
