@@ -196,7 +196,18 @@ dt = 0.05
 integrator = ["rk4", "symplectic_euler"]
 dt = 0.05
 """
-WORDS = "pass"
+WORDS = """
+import sys
+from pathlib import Path
+from integ_gym.eval.panel.outputs import panel_of, read_call
+from integ_gym.eval.panel.plan import planned_spec
+from integ_gym.eval.panel.run_directory import RunDirectory
+directory = RunDirectory(Path(sys.argv[1]), {})
+spec = planned_spec(directory.manifest()["specification"])
+called = read_call(directory)
+follow()
+print(panel_of(spec, directory, called).answer)
+"""
 COMMAND = "import sys; from integ_gym.cli import main; sys.exit(main(sys.argv[1:]))"
 
 
