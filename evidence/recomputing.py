@@ -500,7 +500,8 @@ def failure_of(fields: Any, course: Course | None) -> Failure:
     staleness = 0.0
     if dt is not None:
         sensor = round(fields["sensor_period"] / dt)
-        staleness = fields["action_latency"] + dt * (sensor - gcd(sensor, fields["substeps"]))
+        oldest_sample = dt * (sensor - gcd(sensor, fields["substeps"]))
+        staleness = fields["action_latency"] + oldest_sample
     facts = EpisodeFacts(
         success=fields["success"],
         time=None if period is None else fields["length"] * period,

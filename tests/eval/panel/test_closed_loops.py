@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from integ_gym.eval.panel.result import FILE_NAME, read_panel
 
-sys.path.insert(0, str(Path(__file__).parents[4] / "benchmarks"))
+sys.path.insert(0, str(Path(__file__).parents[3] / "benchmarks"))
 import closed_loops
 
 sys.path.pop(0)

@@ -116,7 +116,7 @@ def _hide(engine, monkeypatch):
         ({"engine": "mujoco"}, ["engine 'mujoco' has no integrator 'rk4'", "RK4"]),
         ({"engine": "dart"}, ["engine 'dart' has no integrator 'rk4'", "semi_implicit_euler"]),
         ({"engine": "installed"}, ["takes `map` in place of `integrator`", "symplectic_euler"]),
-        ({"map": "rk4"}, ["unknown key in `evaluate`"]),
+        ({"map": "rk4"}, ["needs `integrator` and `dt`, and no `map`"]),
     ],
 )  # fmt: skip
 def test_cells_that_no_engine_has_are_refused(entry, fragments):

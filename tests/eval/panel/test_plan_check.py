@@ -195,14 +195,9 @@ def _verdict(panel):
     panel["verdicts"][0]["verdict"] = "transfers"
 
 
-def _answered(panel):
-    panel["answer"] = "Yes: all declared transfers hold."
-
-
 NUMBERS = {
     "an interval": (_interval, ".success.low` is recorded as 0.9, and comes out as"),
     "a verdict": (_verdict, ".verdict` is recorded as 'transfers', and comes out as"),
-    "the answer": (_answered, "`answer` is recorded as 'Yes: all declared transfers hold.', and"),
     "the question": (lambda panel: panel.update(question="None."), "`question` is recorded as"),
     "the plan": (lambda panel: panel["spec"].update(episodes=50), "`spec.episodes` is recorded as"),
     "a look": (lambda panel: panel.update(looks=[]), "`len(looks)` is recorded as 0, and comes"),
@@ -214,7 +209,6 @@ NUMBERS = {
         lambda panel: panel.update(protocol_gaps=["None."]),
         "`len(protocol_gaps)` is recorded as",
     ),
-    "a warning": (lambda panel: panel.update(warnings=["All is well."]), "`len(warnings)` is"),
 }
 
 

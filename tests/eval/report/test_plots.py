@@ -334,8 +334,8 @@ def swept():
     """A panel whose latency is what a sweep changes; the name is the sweep's."""
     raw = copy.deepcopy(raw_of("full"))
     for cell in raw["cells"]:
-        if cell["perturbation"] == "latency 50 ms":
-            cell["perturbation"] = "action_latency=0.05"
+        if cell["perturbation"] and cell["perturbation"]["name"] == "latency 50 ms":
+            cell["perturbation"]["name"] = "action_latency=0.05"
     raw["spec"]["sweeps"] = [{"argument": "action_latency", "values": [0.0, 0.05], "unit": "s"}]
     return panel_from(raw)
 

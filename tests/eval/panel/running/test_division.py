@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from shared_panel import specification
 
-from integ_gym.eval.panel.plan import grown
+from integ_gym.eval.panel.plan import with_seed_count
 from integ_gym.eval.panel.run_directory import RunDirectory
 from integ_gym.eval.panel.spec import read_spec
 from integ_gym.eval.panel.training import waiting_chunks
@@ -25,7 +25,7 @@ def test_who_is_trained_together_stays_whoever_goes_on(tmp_path):
     with directory.opened():
         first = _names(waiting_chunks(spec, directory, TWO, 3.0))
         assert _names(waiting_chunks(spec, directory, MANY, 96.0)) == first
-        more = grown(spec, 4)
+        more = with_seed_count(spec, 4)
         assert _names(waiting_chunks(more, directory, MANY, 96.0))[: len(first)] == first
         assert sorted(p for chunk in first for p in chunk) == sorted(
             unit.policy for unit in trained_units(spec)
