@@ -110,7 +110,10 @@ def test_a_reference_in_a_mixture_takes_a_step_that_delays_are_multiples_of():
         (_train(members=[{"integrator": "rk4", "dt": 0.05}]), ["got 1", "without a mixture"]),
         (_train(members=3), ["Expected `list`, got `int`", "`train[1].members`"]),
         (_train(members=["rk4"]), ["Expected `table`, got `str`", "`train[1].members[0]`"]),
-        (_train(members=[{"integrator": "rk4"}] * 2), ["missing required field `dt`", "`train[1].members[0]`"]),
+        (
+            _train(members=[{"integrator": "rk4"}] * 2),
+            ["missing required field `dt`", "`train[1].members[0]`"],
+        ),
         (
             _train(members=[{"integrator": "rk5", "dt": [0.05, 0.025]}]),
             ["unknown integrator 'rk5'", "Did you mean 'rk4'"],
