@@ -1,0 +1,1 @@
+"""Engines: what advances a plant through one control period, a file each; none knows a task."""

@@ -1,0 +1,1 @@
+"""Operations on scalars, arrays and JAX, so that physics is written once."""

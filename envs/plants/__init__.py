@@ -1,0 +1,1 @@
+"""Plants: continuous-time systems, a file each; none knows an integrator."""

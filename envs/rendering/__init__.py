@@ -1,0 +1,1 @@
+"""Pictures of an episode: in a window, or as arrays."""
