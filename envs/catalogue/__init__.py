@@ -1,1 +1,1 @@
-"""The registered ids: an environment and its task in each file, with the contract in its docstring."""
+"""The registered ids: a task and its environment in each file, with its contract."""
