@@ -60,7 +60,7 @@ def spectral_radii(panel: Panel, directory: Path, row: Row, cell: Cell) -> Array
     )
     home = Discretization(cell.integrator, cell.dt, cell.control_period, cell.engine)
     testbed = find_testbed(panel.spec["env_id"], panel.spec["environment"])
-    environments = environments_of(testbed, Place(home, "grid"), 5 * row.seeds)
+    environments = environments_of(testbed, Place.of(home, "grid"), 5 * row.seeds)
 
     def advanced(states: Array) -> Array:
         """Shape (seeds, 5, 2) to the same, one control period later."""
