@@ -25,7 +25,7 @@ try:
     env.reset()
     env.render()
 except ModuleNotFoundError as error:
-    assert 'pip install -e ".[render]"' in str(error)
+    assert 'pip install "integ-gym[render]"' in str(error)
 else:
     raise AssertionError("pygame should be missing")
 print("ran", integ_gym.__file__)
