@@ -133,8 +133,8 @@ def differences(
     fields = record.fields
     decided_here = decided or not _may_have_fallen_back(record)
     left_out = _NOT_REPLAYED if decided_here else _NOT_REPLAYED | _OF_ACTIONS
-    if fields["engine"] == NATIVE and not _is_of_this_version(fields):
-        left_out = left_out | {"engine_version"}  # which is integ-gym's own
+    if fields["engine"] == NATIVE:
+        left_out = left_out | {"engine_version"}  # integ-gym's own, which follows from the record
     for own in SUMMARY_FIELDS:
         if own.name in left_out or own.since > fields["schema_version"]:
             continue
@@ -331,7 +331,13 @@ def _derive_fields(fields: Any) -> dict[str, Any]:
         expected["time_to_success"] = None
     if fields.get("arrival_time") is None:
         expected |= {"arrival_energy": None, "arrival_residual": None}
-    if not _is_of_this_version(fields) or fields["env_id"] not in ENVIRONMENTS:
+    versions = parse_field("package_versions", fields["package_versions"])
+    if not isinstance(versions, dict):
+        return expected
+    if fields["engine"] == NATIVE:
+        expected["engine_version"] = versions.get("integ-gym")
+    present = installed_versions(["integ-gym"]).items()
+    if not versions.items() >= present or fields["env_id"] not in ENVIRONMENTS:
         return expected
     given = argument_values(fields["arguments"])
     if given.get("engine", NATIVE) != NATIVE or any(":" in str(x) for x in given.values()):
@@ -340,13 +346,6 @@ def _derive_fields(fields: Any) -> dict[str, Any]:
     narrow = fields["float_width"] != 64
     own = {k: x for k, x in columns.items() if not (narrow and k == "engine_description")}
     return expected | own
-
-
-def _is_of_this_version(fields: Any) -> bool:
-    """Whether a record says that the integ-gym which is installed made it."""
-    versions = parse_field("package_versions", fields["package_versions"])
-    present = installed_versions(["integ-gym"]).items()
-    return isinstance(versions, dict) and versions.items() >= present
 
 
 @lru_cache(maxsize=256)

@@ -32,12 +32,15 @@ def _of_version(table, version):
     """A table as a file of that schema version has it, with the hashes of its records."""
     lacking = [field.name for field in SUMMARY_FIELDS if field.since > version]
     table = table.drop_columns(lacking)
-    index = table.schema.get_field_index("schema_version")
-    field = table.schema.field(index)
-    table = table.set_column(index, field, pa.array([version] * len(table), field.type))
-    index = table.schema.get_field_index("package_versions")
-    maker = pa.array(['{"integ-gym": "0.9.0"}'] * len(table))
-    table = table.set_column(index, table.schema.field(index), maker)
+    changed = {
+        "schema_version": version,
+        "package_versions": '{"integ-gym": "0.9.0"}',
+        "engine_version": "0.9.0",
+    }
+    for name, value in changed.items():
+        index = table.schema.get_field_index(name)
+        field = table.schema.field(index)
+        table = table.set_column(index, field, pa.array([value] * len(table), field.type))
     return with_hashes(table.replace_schema_metadata(_metadata(table, version)))
 
 
@@ -112,7 +115,12 @@ def test_a_file_of_version_4_is_read_queried_and_verified(fourth, capsys):
 
 @pytest.mark.parametrize(
     ("column", "value"),
-    [("failure_reason", "it was the weather."), ("energy_end", 1.0), ("work_total", None)],
+    [
+        ("failure_reason", "it was the weather."),
+        ("energy_end", 1.0),
+        ("work_total", None),
+        ("engine_version", "0.0.1"),
+    ],
 )
 def test_as_much_is_asked_of_version_4_as_before(fourth, column, value, capsys):
     (file,) = fourth.files()
