@@ -15,7 +15,7 @@ from integ_gym.envs.registries import TRUTH
 from integ_gym.envs.settings import DISCRETIZATION, Discretization
 from integ_gym.evidence.record import EvidenceRecord
 from integ_gym.evidence.schema import parse_field
-from integ_gym.evidence.store import EvidenceStore, open_run
+from integ_gym.evidence.store import EvidenceStore, open_run, sql_literal
 from integ_gym.support.errors import InputError
 from integ_gym.support.optional import require
 from integ_gym.train.policy import Policy
@@ -258,7 +258,9 @@ def _twins(
     """Discretization to the same policy's record from the same start; its success if untraced."""
     if not record["policy_hash"]:
         return {own: record if record.trace else bool(record["success"])}
-    same = " AND ".join(f"{name} IS NOT DISTINCT FROM {_literal(record[name])}" for name in _SAME)
+    same = " AND ".join(
+        f"{name} IS NOT DISTINCT FROM {sql_literal(record[name])}" for name in _SAME
+    )
     found = store.query(
         f"SELECT record_id, success, energy IS NOT NULL AS traced, {', '.join(DISCRETIZATION)} "
         f"FROM records WHERE {same}"
@@ -269,12 +271,6 @@ def _twins(
         )
         for row in found
     }
-
-
-def _literal(value: Any) -> str:
-    if value is None:
-        return "NULL"
-    return str(value) if isinstance(value, int) else "'" + str(value).replace("'", "''") + "'"
 
 
 def _episode(

@@ -244,6 +244,13 @@ def _check_name(name: str) -> None:
         )
 
 
+def sql_literal(value: object) -> str:
+    """A value as a query writes it: a number, or text between quotation marks."""
+    if value is None:
+        return "NULL"
+    return str(value) if isinstance(value, int) else "'" + str(value).replace("'", "''") + "'"
+
+
 def open_run(run: str | Path) -> EvidenceStore:
     """The store of a run's directory, or of its directory ``evidence``.
 

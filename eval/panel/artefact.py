@@ -12,6 +12,7 @@ from typing import Any, Final
 
 import msgspec
 
+from integ_gym.evidence.store import sql_literal
 from integ_gym.support.processes import host, instruction_sets
 
 from ..power import WITHOUT_VERDICT, Verdict, judge_family, postponed, seeds_wanted
@@ -148,17 +149,12 @@ def _cell(cell: Cell, layout: PanelLayout, matrix: Matrix) -> Cell:
 
 def _query(directory: str, row: Row, cell: str) -> str:
     """The command that lists the records behind an entry."""
-    policies = ", ".join(_quoted(policy) for policy in row.policy_ids)
+    policies = ", ".join(sql_literal(policy) for policy in row.policy_ids)
     sql = (
         "SELECT record_id, episode_index, success, failure_label FROM records "
-        f"WHERE cell = {_quoted(cell)} AND policy_id IN ({policies})"
+        f"WHERE cell = {sql_literal(cell)} AND policy_id IN ({policies})"
     )
     return shlex.join(["integ-gym", "evidence", "query", directory, sql])
-
-
-def _quoted(text: str) -> str:
-    """A string literal of SQL."""
-    return "'" + text.replace("'", "''") + "'"
 
 
 def _spread(failures: Sequence[Failure]) -> tuple[Failure, ...]:

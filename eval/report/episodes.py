@@ -20,7 +20,7 @@ from integ_gym.envs.registries import ENVIRONMENTS, INTEGRATORS
 from integ_gym.envs.settings import DISCRETIZATION, NATIVE, Setup
 from integ_gym.envs.steps import Script, script_of
 from integ_gym.evidence.labels import SENTENCE_COLUMNS
-from integ_gym.evidence.store import EvidenceStore
+from integ_gym.evidence.store import EvidenceStore, sql_literal
 from integ_gym.train.policy import MlpPolicy
 from integ_gym.train.policy_files.card import PolicyFileError
 from integ_gym.train.policy_files.reading import read_weights
@@ -382,7 +382,7 @@ def _read_traces(panel: Panel, store: EvidenceStore, leads: Iterable[Lead]) -> l
         for name in (*_FIELDS, "time", *motion, *control, *_SUMS)
     )
     where = " AND ".join(
-        f"{name} IN ({', '.join(sorted({_literal(key[place]) for key in wanted}))})"
+        f"{name} IN ({', '.join(sorted({sql_literal(key[place]) for key in wanted}))})"
         for place, name in enumerate(("policy_id", "cell", "episode_index"))
     )
     table = store.query(f"SELECT {columns} FROM records WHERE phase = 'evaluation' AND {where}")
@@ -392,10 +392,6 @@ def _read_traces(panel: Panel, store: EvidenceStore, leads: Iterable[Lead]) -> l
         if key is not None and record["time"] and record["length"]:
             traces[key] = _trace(key, record, motion, control)
     return [traces[key] for key in keys if key in traces]
-
-
-def _literal(value: Any) -> str:
-    return str(value) if isinstance(value, int) else "'" + str(value).replace("'", "''") + "'"
 
 
 def _trace(key: Key, record: Mapping[str, Any], motion: list[str], control: list[str]) -> Trace:
