@@ -80,6 +80,10 @@ register_environments()
 
 
 def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version("integ-gym")
     if name in _NAMESPACES:
         return import_module(_NAMESPACES[name])
     if name not in _MODULES:

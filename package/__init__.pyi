@@ -42,3 +42,5 @@ from integ_gym.train.runs import train_ppo as train_ppo
 from integ_gym.train.runs import train_sac as train_sac
 from integ_gym.train.sac import SACConfig as SACConfig
 from integ_gym.train.sb3_callback import DiscretizationCallback as DiscretizationCallback
+
+__version__: str
