@@ -30,7 +30,7 @@ from integ_gym.support.errors import InputError
 from integ_gym.support.optional import load, require
 from integ_gym.train.policy import Policy
 
-from .panel.cells import Cell
+from .panel.cells import place_arguments
 
 Asked: TypeAlias = Discretization | Mapping[str, Any] | str
 """A discretization; some of its parts; or its name, as panels write it."""
@@ -80,7 +80,7 @@ def parse_discretization(asked: Asked, like: Discretization, env_id: str) -> Dis
 
 def arguments_on(cell: Discretization, arguments: Mapping[str, Any]) -> dict[str, Any]:
     """Constructor arguments of an environment on another discretization."""
-    return Cell.of(cell, "grid").arguments(arguments)
+    return place_arguments(cell, arguments)
 
 
 def check_filmed(env_id: str) -> None:

@@ -109,6 +109,23 @@ def add_named_values(parser: Any, flag: str, described: str) -> None:
     )
 
 
+def listed_values(word: str) -> tuple[str, list[Any]]:
+    """``name=value,value``, values read as JSON where all are JSON, else as text.
+
+    >>> listed_values("control_period=0.02,0.04"), listed_values("fallback=hold,zero")
+    (('control_period', [0.02, 0.04]), ('fallback', ['hold', 'zero']))
+
+    Raises:
+        argparse.ArgumentTypeError: for anything else.
+    """
+    name, _ = named_value(word)
+    values = word.partition("=")[2]
+    try:
+        return name, list(json.loads(f"[{values}]"))
+    except (ValueError, RecursionError):
+        return name, values.split(",")
+
+
 def by_name(
     pairs: Iterable[tuple[str, Any]], flag: str, options: Mapping[str, str]
 ) -> dict[str, Any]:

@@ -18,7 +18,7 @@ from integ_gym.support.processes import host, instruction_sets
 from ..power import WITHOUT_VERDICT, Verdict, judge_family, postponed, seeds_wanted
 from ..verdict import PolicyCell, PolicyComparison, compare_policies
 from .cells import Cell
-from .findings import paired_episodes, rankings, remedies
+from .findings import paired_episodes, rankings, remedies, separations
 from .matrix import Matrix, PanelLayout, mean_success
 from .result import FILE_NAME, Failure, OtherVersionError, Panel, Row, Stage, read_panel
 from .run_directory import RunDirectory
@@ -83,6 +83,7 @@ def build_artefact(
         paired=paired_episodes(layout, matrix),
         verdicts=_verdicts(layout, matrix, decided=stage is None),
         policy_comparisons=tuple(_compare(layout, matrix, a, b) for a, b in layout.compare),
+        separations=separations(layout, matrix),
         remedies=remedies(layout, matrix, losses),
         rankings=rankings(layout, matrix),
         failures=_spread([one for one in failures if matrix.has_trace(one.episode_index)]),

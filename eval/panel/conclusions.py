@@ -101,7 +101,28 @@ def answer_lines(panel: Panel) -> tuple[str, ...]:
     first, *others = lines
     doubt = success_doubt(panel)
     undecided = [] if panel.stage is None else [_stage_words(panel.stage)]
-    return (*undecided, f"{doubt} {first}" if doubt else first, *others)
+    separated = filter(None, (separation_words(panel),))
+    return (*undecided, f"{doubt} {first}" if doubt else first, *others, *separated)
+
+
+def separation_words(panel: Panel) -> str:
+    """What each difference costs in the cell with several that loses most; empty without any."""
+    worst = max(panel.separations, key=lambda one: one.lost.estimate, default=None)
+    if worst is None:
+        return ""
+    parts = [
+        f"{one.axis} {fixed(one.lost_alone.estimate)} ({_range_words(one.lost_alone)})"
+        for one in worst.axes
+        if one.lost_alone is not None
+    ]
+    whole = f"{fixed(worst.lost.estimate)} ({_range_words(worst.lost)})"
+    where = f"In {panel.in_words(worst.cell)}, {panel.in_words(worst.row)} loses {whole}"
+    return f"{where}; each difference alone: {', '.join(parts)}." if parts else f"{where}."
+
+
+def _range_words(lost: Estimate) -> str:
+    low, high = lost.ends
+    return f"{fixed(low)} to {fixed(high)}"
 
 
 def warning_lines(panel: Panel) -> tuple[str, ...]:
@@ -484,13 +505,13 @@ def _split(loss: Entry | Verdict | None) -> str:
 
 
 def _compared(panel: Panel, finding: Finding, row: Row) -> list[str]:
-    """Every other discretization, then every perturbation, beside home or the truth."""
+    """Every other discretization, then every variation, beside home or the truth."""
     columns = {cell.name for cell in panel.columns if cell.achievability not in UNSOLVABLE}
     own = [one for one in panel.paired if one.row == row.name]
     others = [one for one in own if one.cell in columns and one.cell != finding.cell]
-    perturbed = [one for one in own if panel.cell(one.cell).perturbation is not None]
+    varied = [one for one in own if not panel.cell(one.cell).plain]
     lines = []
-    for noun, found in (("other discretization", others), ("perturbation", perturbed)):
+    for noun, found in (("other discretization", others), ("variation", varied)):
         known = [one for one in found if _difference_of(one, finding.measure) is not None]
         if known:
             lines.append(_tally(panel, finding, row, noun, known))

@@ -21,7 +21,7 @@ from integ_gym.evidence.vector_recorder import RecordVectorEvidence
 from integ_gym.support.processes import report_work
 from integ_gym.train.policy import Policy, PolicyStack
 
-from .cells import Cell, Home, environments_of
+from .cells import Cell, Home, environments_of, place_arguments
 from .costs import cell_seconds
 from .spec import PanelSpec
 
@@ -61,7 +61,7 @@ class Successes:
         statuses: Mapping[str, str] | None = None,
         whole: bool = True,
         homeless: Collection[int] = (),
-        before: Sequence[Mapping[str, tuple[int, int]]] = (),
+        before: Sequence[Mapping[Discretization, tuple[int, int]]] = (),
     ) -> None:
         self._homes = homes
         self._environment = environment
@@ -121,7 +121,7 @@ class Successes:
     def _rate(self, place: int, home: Discretization, flags: Flags) -> float:
         """Share of a policy's episodes at home that succeeded, earlier ones among them."""
         told = self._before[place] if self._before else {}
-        succeeded, episodes = told.get(home.name, (0, 0))
+        succeeded, episodes = told.get(home, (0, 0))
         return (succeeded + int(flags.sum())) / (episodes + flags.size)
 
     def _needed(self, cell: Cell, place: int) -> set[Key]:
@@ -134,12 +134,12 @@ class Successes:
             return None if place in self._homeless else "no home"
         if cell.discretization in home.shares:
             return "is home"
-        runs = [self._known.get((place, (d, _disturbance(cell)))) for d in home.shares]
+        runs = [self._known.get((place, (d, cell.changes))) for d in home.shares]
         known = [run for run in runs if run is not None]
         return np.any(known, axis=0) if len(known) == len(runs) else None
 
     def _undisturbed(self, cell: Cell, place: int) -> dict[str, Flags | None]:
-        """The unperturbed cell answers for noise and delays that a perturbation alone brings in."""
+        """The cell without changes answers for noise and delays that a variation brings in."""
         plain = self._known.get((place, (cell.discretization, None)))
         return {
             replay: plain if self._changes_only(cell, names) else None
@@ -147,10 +147,10 @@ class Successes:
         }
 
     def _changes_only(self, cell: Cell, names: set[str]) -> bool:
-        """Whether the perturbation changes these arguments alone, from their undisturbed values."""
-        if cell.perturbation is None or not set(cell.perturbation.environment) <= names:
+        """Whether these arguments alone are changed, from their undisturbed values."""
+        if not cell.environment or not set(cell.environment) <= names:
             return False
-        plain = Cell.of(cell.discretization, "grid").arguments(self._environment)
+        plain = place_arguments(cell.discretization, self._environment)
         return all(plain.get(n, getattr(Settings, n)) == getattr(Settings, n) for n in names)
 
 
@@ -170,16 +170,12 @@ def with_what_they_rest_on(
 
 def _rests_on(cell: Cell, home: Home | None) -> set[Key]:
     shares = () if home is None else home.shares
-    at_home = {(d, disturbance) for d in shares for disturbance in (_disturbance(cell), None)}
+    at_home = {(d, disturbance) for d in shares for disturbance in (cell.changes, None)}
     return {*at_home, (cell.discretization, None)} - {_key(cell)}
 
 
 def _key(cell: Cell) -> Key:
-    return cell.discretization, _disturbance(cell)
-
-
-def _disturbance(cell: Cell) -> str | None:
-    return cell.perturbation.name if cell.perturbation else None
+    return cell.discretization, cell.changes
 
 
 def _episode(said: Flags | HomeReplay, episode: int) -> Any:
@@ -207,8 +203,7 @@ class Subject:
         home_known: whether ``home`` tells all; False for what was trained nobody says where.
         recorded: cells, by name, of which there are records; they are run again only where
             labels in others rest on them.
-        at_home: earlier episodes in what it was trained on: of how many of how many it succeeded,
-            by cell.
+        at_home: earlier episodes in what it was trained on: of how many of how many it succeeded.
     """
 
     policy: Policy
@@ -218,7 +213,7 @@ class Subject:
     starts: int = 0
     home_known: bool = True
     recorded: frozenset[str] = frozenset()
-    at_home: Mapping[str, tuple[int, int]] = field(default_factory=dict)
+    at_home: Mapping[Discretization, tuple[int, int]] = field(default_factory=dict)
 
     @property
     def missing(self) -> tuple[Cell, ...]:
@@ -309,7 +304,7 @@ def _schedule(subjects: Sequence[Subject]) -> list[tuple[Cell, list[int]]]:
     cells = {cell.name: cell for subject in subjects for cell in subject.cells}
     homes = {subject.home for subject in subjects}
     order = sorted(
-        cells.values(), key=lambda c: (c.perturbation is not None, c.discretization not in homes)
+        cells.values(), key=lambda c: (c.changes is not None, c.discretization not in homes)
     )
     names = [{cell.name for cell in subject.cells} for subject in subjects]
     return [
@@ -505,7 +500,7 @@ def context_of(
         training_discretization=subject.home.arguments() if subject.home else None,
         training_seed=subject.seed,
         home_known=subject.home_known,
-        perturbation=dict(cell.perturbation.environment) if cell.perturbation else None,
+        perturbation=cell.environment or None,
         trace_every=trace_every or spec.trace_every,
         inference_latency_mean=None if latency is None else latency[0],
         inference_latency_p99=None if latency is None else latency[1],

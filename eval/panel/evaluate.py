@@ -138,7 +138,8 @@ def knowing_home(
     for subject in subjects:
         homes = () if subject.home is None else subject.home.shares
         policy = subject.policy.policy_id
-        told.append(replace(subject, at_home={d.name: found[policy, d.name] for d in homes}))
+        known = {d: found[policy, spec.name_of(d)] for d in homes}
+        told.append(replace(subject, at_home=known))
     return told
 
 

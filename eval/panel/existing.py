@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import msgspec
@@ -27,7 +28,7 @@ from integ_gym.train.baselines import possible_baselines
 from integ_gym.train.policy_files.reading import unscaled
 from integ_gym.train.policy_files.sidecar import Stated
 
-from .cells import environments_of, main_home, standard_perturbations
+from .cells import environments_of, main_home, many
 from .checking.plan import check_records
 from .doubts import doubts_of
 from .episodes import Subject
@@ -57,7 +58,8 @@ from .result import Panel
 from .result import Policy as PanelPolicy
 from .run import as_there, resources_for
 from .run_directory import GIVEN, MANIFEST, RunDirectory, Seen
-from .spec import TRAINERS, PanelSpec
+from .spec import TRAINERS, PanelSpec, check_variations
+from .tables import fitting, standard_variations, vary
 from .units import baseline_of
 
 
@@ -215,6 +217,8 @@ def plan(
     integrators: Sequence[str] = (),
     dts: Sequence[float] = (),
     episodes: int = 50,
+    varied: Mapping[str, Any] = MappingProxyType({}),
+    at: Sequence[str] = (),
 ) -> PanelSpec:
     """The evaluation as a panel without training, all its cells checked.
 
@@ -227,21 +231,41 @@ def plan(
         integrators: names; by default all that the testbed offers but the truth.
         dts: steps, s; by default the testbed's.
         episodes: paired starts.
+        varied: constructor arguments with the values that they take, every combination of them.
+        at: `home` or `truth`: these are varied; by default every discretization is.
 
     Raises:
         TypeError, ValueError: for a cell that cannot be made.
     """
+    for name in varied:
+        if name in _BY_THEMSELVES:
+            raise InputError(f"`{name}` is not varied but listed: {_BY_THEMSELVES[name]}")
+    if at and not varied:
+        raise InputError(
+            f"nothing is varied at {' and '.join(at)}; say what, as `varied` or --vary"
+        )
     environment = existing.provenance.environment
     testbed = find_testbed(env_id, environment)
     period, name = existing.provenance.control_period, existing.policy.policy_id
     own = () if existing.home is None else tuple(existing.home.shares)
     around = main_home(existing.home) or replace(testbed.home, control_period=period)
     engine = around.engine if integrators else testbed.home.engine
-    columns = [
-        Discretization(integrator, dt, period, engine)
+    periods = [period] if at else many(varied.get("control_period", period))
+    columns, unmade = fitting(
+        Discretization(integrator, dt, one, engine)
         for integrator in integrators or testbed.integrators(engine)
+        for one in periods
         for dt in dts or testbed.steps(around)
-    ]
+    )
+    if "home" in at and not own:
+        raise InputError(
+            "the home is unknown, so nothing can be varied there; give --home"
+        )
+    if "truth" in at and testbed.truth(period) is None:
+        raise InputError(f"{env_id} has no truth, so nothing can be varied there; give `home`")
+    rest = {name: x for name, x in varied.items() if at or name != "control_period"}
+    places: Any = tuple(at) or (*columns, "home", "truth")
+    asked = tuple(vary(None, rest, places)) if rest else ()
     spec = PanelSpec(
         name=f"evaluate {name}",
         env_id=env_id,
@@ -253,15 +277,25 @@ def plan(
         ladder=False,
         episodes=episodes,
         question=f"Does {name} survive another integrator or timestep?",
+        unmade=tuple(unmade),
     )
-    for cell in spec.columns():
-        environments_of(testbed, cell, 1).close()
-    return replace(
+    whole = replace(
         spec,
-        perturbations=standard_perturbations(spec.nominal),
+        variations=(*standard_variations(spec.nominal), *asked),
         baselines=possible_baselines(spec.nominal, testbed.controller),
     )
+    check_variations(whole, own)
+    for cell in whole.cells_of(existing.home):
+        environments_of(testbed, cell, 1).close()
+    return whole
 
+
+_BY_THEMSELVES = {
+    "integrator": "give --integrator NAME",
+    "dt": "give --dt S",
+    "engine": "state the engine with --home, or make a panel with --policies",
+}
+"""Arguments that an evaluation does not vary, and what to do."""
 
 SHORT = 10.0
 """Expected work that is not worth starting worker processes for, s."""
@@ -368,6 +402,8 @@ def evaluate(
     integrators: Sequence[str] = (),
     dts: Sequence[float] = (),
     episodes: int = 50,
+    varied: Mapping[str, Any] | None = None,
+    at: Sequence[str] = (),
     environment: Mapping[str, Any] | None = None,
     obs_stats: str | os.PathLike[str] | None = None,
     own_code: bool = False,
@@ -395,6 +431,10 @@ def evaluate(
         integrators: to judge on; by default all.
         dts: integration steps, s; by default the coarsest, half and a quarter of it.
         episodes: paired starts.
+        varied: constructor arguments with a value or a list of them, such as
+            ``{"control_period": [0.02, 0.1], "action_latency": [0.0, 0.02]}``: every combination
+            is evaluated.
+        at: where: ``"home"``, ``"truth"``, or both; by default in every discretization.
         environment: constructor arguments, without the discretization.
         obs_stats: VecNormalize's statistics, as its ``vecnormalize.pkl`` or as JSON.
         own_code: whether classes that the side-car names as ``"module:Class"`` may be loaded.
@@ -442,7 +482,7 @@ def evaluate(
             )
         statistics = None if obs_stats is None else Path(obs_stats)
         existing = read_existing(Path(policy), env_id, given, statistics, own_code, home)
-    spec = plan(existing, env_id, integrators, dts, episodes)
+    spec = plan(existing, env_id, integrators, dts, episodes, varied or {}, at)
     on_home(str(existing.provenance))
     asked = resources_for(resources, workers, None)
     with open_cluster(executor, address, asked) as cluster, open_storage(out) as place:

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from integ_gym.envs import numerics
 from integ_gym.envs.plants.interface import Plant
-from integ_gym.envs.registries import ENGINES
+from integ_gym.envs.registries import ENGINES, TRUTH
 from integ_gym.envs.settings import NATIVE, Discretization
 from integ_gym.evidence.store import EvidenceStore
 
@@ -19,15 +19,17 @@ from ..statistics import (
     Estimate,
     holm,
     median_interval,
+    paired_difference,
     paired_return,
     paired_success,
     ranking_intervals,
     unpaired_difference,
 )
 from ..verdict import FAIL_MARGIN, UNSOLVED, Loss, adjust_for_look, share_of_look
-from .cells import Cell, is_engine, map_of
+from .cells import Cell, axes_between, changes_name, is_engine, map_of
 from .matrix import Matrix, PanelLayout
 from .result import (
+    AxisCost,
     EngineAgreement,
     PairedEpisodes,
     RankingAgreement,
@@ -35,6 +37,7 @@ from .result import (
     RemedyCell,
     RemedyLoss,
     Row,
+    Separation,
     TrainingCost,
 )
 from .spec import PanelSpec
@@ -287,6 +290,56 @@ def _remedy_in(
             and losses[row, cell].overfitting.estimate > FAIL_MARGIN
         ),
     )
+
+
+def separations(layout: PanelLayout, matrix: Matrix) -> tuple[Separation, ...]:
+    """What each difference costs each trained or given row in cells that differ from its home."""
+    return tuple(
+        found
+        for row in layout.rows
+        if row.home is not None
+        for found in _separations_of(layout, matrix, row)
+    )
+
+
+def _separations_of(layout: PanelLayout, matrix: Matrix, row: Row) -> Iterator[Separation]:
+    """Of one row, whose cells are found by what they are."""
+    home = layout.cells[str(row.home)].discretization
+    own = [layout.cells[name] for name in layout.cells_of[row.name]]
+    names = {_content(axes_between(home, cell)): cell.name for cell in own}
+
+    def lost(name: str | None) -> Estimate | None:
+        if name is None:
+            return None
+        there = matrix.rates(row.name, name)
+        return paired_difference(matrix.rates(row.name, str(row.home)), there).interval
+
+    for cell in own:
+        axes = axes_between(home, cell)
+        total = lost(cell.name)
+        if cell.integrator == TRUTH or len(axes) < 2 or total is None:
+            continue
+        costs = []
+        for axis, changes in axes.items():
+            alone = names.get(_content({axis: changes}))
+            without = names.get(_content({k: x for k, x in axes.items() if k != axis}))
+            costs.append(
+                AxisCost(
+                    axis=axis,
+                    changes=changes,
+                    alone=alone,
+                    lost_alone=lost(alone),
+                    without=without,
+                    lost_without=lost(without),
+                )
+            )
+        if any(one.alone or one.without for one in costs):
+            yield Separation(row=row.name, cell=cell.name, lost=total, axes=tuple(costs))
+
+
+def _content(axes: Mapping[str, Mapping[str, Any]]) -> str:
+    """Differences from home as text that compares."""
+    return changes_name({name: x for own in axes.values() for name, x in sorted(own.items())})
 
 
 WINDOW = 100

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from math import isclose
 from typing import Any
 
 import numpy as np
@@ -349,13 +350,28 @@ class PanelLayout:
         return next((row.name for row in self.rows if row.home == cell), None)
 
     def reference_of(self, matrix: Matrix, cell: str) -> str | None:
-        """The reference cell, where it has the same plant and control period.
+        """The truth at a cell's control period, where nothing is varied in it.
 
         None where the cell cannot be solved in time, so that failing there says nothing.
         """
-        same = self.cells[cell].kind in ("grid", "reference")
-        unsolvable = same and self.achieved(matrix, cell).status in UNSOLVABLE
-        return self.reference if same and not unsolvable else None
+        own = self.cells[cell]
+        if not own.plain or own.kind == "ladder":
+            return None
+        if self.achieved(matrix, cell).status in UNSOLVABLE:
+            return None
+        return self.truth_at(own.control_period)
+
+    def truth_at(self, control_period: float | None) -> str | None:
+        """Name of the truth at a control period, s; None where there is none."""
+        truths = (cell for cell in self.cells.values() if cell.reference)
+        return next(
+            (
+                c.name
+                for c in truths
+                if control_period and isclose(c.control_period, control_period)
+            ),
+            None,
+        )
 
     def columns(self) -> tuple[str, ...]:
         """Names of the cells that every row is evaluated in."""
@@ -534,7 +550,7 @@ def given_rows(
         home: what it was trained on; None: unknown.
     """
     rows = (
-        Row.of(policy.id, "given", [policy], home),
+        Row.of(policy.id, "given", [policy], home, spec.shares_of(home)),
         *(Row.of(name, "baseline", [Policy(id=name)]) for name in spec.baselines),
     )
     return rows, {} if home is None else {policy.id: home}
@@ -543,7 +559,7 @@ def given_rows(
 def home_cell(home: Home | None) -> str | None:
     """Name of the cell that most of the training ran on; None: unknown."""
     main = main_home(home)
-    return None if main is None else Cell.of(main, "grid").name
+    return None if main is None else main.name
 
 
 def compares_success(spec: PanelSpec, matrix: Matrix, row: str) -> bool:

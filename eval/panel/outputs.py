@@ -115,7 +115,7 @@ def panel_of(
         called: how the run was called.
         of: the panel whose stage it is; nothing is decided then.
     """
-    homes = {home.name: home for home in spec.train}
+    homes = {spec.name_of(home): home for home in spec.train}
     layout, matrix = reduce_records(spec, directory, _rows_of(spec, directory), homes)
     trained = {row.name: row.policy_ids for row in layout.rows if row.kind == "trained"}
     store = EvidenceStore(directory.evidence)
@@ -137,7 +137,7 @@ def panel_of(
 
 def _rows_of(spec: PanelSpec, directory: RunDirectory) -> tuple[Row, ...]:
     """What was trained, then the baselines, with the hashes that they were evaluated under."""
-    homes, there = {home.name: home for home in spec.train}, evaluated(directory)
+    homes, there = {spec.name_of(home): home for home in spec.train}, evaluated(directory)
     policies: dict[str, list[Policy]] = {name: [] for name in (*homes, *spec.baselines)}
     for unit in units_of(spec):
         file = None
@@ -148,14 +148,27 @@ def _rows_of(spec: PanelSpec, directory: RunDirectory) -> tuple[Row, ...]:
         policy = Policy(id=unit.policy, seed=unit.seed, hash=policy_hash, file=file)
         policies[unit.row].append(policy)
     return tuple(
-        Row.of(name, "trained" if name in homes else "baseline", own, homes.get(name))
+        Row.of(
+            name,
+            "trained" if name in homes else "baseline",
+            own,
+            homes.get(name),
+            spec.shares_of(homes.get(name)),
+        )
         for name, own in policies.items()
     )
 
 
+def _units(spec: PanelSpec) -> dict[str, str]:
+    """SI units of the arguments that are varied."""
+    known = spec.nominal.units()
+    varied = {name for one in spec.variations for name in one.changes}
+    return {name: known[name] for name in sorted(varied) if known.get(name)}
+
+
 def seen_now(spec: PanelSpec) -> Seen:
     """What verdicts rest on."""
-    trained = {home.name for home in spec.train}
+    trained = set(map(spec.name_of, spec.train))
     natives = sum(cell in trained and cell != row for row, cell in spec.family)
     return Seen(len(spec.seeds), spec.episodes, natives)
 
@@ -272,6 +285,7 @@ def artefact_of(
             question=manifest["specification"]["question"],
             spec=manifest["specification"],
             protocol_gaps=tuple(spec.gaps()),
+            units=_units(spec),
             versions=manifest["versions"],
             command=called.command,
             directory=called.directory,

@@ -20,7 +20,7 @@ from .cells import (
     DiscretizationMixture,
     Home,
     SpecError,
-    changes_of,
+    changes_name,
 )
 from .result import Look
 from .spec import (
@@ -187,15 +187,11 @@ def _sum_words(parts: Sequence[int]) -> str:
 
 
 def _missing_entries(name: str, one: Mapping[str, Any], other: Mapping[str, Any]) -> Iterator[str]:
-    """Entries of a list that another specification's lacks; of a sweep, its values."""
-    there = _entries_by_key(other.get(name) or ())
-    for key, (entry, values) in _entries_by_key(one.get(name) or ()).items():
-        if key not in there:
+    """Entries of a list that another specification's lacks."""
+    there = [json.dumps(entry, sort_keys=True) for entry in other.get(name) or ()]
+    for entry in one.get(name) or ():
+        if json.dumps(entry, sort_keys=True) not in there:
             yield _entry_words(name, entry)
-            continue
-        missing = [value for value in values if value not in there[key][1]]
-        if missing:
-            yield _entry_words(name, {**entry, "values": missing})
 
 
 def _entry_words(name: str, entry: Any) -> str:
@@ -207,16 +203,6 @@ def _entry_words(name: str, entry: Any) -> str:
         return f"{kind} {json.dumps(entry)}"
 
 
-def _entries_by_key(values: Sequence[Any]) -> dict[str, tuple[Any, tuple[float, ...]]]:
-    """Entries of a list; of a sweep, which may have more values, these apart."""
-    found = {}
-    for value in values:
-        swept = value.get("values", ()) if isinstance(value, dict) else ()
-        entry = {k: x for k, x in value.items() if k != "values"} if swept else value
-        found[json.dumps(entry, sort_keys=True)] = value, tuple(swept)
-    return found
-
-
 def _place_words(entry: Mapping[str, Any]) -> str:
     if "mixture" in entry:
         return repr(entry["mixture"])
@@ -224,19 +210,13 @@ def _place_words(entry: Mapping[str, Any]) -> str:
 
 
 def _change_words(entry: Mapping[str, Any]) -> str:
-    changes = ", ".join(f"{name} = {value}" for name, value in entry["environment"].items())
-    return f"{entry['name']!r} ({changes})"
-
-
-def _sweep_words(entry: Mapping[str, Any]) -> str:
-    return f"of `{entry['argument']}` at {', '.join(f'{value:g}' for value in entry['values'])}"
+    return f"{entry['name']!r} ({changes_name(entry['changes'])})"
 
 
 _LISTS: Final[Mapping[str, tuple[str, Callable[[Any], str]]]] = {
     "train": ("row", _place_words),
     "grid": ("cell", _place_words),
-    "perturbations": ("perturbation", _change_words),
-    "sweeps": ("sweep", _sweep_words),
+    "variations": ("variation", _change_words),
     "baselines": ("baseline", repr),
 }
 """Lists to which more may be added anywhere, what an entry is called, and how it is told."""
@@ -260,8 +240,8 @@ STAGES: Final = (4, 12)
 """Training seeds after which a page is written, while more are to come."""
 
 FREE: Final = (
-    *("question", "seeds", "exploratory_seeds", "train", "grid", "perturbations", "sweeps"),
-    *("baselines", "family", "compare", "looks", "ladder", "sources"),
+    *("question", "seeds", "exploratory_seeds", "train", "grid", "variations"),
+    *("baselines", "family", "compare", "looks", "ladder", "sources", "unmade"),
 )
 """Parts of a specification that no record of a policy in a cell depends on."""
 
@@ -301,9 +281,7 @@ def inputs(spec: PanelSpec, cells: Iterable[Cell]) -> dict[str, Any]:
         cells: of the records.
     """
     told = spec.to_json()
-    places = [
-        (cell.name, cell.discretization.arguments(), dict(changes_of(cell))) for cell in cells
-    ]
+    places = [(cell.name, cell.discretization.arguments(), cell.environment) for cell in cells]
     sources = {
         name: source
         for name, source in told["sources"].items()
@@ -350,8 +328,10 @@ def family_power(spec: PanelSpec, before: Sequence[Look] = ()) -> FamilyPower | 
     )
     looks = Looks(tuple(seen), spec.looks)
     cells, rows = {cell for _, cell in spec.family}, {row for row, _ in spec.family}
-    seeds = min(len(spec.seeds_of(home)) for home in spec.train if home.name in rows)
-    natives = min((len(spec.seeds_of(h)) for h in spec.train if h.name in cells), default=0)
+    seeds = min(len(spec.seeds_of(home)) for home in spec.train if spec.name_of(home) in rows)
+    natives = min(
+        (len(spec.seeds_of(h)) for h in spec.train if spec.name_of(h) in cells), default=0
+    )
     family = len(spec.family)
     found = verdict_chances(seeds, natives, spec.episodes, family, looks)
     return FamilyPower(family, seeds, natives, found, fewest_seeds(family, looks))

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import inspect
 import json
+import math
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from datetime import datetime
 from functools import cached_property
 from pathlib import Path
@@ -26,7 +27,7 @@ from ..verdict import (
     ReferenceClass,
     require_unique,
 )
-from .cells import Cell, Home
+from .cells import Cell, Home, flatten
 
 RowKind: TypeAlias = Literal["trained", "given", "baseline"]
 """Trained by the panel, given to it, or a baseline that nobody trained."""
@@ -81,7 +82,12 @@ class Row(Part, frozen=True, kw_only=True):
 
     @classmethod
     def of(
-        cls, name: str, kind: RowKind, policies: Iterable[Policy], home: Home | None = None
+        cls,
+        name: str,
+        kind: RowKind,
+        policies: Iterable[Policy],
+        home: Home | None = None,
+        shares: Mapping[str, float] | None = None,
     ) -> Row:
         """A row before anything came out.
 
@@ -90,14 +96,15 @@ class Row(Part, frozen=True, kw_only=True):
             kind: trained by the panel, given to it, or a baseline.
             policies: one for each training seed.
             home: what they were trained on; None: nothing, or it is not known.
+            shares: of the cells that this is.
         """
         alone = home if isinstance(home, Discretization) else None
         known = tuple(policies)
         return cls(
             name=name,
             kind=kind,
-            home=alone.name if alone else None,
-            shares={} if home is None else {one.name: x for one, x in home.shares.items()},
+            home=next(iter(shares or ()), None) if alone else None,
+            shares=dict(shares or {}),
             integrator=alone.integrator if alone else None,
             dt=alone.dt if alone else None,
             control_period=None if home is None else home.control_period,
@@ -274,6 +281,42 @@ class Remedy(Part, frozen=True, kw_only=True):
     cells: tuple[RemedyCell, ...]
 
 
+class AxisCost(Part, frozen=True, kw_only=True):
+    """What one of several differences from home costs of success.
+
+    Attributes:
+        axis: `integration`, `held action`, `delay`, `sensing`, `solver`, `version` or `plant`.
+        changes: constructor arguments in which the cell differs from home there.
+        alone: cell in which nothing else differs from home; null where it cannot be had.
+        lost_alone: success lost there.
+        without: cell in which all but this differs from home; null likewise.
+        lost_without: success lost there.
+    """
+
+    axis: str
+    changes: dict[str, Any]
+    alone: str | None
+    lost_alone: Estimate | None
+    without: str | None
+    lost_without: Estimate | None
+
+
+class Separation(Part, frozen=True, kw_only=True):
+    """A cell that differs from a row's home in several ways, and what each of them costs.
+
+    Attributes:
+        row: name of the row.
+        cell: name of the cell.
+        lost: success lost in it.
+        axes: the ways.
+    """
+
+    row: str
+    cell: str
+    lost: Estimate
+    axes: tuple[AxisCost, ...]
+
+
 class TrainingCost(Part, frozen=True, kw_only=True):
     """Decisions of training until training episodes succeeded.
 
@@ -369,7 +412,7 @@ class Failure(Part, frozen=True, kw_only=True):
     reason: str
 
 
-SCHEMA_VERSION: Final = 6
+SCHEMA_VERSION: Final = 7
 """Version of ``panel.json`` that is written and read here."""
 
 ROW_ORDER: Final = ("trained", "given", "baseline")
@@ -459,6 +502,8 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
         verdicts: verdicts on the declared family of transfers.
         looks: every look at the verdicts, the last is this one; empty before the first.
         policy_comparisons: comparisons of declared pairs of rows.
+        separations: what each difference costs in cells that differ from home in several.
+        units: SI units of the arguments that are varied.
         remedies: mixtures held against single discretizations.
         training_costs: what training cost, by row.
         engine_agreement: cells on foreign engines beside their native twins.
@@ -471,7 +516,7 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
             not declare.
     """
 
-    schema_version: Literal[6] = SCHEMA_VERSION
+    schema_version: Literal[7] = SCHEMA_VERSION
     name: str
     question: str
     stage: Stage | None = None
@@ -493,6 +538,8 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
     verdicts: tuple[Verdict, ...] = ()
     looks: tuple[Look, ...] = ()
     policy_comparisons: tuple[PolicyComparison, ...] = ()
+    separations: tuple[Separation, ...] = ()
+    units: dict[str, str] = msgspec.field(default_factory=dict)
     remedies: tuple[Remedy, ...] = ()
     training_costs: dict[str, TrainingCost] = msgspec.field(default_factory=dict)
     engine_agreement: tuple[EngineAgreement, ...] = ()
@@ -588,6 +635,20 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
         return next((cell for cell in self.cells if cell.reference), None)
 
     @cached_property
+    def sweeps(self) -> dict[str, dict[float, str]]:
+        """Arguments that alone take several values at home or on the truth.
+
+        By argument, the variations' names by value, ascending.
+        """
+        found: dict[str, dict[float, str]] = {}
+        for one in self.spec.get("variations", ()):
+            (name, value), *others = flatten(one["changes"])
+            number = isinstance(value, (int, float)) and not isinstance(value, bool)
+            if number and not others and {"home", "truth"}.issuperset(map(str, one["at"])):
+                found.setdefault(name, {})[float(value)] = one["name"]
+        return {name: dict(sorted(own.items())) for name, own in found.items() if len(own) > 1}
+
+    @cached_property
     def mixed_periods(self) -> bool:
         """Whether the matrix mixes control periods, so that columns must name theirs."""
         return len({cell.control_period for cell in self.columns}) > 1
@@ -612,9 +673,17 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
         """The name of a row or a cell in a sentence."""
         return self.label(name, "the truth")
 
+    def truth_at(self, control_period: float | None) -> Cell | None:
+        """The truth at a control period, s; at the panel's where that is not known."""
+        exact = [cell for cell in self.cells if cell.reference]
+        if control_period is None:
+            return self.truth
+        return next((c for c in exact if math.isclose(c.control_period, control_period)), None)
+
     def on_truth(self, row: str) -> Entry | None:
-        """What a row did on the reference, or None."""
-        return None if self.truth is None else self.entry(row, self.truth.name)
+        """What a row did on the truth at its control period, or None."""
+        truth = self.truth_at(self.row(row).control_period)
+        return None if truth is None else self.entry(row, truth.name)
 
     @cached_property
     def undeclared(self) -> tuple[Entry, ...]:

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+import math
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from functools import cached_property
 from importlib import resources
 from itertools import accumulate
 from pathlib import Path
+from types import NoneType
 from typing import Any, get_type_hints
 
 import msgspec
 
-from integ_gym.envs.registries import INTEGRATORS
+from integ_gym.envs.registries import INTEGRATORS, TRUTH
 from integ_gym.envs.settings import DISCRETIZATION, WEIGHT, Discretization
 from integ_gym.envs.testbeds.gym_testbed import Testbed
 from integ_gym.envs.testbeds.making import find_testbed
@@ -24,36 +25,40 @@ from integ_gym.train.runs import ALGORITHMS, Algorithm
 
 from ..verdict import MIN_SEEDS
 from .cells import (
-    INSTALLED,
+    DELAYS,
+    SENSING,
     Cell,
+    CellKind,
     Count,
     DiscretizationMixture,
     Home,
     Name,
-    Perturbation,
-    Places,
     Positive,
     SpecError,
-    Sweep,
-    SweepTable,
-    absent_engines,
+    Variation,
+    axes_between,
+    changes_name,
     check_known,
     check_unique,
     convert,
     engine_versions,
     environments_of,
-    evaluation_grid,
     file_name,
     many,
     nominal_setup,
-    standard_perturbations,
-    sweeps_of,
+    place_name,
+    timing_fault,
+)
+from .tables import (
+    INSTALLED,
+    PerturbationTable,
+    SweepTable,
+    absent_engines,
+    evaluation_cells,
+    shorthand_variations,
+    standard_variations,
     training_homes,
 )
-
-_DELAYS = {"action_latency", "sensor_period", "observation_noise", "fallback"}
-"""Arguments that disturb what the policy is told and does, not the plant."""
-
 
 TRAINERS = {"fleet": ("jax",), "sb3": ("stable-baselines3", "torch")}
 """What trains policies, with the packages that these depend on beside those of every run."""
@@ -70,7 +75,7 @@ ALGORITHM = "algorithm"
 NO_RESULT = ("memory_gib", "left_out")
 """Attributes that change no result."""
 
-LATER = ("sweeps", "episode_parts", "looks")
+LATER = ("episode_parts", "looks", "unmade")
 """Attributes that are told where there is something to tell; specifications of before lack them."""
 
 
@@ -93,9 +98,8 @@ class PanelSpec:
     """How many of the seeds rows are trained with that no declared comparison names; all."""
     baselines: tuple[Name, ...] = ()
     """Policies without training that the rows are held against."""
-    perturbations: tuple[Perturbation, ...] = ()
-    sweeps: tuple[Sweep, ...] = ()
-    """Arguments that are evaluated over several values, where perturbations are."""
+    variations: tuple[Variation, ...] = ()
+    """Arguments that differ in other cells than those of the grid."""
     family: tuple[tuple[str, str], ...] = ()
     """Declared comparisons: (training discretization or mixture, cell)."""
     compare: tuple[tuple[str, str], ...] = ()
@@ -113,6 +117,8 @@ class PanelSpec:
     """Every so many-th episode of a policy in a cell has a trace; all can be replayed."""
     memory_gib: Positive | None = None
     """What the fleet's processes may take together, GiB."""
+    unmade: tuple[Name, ...] = ()
+    """Combinations that were asked for and cannot be, in sentences."""
     left_out: tuple[Name, ...] = ()
     """Engines that are not installed, where the grid asks for all that are."""
 
@@ -172,10 +178,20 @@ class PanelSpec:
         name = self.testbed.horizon
         return None if name is None else {name: 2.0 * self.nominal.settings.duration}
 
+    def name_of(self, home: Home) -> str:
+        """Name of a row, and of the cell that is a row's home."""
+        if isinstance(home, DiscretizationMixture):
+            return home.name
+        return place_name(home, self.control_period)
+
+    def shares_of(self, home: Home | None) -> dict[str, float]:
+        """Share of each cell that training draws from; empty where that is not known."""
+        return {} if home is None else {self.name_of(d): x for d, x in home.shares.items()}
+
     def seeds_of(self, home: Home) -> tuple[int, ...]:
         """Training seeds of a row: all, or the first of them where nothing declared names it."""
         named = {row for row, _ in self.family}
-        return self.seeds if home.name in named else self.seeds[: self.exploratory_seeds]
+        return self.seeds if self.name_of(home) in named else self.seeds[: self.exploratory_seeds]
 
     @property
     def start_sets(self) -> tuple[int, ...]:
@@ -188,21 +204,23 @@ class PanelSpec:
         return tuple(range(self.seeds[0], self.seeds[0] + START_SETS))
 
     def columns(self) -> tuple[Cell, ...]:
-        """Cells that every row is evaluated in: the grid, then the reference if there is one."""
-        grid = tuple(
-            Cell.of(d, "grid", role="quarter_step" if self._decides(d) else None)
+        """Cells that every row is evaluated in: the grid, then the truth at its control periods."""
+        periods = dict.fromkeys((self.control_period, *(d.control_period for d in self.grid)))
+        truths = [truth for truth in map(self.testbed.truth, periods) if truth is not None]
+        grid = (
+            self._cell(d, "grid", role="quarter_step" if self._decides(d) else None)
             for d in self.grid
-            if d != self.reference
+            if d not in truths
         )
-        if self.reference is None:
-            return grid
-        return (*grid, Cell.of(self.reference, "reference", role="reference"))
+        exact = (
+            self._cell(d, "reference", role="reference" if d == self.reference else None)
+            for d in truths
+        )
+        return (*grid, *exact)
 
-    @cached_property
-    def changes(self) -> tuple[Perturbation, ...]:
-        """Perturbations, those of sweeps among them."""
-        swept = (p for sweep in self.sweeps for p in sweep.perturbations(self.nominal))
-        return (*self.perturbations, *swept)
+    def _cell(self, place: Discretization, kind: CellKind, **others: Any) -> Cell:
+        name = place_name(place, self.control_period)
+        return Cell(**{"name": name, **place.arguments(), "kind": kind, **others})
 
     def trained_on(self) -> tuple[Discretization, ...]:
         """All discretizations that something is trained on."""
@@ -210,10 +228,10 @@ class PanelSpec:
 
     def _decides(self, discretization: Discretization) -> bool:
         """Whether it is its integrator's finest step, a quarter of what it was trained at."""
-        own = (discretization.engine, discretization.integrator)
-        dts = [d.dt for d in self.grid if (d.engine, d.integrator) == own]
-        homes = [d.dt for d in self.trained_on() if (d.engine, d.integrator) == own]
-        coarsest = max(homes, default=self.control_period)
+        alike = replace(discretization, dt=1.0)
+        dts = [d.dt for d in self.grid if replace(d, dt=1.0) == alike]
+        homes = [d.dt for d in self.trained_on() if replace(d, dt=1.0) == alike]
+        coarsest = max(homes, default=discretization.control_period)
         finest = discretization.dt <= min(dts)
         return finest and discretization.dt * 4.0 <= coarsest * (1.0 + 1e-9)
 
@@ -226,11 +244,12 @@ class PanelSpec:
                 "against each other, not against the truth."
             )
         found += [f"There is no baseline {b!r}." for b in BASELINES if b not in self.baselines]
-        changed = {name for p in self.changes for name in p.environment}
-        if not changed - _DELAYS:
+        changed = {name for one in self.variations for name in one.changes}
+        if not changed - {*DELAYS, *SENSING, *DISCRETIZATION}:
             found.append("No perturbation of the plant is evaluated.")
         if "action_latency" not in changed:
             found.append("No action latency is evaluated.")
+        found += [*self.unmade, *self._unmade()]
         found += [
             f"Engine {name} is not installed, so it is left out: {install_command(name)}."
             for name in self.left_out
@@ -244,16 +263,83 @@ class PanelSpec:
         return found
 
     def cells_of(self, home: Home | None) -> tuple[Cell, ...]:
-        """Cells of one row, those it was trained in first: columns, perturbations, its ladder."""
+        """Cells of one row: columns, those that it was trained in first, what varies, its ladder.
+
+        Of a cell that differs from a home in several axes, also those in which one of them alone is
+        changed, and all but one.
+        """
         own = () if home is None else tuple(home.shares)
         columns = sorted(self.columns(), key=lambda cell: cell.discretization not in own)
-        perturbed = [
-            Cell.of(d, "perturbation", perturbation=p)
-            for p in self.changes
-            for d in dict.fromkeys((*own, self.reference))
-            if d is not None
-        ]
-        return (*columns, *perturbed, *self._ladder(home))
+        varied = [cell for cell, fault in self.varied(own) if fault is None]
+        separated = self._separated(home, varied) if isinstance(home, Discretization) else ()
+        found: dict[Any, Cell] = {}
+        for cell in (*columns, *varied, *separated, *self._ladder(home)):
+            found.setdefault((cell.discretization, cell.changes), cell)
+        return tuple(found.values())
+
+    def varied(self, own: Sequence[Discretization]) -> Iterator[tuple[Cell, str | None]]:
+        """Cells of variations, each with what is wrong with its times, if anything."""
+        truths = tuple(map(self.testbed.truth, (d.control_period for d in own)))
+        for variation in self.variations:
+            for place in variation.at:
+                named = {"home": own, "truth": truths or (self.reference,)}
+                places = named[place] if isinstance(place, str) else (place,)
+                for one in dict.fromkeys(places):
+                    cell = None if one is None else self.vary(one, variation)
+                    if cell is not None:
+                        yield cell, timing_fault(cell.arguments(self.environment))
+
+    def vary(self, place: Discretization, variation: Variation) -> Cell | None:
+        """A discretization with a variation's changes; None where it changes nothing.
+
+        Of the truth's discretization the control period alone can be another.
+        """
+        undisturbed = {**self.nominal.arguments(), **place.arguments()}
+        changes = {
+            name: value
+            for name, value in variation.changes.items()
+            if not _is_same(undisturbed.get(name), value)
+        }
+        steps = {name: changes.pop(name) for name in DISCRETIZATION if name in changes}
+        there: Discretization | None = replace(place, **steps)
+        if place == self.testbed.truth(place.control_period):
+            period = steps.pop("control_period", None)
+            there = place if period is None else self.testbed.truth(period)
+            if steps:
+                return None
+        if there is None or (there == place and not changes):
+            return None
+        name = variation.name
+        if name == changes_name(variation.changes):
+            name = changes_name(changes)
+        at, where = (place_name(one, self.control_period) for one in (place, there))
+        return self._cell(
+            there,
+            "varied",
+            name=f"{where}, {name}" if changes else where,
+            environment=changes,
+            variation=variation.name,
+            at=at,
+        )
+
+    def _separated(self, home: Discretization, varied: Sequence[Cell]) -> Iterator[Cell]:
+        """Cells that tell what each axis in which others differ from home costs alone."""
+        for cell in varied:
+            axes = axes_between(home, cell)
+            if cell.integrator == TRUTH or len(axes) < 2:
+                continue
+            for axis, alone in axes.items():
+                rest = {k: x for name, own in axes.items() if name != axis for k, x in own.items()}
+                for changes in (alone, rest):
+                    found = self.vary(home, Variation(changes_name(changes), changes))
+                    fits = found and timing_fault(found.arguments(self.environment)) is None
+                    if found is not None and fits:
+                        yield found
+
+    def _unmade(self) -> list[str]:
+        """Cells of variations that cannot be had, in sentences."""
+        faults = {cell.name: fault for cell, fault in self.varied(self.trained_on()) if fault}
+        return [f"There is no cell {name!r}: {fault}." for name, fault in faults.items()]
 
     def _ladder(self, home: Home | None) -> tuple[Cell, ...]:
         """Of a single discretization whose control period can follow its step."""
@@ -261,9 +347,7 @@ class PanelSpec:
         if fixed or not self.ladder or not isinstance(home, Discretization):
             return ()
         steps = [home.dt / 2.0, home.dt / 4.0]
-        return tuple(
-            Cell.of(Discretization(home.integrator, dt, dt, home.engine), "ladder") for dt in steps
-        )
+        return tuple(self._cell(replace(home, dt=dt, control_period=dt), "ladder") for dt in steps)
 
     def engine_versions(self) -> dict[str, str]:
         """Version of the distribution behind each foreign engine that is used."""
@@ -300,6 +384,13 @@ class PanelSpec:
         return {name: digest for name, digest in hashes.items() if digest is not None}
 
 
+def _is_same(own: Any, value: Any) -> bool:
+    """Whether a value is an argument's own; a delay of 0 s is none."""
+    if isinstance(value, (int, float)) and isinstance(own, (int, float, NoneType)):
+        return math.isclose(float(own or 0.0), float(value), rel_tol=1e-12)
+    return bool(own == value)
+
+
 def _plain(value: Any) -> Any:
     """An attribute of a specification as plain data."""
     if isinstance(value, tuple):
@@ -309,7 +400,7 @@ def _plain(value: Any) -> Any:
     if isinstance(value, DiscretizationMixture):
         members = [{**member.arguments(), WEIGHT: weight} for member, weight in value.weights]
         return {"mixture": value.name, "members": members}
-    if isinstance(value, (Perturbation, Sweep)):
+    if isinstance(value, Variation):
         return msgspec.to_builtins(value)
     return dict(value) if isinstance(value, Mapping) else value
 
@@ -334,22 +425,16 @@ def check_parts(spec: PanelSpec) -> None:
     _check_looks(spec)
     named: dict[str, Sequence[Any]] = {
         "seeds": spec.seeds,
-        "train": [home.name for home in spec.train],
+        "train": [spec.name_of(home) for home in spec.train],
         "baselines": spec.baselines,
-        "perturbations": [p.name for p in spec.changes],
+        "variations": [one.name for one in spec.variations],
         "family": spec.family,
         "compare": spec.compare,
     }
     for label, values in named.items():
         check_unique(label, values)
-    for perturbation in spec.changes:
-        varied = set(perturbation.environment) & set(DISCRETIZATION)
-        if varied:
-            raise SpecError(
-                f"perturbation {perturbation.name!r} changes `{sorted(varied)[0]}`, which is what "
-                "cells vary; use `evaluate` for it"
-            )
     every = [spec.cells_of(home) for home in (*spec.train, None)]
+    check_variations(spec, spec.trained_on())
     for cells in every:
         check_unique("cells", [cell.name for cell in cells])
     for cell in {cell.name: cell for cells in every for cell in cells}.values():
@@ -357,16 +442,16 @@ def check_parts(spec: PanelSpec) -> None:
     for home in spec.trained_on():
         if home not in spec.grid and home != spec.reference:
             raise SpecError(
-                f"every training discretization must also be evaluated, {home.name!r} is not; "
-                "add it to `evaluate`"
+                "every training discretization must also be evaluated, "
+                f"{spec.name_of(home)!r} is not; add it to `evaluate`"
             )
     columns = {cell.name for cell in spec.columns()}
     _check_mixture_names(spec, columns)
-    homes = {home.name: home for home in spec.train}
+    homes = {spec.name_of(home): home for home in spec.train}
     for home_name, cell_name in spec.family:
         check_known("training discretization in `family`", home_name, homes)
         check_known("cell in `family`", cell_name, columns)
-        if cell_name in {member.name for member in homes[home_name].shares}:
+        if cell_name in spec.shares_of(homes[home_name]):
             raise SpecError(
                 f"`family` compares {home_name!r} with its own home {cell_name!r}; name a cell "
                 "that it was not trained in"
@@ -375,6 +460,24 @@ def check_parts(spec: PanelSpec) -> None:
         for name in pair:
             check_known("training discretization in `compare`", name, homes)
         _check_comparison(spec, pair)
+
+
+def check_variations(spec: PanelSpec, homes: Sequence[Discretization]) -> None:
+    """Refuse a variation that can be had nowhere.
+
+    Args:
+        spec: the panel.
+        homes: of its policies.
+
+    Raises:
+        SpecError: for such a variation, with what is wrong.
+    """
+    faults: dict[str, set[str | None]] = {}
+    for cell, fault in spec.varied(homes):
+        faults.setdefault(str(cell.variation), set()).add(fault)
+    for name, found in faults.items():
+        if None not in found:
+            raise SpecError(f"{name!r} can be had in no cell: {min(map(str, found))}")
 
 
 def _check_looks(spec: PanelSpec) -> None:
@@ -417,7 +520,7 @@ def _check_environment(environment: Mapping[str, Any]) -> None:
 
 def _check_mixture_names(spec: PanelSpec, columns: set[str]) -> None:
     """A mixture's name must be no other row's, no cell's, and one of its own as a file's."""
-    files = [file_name(name) for name in (*(home.name for home in spec.train), *spec.baselines)]
+    files = [file_name(name) for name in (*map(spec.name_of, spec.train), *spec.baselines)]
     for home in spec.train:
         if isinstance(home, Discretization):
             continue
@@ -438,14 +541,14 @@ def _check_comparison(spec: PanelSpec, pair: tuple[str, str]) -> None:
         raise SpecError(
             f"`compare` is decided on the truth, and {spec.env_id} has none; leave it out"
         )
-    homes = {d for home in spec.train if home.name in pair for d in home.shares}
+    homes = {d for home in spec.train if spec.name_of(home) in pair for d in home.shares}
     by_step = sorted(homes - {spec.reference}, key=lambda d: (d.dt, d.name))
-    for own, home in {(d.engine, d.integrator): d for d in by_step}.items():
-        finest = min(d.dt for d in spec.grid if (d.engine, d.integrator) == own)
+    for own, home in {replace(d, dt=1.0): d for d in by_step}.items():
+        finest = min(d.dt for d in spec.grid if replace(d, dt=1.0) == own)
         if finest * 4.0 > home.dt * (1.0 + 1e-9):
             raise SpecError(
                 f"`compare` needs {home.integrator} evaluated at dt={home.dt / 4.0:g} or finer, a "
-                f"quarter of {home.name}'s; add it to `evaluate`"
+                f"quarter of {spec.name_of(home)}'s; add it to `evaluate`"
             )
 
 
@@ -483,10 +586,11 @@ _Toml = derived_table(
     "Specification",
     {
         "train": list[dict[str, Any]],
-        "evaluate": list[Places],
+        "evaluate": list[dict[str, Any]],
+        "perturbations": list[PerturbationTable],
         "sweep": list[SweepTable],
         "episodes": Count | list[Count],
-        **dict.fromkeys(("grid", "sweeps", "episode_parts", "left_out")),
+        **dict.fromkeys(("grid", "variations", "episode_parts", "unmade", "left_out")),
     },
     _REQUIRED.__contains__,
 )
@@ -569,16 +673,22 @@ def _parse(data: Mapping[str, Any]) -> PanelSpec:
     testbed = find_testbed(given["env_id"], given.get("environment", {}))
     home = replace(testbed.home, control_period=given["control_period"])
     nominal = nominal_setup(testbed, home.control_period)
-    evaluate, sweep = given.pop("evaluate"), given.pop("sweep", ())
-    installed = any(entry.engine == INSTALLED for entry in evaluate)
+    entries, sweeps = given.pop("evaluate"), given.pop("sweep", ())
+    perturbations = given.pop("perturbations", None)
+    grid, variations, unmade = evaluation_cells(entries, home)
+    installed = any(entry.get("engine") == INSTALLED for entry in entries)
     given.setdefault("baselines", possible_baselines(nominal, testbed.controller))
-    given.setdefault("perturbations", standard_perturbations(nominal))
     return PanelSpec(
         **{
             **given,
             "train": training_homes(given["train"], home),
-            "grid": evaluation_grid(evaluate, home),
-            "sweeps": sweeps_of(given["env_id"], sweep, nominal),
+            "grid": grid,
+            "unmade": unmade,
+            "variations": (
+                *(standard_variations(nominal) if perturbations is None else ()),
+                *shorthand_variations(perturbations or (), sweeps),
+                *variations,
+            ),
             "left_out": absent_engines() if installed else (),
         }
     )

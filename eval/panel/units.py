@@ -66,7 +66,7 @@ def units_of(spec: PanelSpec) -> tuple[Unit, ...]:
 def trained_units(spec: PanelSpec) -> tuple[Unit, ...]:
     """The training runs, seed by seed."""
     return tuple(
-        Unit(home.name, home, seed)
+        Unit(spec.name_of(home), home, seed)
         for seed in spec.seeds
         for home in spec.train
         if seed in spec.seeds_of(home)

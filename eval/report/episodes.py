@@ -452,7 +452,7 @@ def live_of(
 ) -> Live | None:
     """What can be simulated with these policies; None if nothing can.
 
-    That is on native cells without a perturbation: those of the leads first, then from coarse to
+    That is on native cells without a variation: those of the leads first, then from coarse to
     fine.
     """
     env_id = str(panel.spec.get("env_id"))
@@ -465,7 +465,7 @@ def live_of(
     for name in dict.fromkeys([*asked, *(cell.name for cell in others)]):
         cell = panel.cell(name)
         known = cell.engine == NATIVE and cell.integrator in INTEGRATORS.names()
-        if not known or cell.perturbation is not None or len(scripts) == MOST_CELLS:
+        if not known or not cell.plain or len(scripts) == MOST_CELLS:
             continue
         parts = {part: getattr(cell, part) for part in DISCRETIZATION}
         try:

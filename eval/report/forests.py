@@ -10,7 +10,7 @@ from typing import Final, Literal, TypeAlias
 
 from integ_gym.support.terminal import NONE, compact, fixed, percent
 
-from ..panel.cells import Cell, swept_name
+from ..panel.cells import Cell
 from ..panel.conclusions import remedy_summary
 from ..panel.result import Entry, PairedEpisodes, Panel, Remedy, RemedyCell, Row
 from ..power import WITHOUT_VERDICT, Verdict
@@ -337,7 +337,7 @@ def _paired(
     """Blocks by policy, and by whether its plant was changed."""
     blocks: dict[str, list[Line]] = {}
     for one, value, p in compared:
-        what = "perturbations" if panel.cell(one.cell).perturbation else "discretizations"
+        what = "discretizations" if panel.cell(one.cell).plain else "variations"
         where = "at home" if one.against == "home" else "on the truth"
         heading = f"{one.row}, {one.episodes} starts: {what} against what it does {where}"
         low, high = value.ends
@@ -371,27 +371,21 @@ def _paired(
 
 
 def checks_of(panel: Panel) -> dict[str, list[tuple[Entry | None, Entry]]]:
-    """For every change of the plant or its delays, its rows without it and with it.
+    """For every variation, its rows without it and with it.
 
-    Rows are those that learned, or all where none of them met a change. Sweeps are left out.
+    Rows are those that learned, or all where none of them met a variation. Sweeps are left out.
     """
-    swept = {
-        swept_name(sweep["argument"], value)
-        for sweep in panel.spec.get("sweeps", ())
-        for value in sweep["values"]
-    }
+    swept = {name for names in panel.sweeps.values() for name in names.values()}
+    named = {one["name"] for one in panel.spec.get("variations", ())} - swept
     checks: dict[str, list[tuple[Entry | None, Entry]]] = {}
     learned = [row for row in panel.ordered_rows if row.learned is not False]
     for rows in (learned, panel.ordered_rows):
         for row in rows if not checks else ():
             for cell in panel.cells:
                 after = panel.entry(row.name, cell.name)
-                change = cell.perturbation.name if cell.perturbation else cell.name
-                if after is None or cell.plain or change in swept:
-                    continue
-                same = (other for other in panel.cells if other.plain and are_alike(other, cell))
-                before = next((panel.entry(row.name, other.name) for other in same), None)
-                checks.setdefault(change, []).append((before, after))
+                if after is not None and cell.variation in named:
+                    before = panel.entry(row.name, str(cell.at))
+                    checks.setdefault(str(cell.variation), []).append((before, after))
     return checks
 
 

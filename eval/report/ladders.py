@@ -6,16 +6,16 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Final, TypeAlias
+from typing import Final, TypeAlias
 
 from integ_gym.support.figures import DASHES, SeriesStyle, SeriesStyles
 from integ_gym.support.terminal import step
 
-from ..panel.cells import Cell, swept_name
+from ..panel.cells import Cell, axes_between, flatten
 from ..panel.result import Entry, Panel, Row
 from ..scheme_style import styles_of
 from ..statistics import Estimate
-from .forests import are_alike, are_close
+from .forests import are_close
 
 _LETTER: Final = 0.027  # width of a letter on the page, as a share of the axis
 
@@ -204,17 +204,15 @@ def thin_ticks(ticks: Iterable[tuple[float, str]], letter: float) -> tuple[tuple
 
 def sweep_plots(panel: Panel) -> LadderPlots | None:
     """Plots of all sweeps, on the truth and at home; None if the panel has none."""
-    if not panel.spec.get("sweeps"):
-        return None
     rows = [row for row in panel.ordered_rows if not row.baseline]
     rows = [row for row in rows if row.learned is not False] or rows
     homes = {row.name: None if row.mixed else panel.cell(next(iter(row.shares))) for row in rows}
     styles = _row_styles(homes)
     groups = []
-    for sweep in panel.spec["sweeps"]:
-        plots = tuple(_sweep_plots(panel, sweep, homes, styles))
+    for argument, names in panel.sweeps.items():
+        plots = tuple(_sweep_plots(panel, argument, names, homes, styles))
         if plots:
-            groups.append((str(sweep["argument"]), plots))
+            groups.append((argument, plots))
     if not groups:
         return None
     about = "success of the same policies as one argument of the environment changes"
@@ -223,38 +221,52 @@ def sweep_plots(panel: Panel) -> LadderPlots | None:
 
 
 def _sweep_plots(
-    panel: Panel, sweep: Mapping[str, Any], homes: Mapping[str, Cell | None], styles: SeriesStyles
+    panel: Panel,
+    argument: str,
+    names: Mapping[float, str],
+    homes: Mapping[str, Cell | None],
+    styles: SeriesStyles,
 ) -> Iterator[LadderPlot]:
     """On the truth, if there is one, and every row at its own home."""
-    values = [float(value) for value in sweep["values"]]
+    values = [*names]
     places = {value: (value - values[0]) / (values[-1] - values[0]) for value in values}
     ticks = tuple((place, f"{value:g}") for value, place in places.items())
-    along = ", ".join(filter(None, (str(sweep["argument"]), sweep["unit"])))
-    perturbed = [(cell.perturbation.name, cell) for cell in panel.cells if cell.perturbation]
-    changed = {name for name, _ in perturbed}
+    along = ", ".join(filter(None, (argument, panel.units.get(argument))))
+    varied = {cell.variation for cell in panel.cells}
+    truths = {row: panel.truth_at(home and home.control_period) for row, home in homes.items()}
 
     def points(row: str, home: Cell) -> Iterator[Point]:
-        """Success by value at a discretization; the value that no change has is undisturbed."""
-        here = {name: cell for name, cell in perturbed if are_alike(cell, home)}
+        """Success by value at a discretization; the value that no cell has is undisturbed."""
+        own = getattr(home, argument, None)
         for value, place in places.items():
-            name = swept_name(str(sweep["argument"]), value)
-            cell = here.get(name) if name in changed else home
+            name, cell = names[value], home
+            if name in varied and not (isinstance(own, float) and are_close(own, value)):
+                cell = _changed(panel, home, argument, value)
             entry = cell and panel.entry(row, cell.name)
             if entry:
-                words = f"{panel.in_words(row)}, {name}: success {entry.success}"
+                words = f"{panel.in_words(row)}, {argument}={value:g}: success {entry.success}"
                 yield Point(place, entry.success, words)
 
     for about, cells in (
-        ("on the truth", dict.fromkeys(homes, panel.truth)),
+        ("on the truth", truths),
         ("at home", homes),
     ):
         series = []
         for number, (row, cell) in enumerate(cells.items()):
-            own = tuple(points(row, cell)) if cell else ()
-            if len(own) > 1:
-                series.append(Series(row, styles[row], number - (len(homes) - 1) / 2.0, own))
+            shown = tuple(points(row, cell)) if cell else ()
+            if len(shown) > 1:
+                series.append(Series(row, styles[row], number - (len(homes) - 1) / 2.0, shown))
         if series:
             yield LadderPlot(about, ticks, tuple(series), None, along)
+
+
+def _changed(panel: Panel, home: Cell, argument: str, value: float) -> Cell | None:
+    """The cell that differs from another in the value of one argument alone."""
+    for cell in panel.cells:
+        apart = axes_between(home.discretization, cell).values()
+        if [one for own in apart for one in flatten(own)] == [(argument, value)]:
+            return cell
+    return None
 
 
 def _row_styles(homes: Mapping[str, Cell | None]) -> SeriesStyles:

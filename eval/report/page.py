@@ -146,6 +146,7 @@ def render(panel: Panel, episodes: Episodes | None = None, seal: str | None = No
         ladders=ladder_plots(panel),
         sweeps=sweep_plots(panel),
         checks=check_forest(panel),
+        separations=sorted(panel.separations, key=lambda one: -one.lost.estimate),
         trust=trusts,
         rankings=sorted(panel.rankings, key=lambda one: -one.violation.estimate),
         findings=findings_of(panel, trusts),

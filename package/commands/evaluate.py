@@ -9,6 +9,7 @@ from pathlib import Path
 
 from integ_gym.envs.environment import OTHER_TESTBEDS, is_integ_environment
 from integ_gym.envs.registries import ENVIRONMENTS
+from integ_gym.eval.panel.claims import parse_claim
 from integ_gym.eval.panel.existing import evaluate
 from integ_gym.support.errors import InputError
 from integ_gym.support.options import (
@@ -16,6 +17,7 @@ from integ_gym.support.options import (
     add_named_values,
     by_name,
     display_command,
+    listed_values,
     run_place,
     whole_number,
 )
@@ -35,6 +37,8 @@ examples:
       --obs-stats vecnormalize.pkl --out runs/mine
   integ-gym evaluate policy.zip --env Hopper-v5 --home stock --out runs/hopper \\
       --integrator Euler --integrator implicitfast --integrator RK4 --dt 0.002 --dt 0.001
+  integ-gym evaluate policy.zip --env IntegPendulum-v0 --out runs/mine --at home \
+      --vary control_period=0.05,0.1 --vary action_latency=0,0.05 --fail-if "loss > 0.1"
   integ-gym evaluate --policy my_module:my_function --env IntegPendulum-v0 --out runs/mine
 
 The policy's home is what its side-car POLICY.json says or what --home states, and is unknown
@@ -42,6 +46,9 @@ without either: nothing is then compared with home. `--home stock` is Gymnasium'
 which of a MuJoCo task is the task as it is. A policy is judged at its home's control period;
 `--home control_period=S` states that alone. A function takes one observation and gives one action.
 """
+
+SHOWN = 3
+"""Exit code where the claim of --fail-if is shown."""
 
 
 def parser() -> argparse.ArgumentParser:
@@ -81,6 +88,21 @@ def parser() -> argparse.ArgumentParser:
         "task's own step, 1/2, 1/4 of it)",
     )  # fmt: skip
     add_named_values(made, "--env-arg", "environment argument")
+    add(
+        "--vary", action="append", default=[], type=listed_values, metavar="NAME=V,V",
+        help="environment argument with the values that it takes; may be repeated: every "
+        "combination is evaluated, in every discretization",
+    )  # fmt: skip
+    add(
+        "--at", action="append", default=[], choices=("home", "truth"),
+        help="with --vary: vary at home or on the truth alone; may be repeated",
+    )  # fmt: skip
+    add(
+        "--fail-if", metavar="CLAIM",
+        help='end with exit code 3 if a claim is shown, such as "loss > 0.1" or "success < 0.9 in '
+        'rk4 dt=0.01": loss, success or return, in the worst cell or a named one, by the end of '
+        "its interval that is against the claim",
+    )  # fmt: skip
     add(
         "--success-return", type=float, metavar="R",
         help="of a task of Gymnasium's: an episode succeeds if its return reaches R (default: if "
@@ -125,6 +147,7 @@ def main(argv: Sequence[str]) -> int:
     arguments = by_name(given.env_arg, "--env-arg", {"success_return": "--success-return"})
     if given.success_return is not None:
         arguments["success_return"] = given.success_return
+    claim = None if given.fail_if is None else parse_claim(given.fail_if)
     panel = evaluate(
         given.policy or given.file,
         given.env,
@@ -132,6 +155,8 @@ def main(argv: Sequence[str]) -> int:
         integrators=given.integrator,
         dts=given.dt,
         episodes=given.episodes,
+        varied=by_name(given.vary, "--vary", {}),
+        at=given.at,
         environment=arguments,
         obs_stats=given.obs_stats,
         home=given.home,
@@ -148,4 +173,8 @@ def main(argv: Sequence[str]) -> int:
     print_details(panel)
     print_next(panel)
     print(f"Page: {page_location(given.out)}")
+    shown = None if claim is None else claim.shown_in(panel)
+    if shown is not None:
+        print_wrapped(f"--fail-if: {shown}", sys.stderr)
+        return SHOWN
     return 0

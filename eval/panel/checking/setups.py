@@ -30,7 +30,6 @@ from integ_gym.train.policy_files.sidecar import POLICY_FILE, WEIGHTS_FILE
 from ..cells import (
     Cell,
     Home,
-    changes_of,
     engine_versions,
     environments_of,
 )
@@ -246,7 +245,7 @@ def _planned(spec: PanelSpec, policy: PlannedPolicy, cell: Cell) -> dict[str, An
     return {
         "env_id": spec.env_id,
         **{name: given[name] for name in DISCRETIZATION},
-        "perturbation": dict(changes_of(cell)) or None,
+        "perturbation": cell.environment or None,
         "training_discretization": policy.home.arguments() if policy.home else None,
         "training_seed": policy.seed,
         "first_seed": spec.start_seed(policy.starts, 0),
