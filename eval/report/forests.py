@@ -11,7 +11,7 @@ from typing import Final, Literal, TypeAlias
 from integ_gym.support.terminal import NONE, compact, fixed, percent
 
 from ..panel.cells import Cell
-from ..panel.conclusions import remedy_summary
+from ..panel.conclusions import UNSKILLED, remedy_summary
 from ..panel.result import Entry, PairedEpisodes, Panel, Remedy, RemedyCell, Row
 from ..power import WITHOUT_VERDICT, Verdict
 from ..statistics import Estimate
@@ -373,13 +373,15 @@ def _paired(
 def checks_of(panel: Panel) -> dict[str, list[tuple[Entry | None, Entry]]]:
     """For every variation, its rows without it and with it.
 
-    Rows are those that learned, or all where none of them met a variation. Sweeps are left out.
+    Rows are those that learned, or all where none of them met a variation; baselines that know
+    nothing of the task and sweeps are left out.
     """
     swept = {name for names in panel.sweeps.values() for name in names.values()}
     named = {one["name"] for one in panel.spec.get("variations", ())} - swept
     checks: dict[str, list[tuple[Entry | None, Entry]]] = {}
-    learned = [row for row in panel.ordered_rows if row.learned is not False]
-    for rows in (learned, panel.ordered_rows):
+    skilled = [row for row in panel.ordered_rows if row.name not in UNSKILLED]
+    learned = [row for row in skilled if row.learned is not False]
+    for rows in (learned, skilled):
         for row in rows if not checks else ():
             for cell in panel.cells:
                 after = panel.entry(row.name, cell.name)
