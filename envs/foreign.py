@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from math import nan
+from math import ceil, nan
 from typing import Any, Final, Literal, cast
 
 import gymnasium as gym
@@ -21,7 +21,7 @@ from integ_gym.support.parameters import unknown_name
 
 from .environment import at_bounds
 from .lanes import DiscretizedVectorEnv, as_floats
-from .settings import Discretization, Mixture, Settings, Timing
+from .settings import TOLERANCE, Discretization, Mixture, Settings, Timing
 from .transition import AWAY, NOT_REPORTED
 
 _SECONDS = ("dt", "control_period", "duration")
@@ -106,6 +106,19 @@ def time_limit(env: gym.Env[Any, Any]) -> int | None:
     return env.spec.max_episode_steps if env.spec else None
 
 
+def keep_duration(env: gym.Env[Any, Any], stretch: float) -> None:
+    """Change the time limit of an environment whose decisions last longer, so that seconds stay.
+
+    Args:
+        env: changed.
+        stretch: its control period over the one that the limit is meant for.
+    """
+    for one in wrappers_of(env):
+        if isinstance(one, TimeLimit):
+            decisions = one._max_episode_steps / stretch
+            one._max_episode_steps = max(1, ceil(decisions * (1.0 - TOLERANCE)))
+
+
 def return_of_success(wanted: float | None, spec: EnvSpec | None) -> float | None:
     """The return that is a success; None: an episode succeeds if it is not terminated.
 
@@ -185,6 +198,8 @@ class StatedEngine:
     reports: bool = False
     rewards: str | None = None
     """What a step's rewards are taken for, where a decision has several; None: not known here."""
+    stretch: float = 1.0
+    """Control period over the task's own, by which a decision's reward is multiplied."""
     accounted: bool = False
     """Whether the ledger knows every loss where no constraint acts."""
     solver_tolerance: float | None = None
@@ -205,7 +220,8 @@ class StatedEngine:
         """What is known of float width, losses and rewards."""
         width = {} if self.width is None else {"width": self.width}
         rewards = {} if self.rewards is None else {"rewards": self.rewards}
-        return {**width, "losses_accounted": self.accounted, **rewards}
+        stretch = {} if self.stretch == 1.0 else {"reward_factor": self.stretch}
+        return {**width, "losses_accounted": self.accounted, **rewards, **stretch}
 
 
 def _rewards(env: gym.Env[Any, Any]) -> str | None:
@@ -220,6 +236,7 @@ def describe_setup(
     applied: Discretization,
     goal: str,
     arguments: Mapping[str, Any],
+    stretch: float = 1.0,
 ) -> ForeignSetup:
     """What is known of an environment.
 
@@ -228,6 +245,7 @@ def describe_setup(
         applied: its discretization.
         goal: success in words.
         arguments: that it was made with.
+        stretch: factor of its rewards.
 
     Raises:
         TypeError: for spaces of another kind than `Box`, and `Discrete` actions.
@@ -262,7 +280,7 @@ def describe_setup(
             tuple((f"action{k}", "") for k in range(count))
         ),
         task=ForeignTask(goal, tuple(f"obs{k}" for k in range(size)), ("",) * size, discrete),
-        engine=StatedEngine(applied.engine, rewards=_rewards(env)),
+        engine=StatedEngine(applied.engine, rewards=_rewards(env), stretch=stretch),
         action_space=action,
         environment=tuple(sorted(arguments.items())),
     )  # fmt: skip
@@ -307,12 +325,15 @@ class Repeated(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs)
       decision pays their sum.
     - ``"last"``: a value of the state that is reached. A decision pays that of its last step.
 
-    In each, the reward of the step that ends the episode counts whole.
+    In each, the reward of the step that ends the episode counts whole. At another control period
+    than the task's own, means and values of a state are multiplied by the ratio of the periods, so
+    that returns are per second of simulated time.
 
     Args:
         env: whose step is one integration step.
         count: steps of a decision.
         rewards: what its rewards are; None: nobody said, and they are taken for rates.
+        stretch: control period over the task's own.
 
     Attributes:
         rewards_assumed: whether nobody said what the rewards are.
@@ -321,12 +342,20 @@ class Repeated(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs)
         ValueError: for other rewards.
     """
 
-    def __init__(self, env: gym.Env[Any, Any], count: int, rewards: Rewards | None = None) -> None:
+    def __init__(
+        self,
+        env: gym.Env[Any, Any],
+        count: int,
+        rewards: Rewards | None = None,
+        stretch: float = 1.0,
+    ) -> None:
         if rewards is not None and rewards not in REWARDS:
             raise InputError(unknown_name("meaning of rewards", rewards, REWARDS))
-        gym.utils.RecordConstructorArgs.__init__(self, count=count, rewards=rewards)
+        gym.utils.RecordConstructorArgs.__init__(
+            self, count=count, rewards=rewards, stretch=stretch
+        )
         super().__init__(env)
-        self.count = count
+        self.count, self._stretch = count, stretch
         self.rewards: Rewards = rewards or "rate"
         self.rewards_assumed = rewards is None
 
@@ -340,12 +369,29 @@ class Repeated(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs)
                 break
             earned += last
         if self.rewards == "last":
-            earned = last
+            earned = last if ended else self._stretch * last
         elif self.rewards == "sum":
             earned += last if ended else 0.0
         else:
-            earned = earned / self.count + (last if ended else 0.0)
+            earned = self._stretch * earned / self.count + (last if ended else 0.0)
         return observation, earned, terminated, truncated, info
+
+
+def check_wrappers(what: str, chain: Iterable[gym.Env[Any, Any]]) -> None:
+    """Refuse wrappers that would mean something else at another step or control period.
+
+    Args:
+        what: cannot keep them, as the beginning of a sentence.
+        chain: the wrappers.
+
+    Raises:
+        ValueError: naming the first.
+    """
+    for one in chain:
+        for kind, reason in _REFUSED.items():
+            if isinstance(one, kind):
+                name = type(one).__name__
+                raise InputError(f"{what} cannot keep the wrapper {name}: it {reason}")
 
 
 def without_time_limit(env: gym.Env[Any, Any]) -> gym.Env[Any, Any]:
@@ -355,11 +401,7 @@ def without_time_limit(env: gym.Env[Any, Any]) -> gym.Env[Any, Any]:
         ValueError: for a wrapper that would mean something else at another step, by its name.
     """
     chain = list(wrappers_of(env))
-    for one in chain:
-        for kind, reason in _REFUSED.items():
-            if isinstance(one, kind):
-                name = type(one).__name__
-                raise InputError(f"`held` cannot keep the wrapper {name}: it {reason}")
+    check_wrappers("`held`", chain)
     others = [one for one in chain if not isinstance(one, wrappers.TimeLimit)]
     inner = chain[-1].env if chain else env
     for one in reversed(others):
@@ -422,6 +464,8 @@ class StatedEnv(ForeignWrapper):
         success_return: an episode succeeds if its return reaches this; None: if it is not
             terminated, or, where the task ends at its goal, by its `reward_threshold`.
         arguments: that it was made with, for evidence.
+        stretch: its control period over the task's own. A decision's reward is multiplied by it, so
+            that returns are per second of simulated time, unless :class:`Repeated` did it.
 
     Attributes:
         state_components: nothing: the state is not known.
@@ -437,13 +481,20 @@ class StatedEnv(ForeignWrapper):
         applied: Discretization,
         success_return: float | None = None,
         arguments: Mapping[str, Any] | None = None,
+        stretch: float = 1.0,
     ) -> None:
         gym.utils.RecordConstructorArgs.__init__(
-            self, applied=applied, success_return=success_return, arguments=arguments
+            self,
+            applied=applied,
+            success_return=success_return,
+            arguments=arguments,
+            stretch=stretch,
         )
         super().__init__(env)
+        keep_duration(env, stretch)
         self._goal = ReturnGoal(return_of_success(success_return, env.spec))
-        self.setup = describe_setup(env, applied, self._goal.words, arguments or {})
+        self._factor = 1.0 if env.has_wrapper_attr("rewards_assumed") else stretch
+        self.setup = describe_setup(env, applied, self._goal.words, arguments or {}, stretch)
         self._control = self._nearest(np.zeros(len(self.setup.plant.controls)))
 
     def reset(
@@ -470,6 +521,8 @@ class StatedEnv(ForeignWrapper):
         action = int(control[0]) if discrete else control.reshape(space.shape).astype(space.dtype)
         observation, reward, terminated, truncated, info = self.env.step(action)
         self._steps += 1
+        if self._factor != 1.0:
+            reward = self._factor * float(reward)
         success = self._goal.note(float(reward), bool(terminated), bool(truncated), self._time)
         known = self._info(saturated, not valid, success)
         return observation, reward, bool(terminated), bool(truncated), {**info, **known}

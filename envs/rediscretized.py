@@ -34,12 +34,15 @@ from .foreign import (
     ForeignWrapper,
     ReturnGoal,
     StatedEngine,
+    check_wrappers,
+    keep_duration,
     return_of_success,
     time_limit,
+    wrappers_of,
 )
 from .lanes import as_floats
 from .ops.ops import join_state
-from .settings import Settings, Timing, check_divides
+from .settings import Settings, Timing, check_divides, whole_multiple
 from .transition import DIVERGED, NOT_CONVERGED, OK, STATUS_NAMES
 
 _HEADLESS = ("egl", "osmesa")
@@ -88,6 +91,7 @@ class Choice:
 
     integrator: str | None = parameter(None, "", "MuJoCo's name", text)
     dt: float | None = parameter(None, "s", "timestep", positive)
+    control_period: float | None = parameter(None, "s", "time between two decisions", positive)
     success_return: float | None = parameter(None, "", "return of a success", finite_number)
 
     def __post_init__(self) -> None:
@@ -272,11 +276,13 @@ def rediscretize(
     integrator: str | None = None,
     dt: float | None = None,
     success_return: float | None = None,
+    control_period: float | None = None,
 ) -> RediscretizedEnv:
-    """Change integrator and timestep of a Gymnasium MuJoCo environment.
+    """Change integrator, timestep and control period of a Gymnasium MuJoCo environment.
 
-    The control period stays, so that decisions and the time limit mean the same. The task pays one
-    reward for each control period, by its own formula and with the timestep it was made with.
+    The task pays one reward for each control period, by its own formula and with the timestep it
+    was made with. At another control period than its own, episodes last as many seconds, and the
+    reward is multiplied by the ratio of the periods, so that returns are per second.
 
     Args:
         env: one that ``gym.make`` made of Gymnasium's MuJoCo environments; it is changed.
@@ -285,11 +291,14 @@ def rediscretize(
         dt: timestep, s; None: as it is.
         success_return: an episode succeeds if its return reaches this; None: if it is not
             terminated, or, of a task whose `reward_threshold` is negative, if it reaches that.
+        control_period: s, a whole multiple of the timestep that the task was made with; None: as it
+            is.
 
     Raises:
         TypeError: for another environment.
         ValueError: for an unknown integrator, a timestep of which the control period is no whole
-            multiple, with the nearest that are possible, or an argument of another kind.
+            multiple, with the nearest that are possible, a wrapper that counts decisions where
+            there is another control period, or an argument of another kind.
 
     >>> import gymnasium as gym
     >>> import integ_gym
@@ -298,7 +307,7 @@ def rediscretize(
     >>> env.setup.timing.control_period, env.setup.timing.substeps
     (0.04, 4)
     """
-    return RediscretizedEnv(env, integrator, dt, success_return)
+    return RediscretizedEnv(env, integrator, dt, success_return, control_period)
 
 
 class RediscretizedEnv(ForeignWrapper):
@@ -321,17 +330,23 @@ class RediscretizedEnv(ForeignWrapper):
         integrator: str | None = None,
         dt: float | None = None,
         success_return: float | None = None,
+        control_period: float | None = None,
     ) -> None:
         gym.utils.RecordConstructorArgs.__init__(
-            self, integrator=integrator, dt=dt, success_return=success_return
+            self,
+            integrator=integrator,
+            dt=dt,
+            success_return=success_return,
+            control_period=control_period,
         )
         super().__init__(env)
         check_versions("mujoco")
         self._mujoco = load("mujoco", "mujoco")
         self._inner = _mujoco_env(env)
-        choice = Choice(integrator, dt, success_return)
+        choice = Choice(integrator, dt, control_period, success_return)
         self._goal = ReturnGoal(return_of_success(success_return, env.spec))
         self._model, self._data = self._inner.model, self._inner.data
+        self._stretch = self._change_period(choice.control_period)
         self._stock = float(self._model.opt.timestep), int(self._inner.frame_skip)
         limited = self._model.actuator_ctrllimited.astype(bool)
         low, high = self._model.actuator_ctrlrange.T
@@ -406,6 +421,8 @@ class RediscretizedEnv(ForeignWrapper):
                 command.astype(self._inner.action_space.dtype)
             )
         self._steps += 1
+        if self._stretch != 1.0:
+            reward = self._stretch * float(reward)
         before = self._energy
         if self._diverged:
             observation, terminated = self._observation, True
@@ -520,6 +537,18 @@ class RediscretizedEnv(ForeignWrapper):
             **{name: value for name, value in losses.items() if not math.isnan(value)},
         }
 
+    def _change_period(self, period: float | None) -> float:
+        """Have decisions another control period, s; its ratio to the task's own."""
+        stretch = 1.0 if period is None else period / float(self._inner.dt)
+        if period is None or math.isclose(stretch, 1.0):
+            return 1.0
+        check_wrappers("another control period", wrappers_of(self.env))
+        own = float(self._model.opt.timestep)
+        count = whole_multiple("control_period", period, "the task's timestep", own)
+        self._inner.frame_skip = count
+        keep_duration(self.env, stretch)
+        return stretch
+
     def _discretized(self, choice: Choice) -> ForeignSetup:
         """Put the discretization into the model, and say what it is."""
         model, inner, mujoco = self._model, self._inner, self._mujoco
@@ -549,6 +578,7 @@ class RediscretizedEnv(ForeignWrapper):
             engine=StatedEngine(
                 "mujoco", 64, True, accounted=Ledger(mujoco, model, chosen).accounted,
                 solver_tolerance=float(model.opt.tolerance), solver_cap=int(model.opt.iterations),
+                stretch=self._stretch,
             ),
             action_space=self.action_space,
             environment=tuple(sorted((self.spec.kwargs if self.spec else {}).items())),

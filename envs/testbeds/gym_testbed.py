@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Hashable, Mapping
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -139,7 +140,10 @@ def split_period(testbed: Testbed, discretization: Discretization) -> tuple[floa
 
 
 class SequentialTestbed:
-    """A testbed of one control period, its home's, and without a truth.
+    """A testbed without a truth, whose decisions are taken at its home's control period.
+
+    At another one, where it can have it, episodes last as many seconds, and a decision's reward is
+    multiplied by the ratio of the periods.
 
     Args:
         arguments: that all discretizations have in common.
@@ -282,9 +286,10 @@ class GymTestbed(SequentialTestbed):
             ValueError: for a step that does not divide the control period, for other rewards, or
                 for a wrapper that would mean something else at another step.
         """
-        count = whole_multiple("control_period", self.home.control_period, "dt", discretization.dt)
-        limit = time_limit(env)
-        env_of_periods: gym.Env[Any, Any] = Repeated(without_time_limit(env), count, rewards)
+        period, count = split_period(self, discretization)
+        limit, stretch = time_limit(env), self._stretch(period)
+        lifted = without_time_limit(env)
+        env_of_periods: gym.Env[Any, Any] = Repeated(lifted, count, rewards, stretch)
         return env_of_periods if limit is None else TimeLimit(env_of_periods, limit)
 
     def as_applied(self, integrator: str, dt: float, env: gym.Env[Any, Any]) -> Applied:
@@ -342,7 +347,14 @@ class GymTestbed(SequentialTestbed):
         env = self._build_checked(discretization, arguments)
         given = {name: x for name, x in arguments.items() if name != "success_return"}
         wanted = arguments.get("success_return")
-        return StatedEnv(env, self.read(env).discretization, wanted, given)
+        applied = self.read(env).discretization
+        stretch = self._stretch(applied.control_period)
+        return StatedEnv(env, applied, wanted, given, stretch)
+
+    def _stretch(self, period: float) -> float:
+        """A control period, s, over the home's."""
+        stretch = period / self.home.control_period
+        return 1.0 if math.isclose(stretch, 1.0) else stretch
 
     def _build_checked(
         self, discretization: Discretization, arguments: Mapping[str, Any]

@@ -81,7 +81,8 @@ class MujocoTestbed(SequentialTestbed):
         Raises:
             ValueError: for another integrator or step than it can have.
         """
-        chosen = {"integrator": discretization.integrator, "dt": discretization.dt}
+        names = ("integrator", "dt", "control_period")
+        chosen = {name: getattr(discretization, name) for name in names}
         return _make_task(self.env_id, arguments, **chosen)
 
     def applied(self, environments: DiscretizedVectorEnv) -> Applied:

@@ -258,9 +258,7 @@ def plan(
         for dt in dts or testbed.steps(around)
     )
     if "home" in at and not own:
-        raise InputError(
-            "the home is unknown, so nothing can be varied there; give --home"
-        )
+        raise InputError("the home is unknown, so nothing can be varied there; give --home")
     if "truth" in at and testbed.truth(period) is None:
         raise InputError(f"{env_id} has no truth, so nothing can be varied there; give `home`")
     rest = {name: x for name, x in varied.items() if at or name != "control_period"}

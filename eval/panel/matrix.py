@@ -458,7 +458,7 @@ ORDER BY abs(last) DESC LIMIT 1
 """The reward with which an episode ended that is most unlike those before it, if there is one."""
 
 _PAID = f"""
-SELECT policy_id, engine, integrator, dt,
+SELECT policy_id, engine, integrator, control_period, dt,
     sum(list_sum(reward[:length - 1])) / sum(length - 1) AS paid
 FROM records
 WHERE {_ASSUMED} AND perturbation IS NULL AND reward IS NOT NULL AND length > 1
@@ -501,9 +501,8 @@ def _proportional_to_the_step(records: EvidenceStore) -> Iterator[str]:
     """One sentence, if every policy's rewards shrink as the step does."""
     paid: dict[tuple[Any, ...], dict[float, float]] = {}
     for row in records.query(_PAID).to_pylist():
-        paid.setdefault((row["policy_id"], row["engine"], row["integrator"]), {})[row["dt"]] = row[
-            "paid"
-        ]
+        alike = tuple(row[n] for n in ("policy_id", "engine", "integrator", "control_period"))
+        paid.setdefault(alike, {})[row["dt"]] = row["paid"]
     found = []
     for (policy, *_), by_step in sorted(paid.items()):
         fine, coarse = min(by_step), max(by_step)
