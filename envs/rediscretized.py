@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from math import nan
@@ -26,6 +26,7 @@ from integ_gym.support.parameters import (
 )
 
 from .engines.mujoco import silencer
+from .engines.mujoco_solver import read_solver, write_solver
 from .environment import at_bounds
 from .foreign import (
     ForeignPlant,
@@ -277,6 +278,7 @@ def rediscretize(
     dt: float | None = None,
     success_return: float | None = None,
     control_period: float | None = None,
+    solver: Mapping[str, Any] | None = None,
 ) -> RediscretizedEnv:
     """Change integrator, timestep and control period of a Gymnasium MuJoCo environment.
 
@@ -293,6 +295,9 @@ def rediscretize(
             terminated, or, of a task whose `reward_threshold` is negative, if it reaches that.
         control_period: s, a whole multiple of the timestep that the task was made with; None: as it
             is.
+        solver: settings of MuJoCo's constraint solver that change, such as ``{"iterations": 1,
+            "cone": "elliptic", "refsafe": False}``; see
+            :data:`integ_gym.envs.engines.mujoco_solver.SETTINGS`.
 
     Raises:
         TypeError: for another environment.
@@ -307,7 +312,7 @@ def rediscretize(
     >>> env.setup.timing.control_period, env.setup.timing.substeps
     (0.04, 4)
     """
-    return RediscretizedEnv(env, integrator, dt, success_return, control_period)
+    return RediscretizedEnv(env, integrator, dt, success_return, control_period, solver)
 
 
 class RediscretizedEnv(ForeignWrapper):
@@ -331,6 +336,7 @@ class RediscretizedEnv(ForeignWrapper):
         dt: float | None = None,
         success_return: float | None = None,
         control_period: float | None = None,
+        solver: Mapping[str, Any] | None = None,
     ) -> None:
         gym.utils.RecordConstructorArgs.__init__(
             self,
@@ -338,6 +344,7 @@ class RediscretizedEnv(ForeignWrapper):
             dt=dt,
             success_return=success_return,
             control_period=control_period,
+            solver=solver,
         )
         super().__init__(env)
         check_versions("mujoco")
@@ -346,6 +353,7 @@ class RediscretizedEnv(ForeignWrapper):
         choice = Choice(integrator, dt, control_period, success_return)
         self._goal = ReturnGoal(return_of_success(success_return, env.spec))
         self._model, self._data = self._inner.model, self._inner.data
+        write_solver(self._mujoco, self._model, solver or {})
         self._stretch = self._change_period(choice.control_period)
         self._stock = float(self._model.opt.timestep), int(self._inner.frame_skip)
         limited = self._model.actuator_ctrllimited.astype(bool)
@@ -567,6 +575,10 @@ class RediscretizedEnv(ForeignWrapper):
         inner.frame_skip = timing.substeps
         size = int(np.prod(self.observation_space.shape or (1,)))
         names = tuple(f"obs{index}" for index in range(size))
+        environment = {
+            **(self.spec.kwargs if self.spec else {}),
+            "solver": read_solver(mujoco, model),
+        }
         return ForeignSetup(
             settings=Settings(
                 integrator=chosen, dt=step, control_period=period, engine="mujoco",
@@ -581,7 +593,7 @@ class RediscretizedEnv(ForeignWrapper):
                 stretch=self._stretch,
             ),
             action_space=self.action_space,
-            environment=tuple(sorted((self.spec.kwargs if self.spec else {}).items())),
+            environment=tuple(sorted(environment.items())),
             fingerprinted="cart_pole",
         )  # fmt: skip
 

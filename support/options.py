@@ -126,6 +126,22 @@ def listed_values(word: str) -> tuple[str, list[Any]]:
         return name, values.split(",")
 
 
+def nest(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Values whose names have dots as tables.
+
+    >>> nest({"dt": 0.1, "solver.iterations": [1, 100]})
+    {'dt': 0.1, 'solver': {'iterations': [1, 100]}}
+    """
+    found: dict[str, Any] = {}
+    for path, value in values.items():
+        *tables, name = path.split(".")
+        place = found
+        for table in tables:
+            place = place.setdefault(table, {})
+        place[name] = value
+    return found
+
+
 def by_name(
     pairs: Iterable[tuple[str, Any]], flag: str, options: Mapping[str, str]
 ) -> dict[str, Any]:

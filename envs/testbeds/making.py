@@ -45,7 +45,8 @@ class MujocoTestbed(SequentialTestbed):
     Args:
         env_id: its id.
         arguments: of its ``gymnasium.make``, and ``success_return``: an episode succeeds if its
-            return reaches this; without it, if it is not terminated.
+            return reaches this; without it, if it is not terminated; and ``solver``: settings of
+            MuJoCo's solver that change.
     """
 
     engine = ENGINE
@@ -93,9 +94,9 @@ class MujocoTestbed(SequentialTestbed):
 
 
 def _make_task(env_id: str, arguments: Mapping[str, Any], **chosen: Any) -> RediscretizedEnv:
-    others = {name: value for name, value in arguments.items() if name != "success_return"}
-    goal = arguments.get("success_return")
-    return rediscretize(stock_task(env_id, others), success_return=goal, **chosen)
+    own = {name: arguments.get(name) for name in ("success_return", "solver")}
+    others = {name: value for name, value in arguments.items() if name not in own}
+    return rediscretize(stock_task(env_id, others), **own, **chosen)
 
 
 def stock_task(env_id: str, arguments: Mapping[str, Any]) -> gym.Env[Any, Any]:

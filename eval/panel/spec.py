@@ -388,6 +388,8 @@ def _is_same(own: Any, value: Any) -> bool:
     """Whether a value is an argument's own; a delay of 0 s is none."""
     if isinstance(value, (int, float)) and isinstance(own, (int, float, NoneType)):
         return math.isclose(float(own or 0.0), float(value), rel_tol=1e-12)
+    if isinstance(own, Mapping) and isinstance(value, Mapping):
+        return all(_is_same(own.get(name), one) for name, one in value.items())
     return bool(own == value)
 
 
