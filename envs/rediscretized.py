@@ -575,8 +575,10 @@ class RediscretizedEnv(ForeignWrapper):
         inner.frame_skip = timing.substeps
         size = int(np.prod(self.observation_space.shape or (1,)))
         names = tuple(f"obs{index}" for index in range(size))
+        goal = choice.success_return
         environment = {
             **(self.spec.kwargs if self.spec else {}),
+            **({} if goal is None else {"success_return": goal}),
             "solver": read_solver(mujoco, model),
         }
         return ForeignSetup(

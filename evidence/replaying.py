@@ -16,9 +16,13 @@ import numpy as np
 import numpy.typing as npt
 
 from integ_gym.envs.environment import is_integ_environment
+from integ_gym.envs.foreign import ForeignSetup
 from integ_gym.envs.registries import ENVIRONMENTS
-from integ_gym.envs.settings import NATIVE
+from integ_gym.envs.settings import DISCRETIZATION, NATIVE, Discretization
+from integ_gym.envs.testbeds.gym_testbed import ClassicControl
+from integ_gym.envs.testbeds.making import MujocoTestbed, find_testbed, make_checked
 from integ_gym.support.optional import package_version
+from integ_gym.support.parameters import texts_of
 from integ_gym.support.terminal import plural
 
 from .episodes import choices, told_setup
@@ -175,19 +179,27 @@ def _hindrance(record: EvidenceRecord, own_code: bool, decided: bool) -> str | N
     fields = record.fields
     if ":" in fields["env_id"] and not own_code:
         return _OWN_CODE
-    if not is_integ_environment(fields["env_id"]):
+    foreign = not is_integ_environment(fields["env_id"])
+    if foreign and not _is_seeded(fields["env_id"]):
         return "of an environment whose state cannot be set"
+    if foreign and not drawn_again(record):
+        return "of training, whose starts are not drawn from seeds of their own"
     if not (record.trace or decided):
         return "without a trace"
     if decided and not fields["policy_hash"]:
         return UNDECIDED
     if decided and _has_lost_noise(record):
         return "whose noise cannot be drawn again"
-    if fields["float_width"] != 64:
+    if fields["float_width"] != 64 and not foreign:
         return "computed in 32 bits, which no environment here does"
-    if not own_code and any(":" in str(value) for value in record.arguments().values()):
+    if not own_code and any(":" in text for text in texts_of(record.arguments())):
         return _OWN_CODE
     return None
+
+
+def _is_seeded(env_id: str) -> bool:
+    """Whether an environment of others starts from its seed alone, as far as that is known."""
+    return isinstance(find_testbed(env_id, {}), MujocoTestbed | ClassicControl)
 
 
 def _has_lost_noise(record: EvidenceRecord) -> bool:
@@ -259,6 +271,10 @@ def _line(error: Exception) -> str:
 
 def _make_env(records: Sequence[EvidenceRecord]) -> Any:
     env_id, arguments = records[0].fields["env_id"], records[0].arguments()
+    if not is_integ_environment(env_id):
+        place = Discretization(**{name: arguments.pop(name) for name in DISCRETIZATION})
+        arguments.pop("duration")
+        return make_checked(find_testbed(env_id, arguments), place, len(records))
     return gym.make_vec(env_id, len(records), vectorization_mode="vector_entry_point", **arguments)
 
 
@@ -306,12 +322,19 @@ def _start(recorder: RecordVectorEvidence, records: Sequence[EvidenceRecord], nu
 def _actions(setup: Any, records: Sequence[EvidenceRecord]) -> Array:
     """Actions that ask for the recorded controls, shape of the action space with all steps."""
     steps = max(record.fields["length"] for record in records)
-    asked = np.zeros((len(records), steps))
-    name = f"{setup.plant.control_name}_commanded"
+    foreign = isinstance(setup, ForeignSetup)
+    names = [name for name, _ in setup.plant.controls] if foreign else [setup.plant.control_name]
+    asked = np.zeros((len(records), steps, len(names)))
     for lane, record in enumerate(records):
-        asked[lane, : record.fields["length"]] = record.trace[name]
+        for k, name in enumerate(names):
+            asked[lane, : record.fields["length"], k] = record.trace[f"{name}_commanded"]
+    if foreign:
+        shape = () if setup.task.discrete is not None else setup.action_space.shape
+        kind = setup.action_space.dtype
+        return asked.reshape(*asked.shape[:2], *shape).astype(kind)
     if setup.task.discrete is None:
-        return asked[:, :, None]
+        return asked
+    asked = asked[:, :, 0]
     actions = choices(setup.task, asked)
     for lane, record in enumerate(records):
         actions[lane, record.fields["length"] :] = 0.0

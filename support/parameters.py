@@ -111,3 +111,11 @@ def one_of(*choices: str) -> Check:
         return None if value in choices else f"must be one of {', '.join(map(repr, choices))}"
 
     return check_choice
+
+
+def texts_of(value: Any) -> list[str]:
+    """All texts in plain data, keys left out."""
+    if isinstance(value, str):
+        return [value]
+    inner = value.values() if isinstance(value, Mapping) else value
+    return [t for x in inner for t in texts_of(x)] if isinstance(inner, Iterable) else []

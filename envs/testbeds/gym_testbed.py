@@ -345,11 +345,9 @@ class GymTestbed(SequentialTestbed):
             kind = f"integrator of {self.title}"
             raise InputError(unknown_name(kind, discretization.integrator, self.choices))
         env = self._build_checked(discretization, arguments)
-        given = {name: x for name, x in arguments.items() if name != "success_return"}
-        wanted = arguments.get("success_return")
-        applied = self.read(env).discretization
+        applied, wanted = self.read(env).discretization, arguments.get("success_return")
         stretch = self._stretch(applied.control_period)
-        return StatedEnv(env, applied, wanted, given, stretch)
+        return StatedEnv(env, applied, wanted, arguments, stretch)
 
     def _stretch(self, period: float) -> float:
         """A control period, s, over the home's."""

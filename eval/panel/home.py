@@ -11,6 +11,7 @@ from integ_gym.envs.lanes import DiscretizedVectorEnv
 from integ_gym.envs.settings import DISCRETIZATION, Discretization, Mixture
 from integ_gym.envs.testbeds.making import find_testbed, make_training_environments
 from integ_gym.support.errors import InputError
+from integ_gym.support.parameters import texts_of
 from integ_gym.train.policy_files.card import HASH_KEY
 from integ_gym.train.policy_files.sidecar import (
     HOW_TO_STATE,
@@ -21,7 +22,6 @@ from integ_gym.train.policy_files.sidecar import (
 )
 
 from .cells import UNNAMED, DiscretizationMixture, Home
-from .plan import texts_of
 
 VARIED = (*DISCRETIZATION, "mixture")
 

@@ -10,6 +10,7 @@ from typing import Any, Final
 import msgspec
 
 from integ_gym.envs.settings import WEIGHT, Discretization
+from integ_gym.support.parameters import texts_of
 from integ_gym.support.terminal import plural
 
 from ..power import Power, fewest_seeds, verdict_chances
@@ -95,14 +96,6 @@ def planned_home(plan: Mapping[str, Any]) -> Home | None:
 def names_code(plan: Mapping[str, Any]) -> bool:
     """Whether a plan names code of somebody's own, as ``"module:Name"``."""
     return any(":" in text for part in _CODE for text in texts_of(plan.get(part)))
-
-
-def texts_of(value: Any) -> list[str]:
-    """All texts in plain data, keys left out."""
-    if isinstance(value, str):
-        return [value]
-    inner = value.values() if isinstance(value, Mapping) else value
-    return [t for x in inner for t in texts_of(x)] if isinstance(inner, Iterable) else []
 
 
 def _home(entry: dict[str, Any]) -> Home:
