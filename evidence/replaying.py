@@ -72,6 +72,10 @@ Acting = Callable[[Array], Any]
 
 _OWN_CODE = "made with code of somebody's own, see --own-code"
 
+_LOST_ACTIONS = (
+    "that come out otherwise, and whose actions were beyond their bounds, which alone are kept"
+)
+
 UNDECIDED = "of training or of a policy without a hash, and nothing tells their controls"
 
 MOST_LANES = 512
@@ -202,6 +206,12 @@ def _is_seeded(env_id: str) -> bool:
     return isinstance(find_testbed(env_id, {}), MujocoTestbed | ClassicControl)
 
 
+def _has_lost_actions(record: EvidenceRecord) -> bool:
+    """Whether an environment of others may have seen actions beyond the bounds that are kept."""
+    saturated = record.fields["saturated_share"] or record.fields["fallback_count"]
+    return bool(saturated) and not is_integ_environment(record.fields["env_id"])
+
+
 def _has_lost_noise(record: EvidenceRecord) -> bool:
     """Whether it has sensor noise that cannot be drawn again."""
     return bool(record.fields["observation_noise"]) and noise_source(record) is None
@@ -245,11 +255,16 @@ def _play(
                 done.exact += 1
                 continue
         if first is None or any(differences(record, played[name], tolerance, decided)):
+            if not decided and _has_lost_actions(record):
+                done.records -= 1
+                done.skip(_LOST_ACTIONS)
+                continue
             off.append((file, record))
         elif record.fields["engine"] == NATIVE:
             done.close.setdefault(file, []).append(deviation(file, name, *first))
     nudged: dict[str, EvidenceRecord] = {}
-    if off and not (exact or any(_has_lost_noise(record) for _, record in off)):
+    settable = is_integ_environment(records[0].fields["env_id"])
+    if off and settable and not (exact or any(_has_lost_noise(record) for _, record in off)):
         nudged = _simulate(_make_env(records), records, act, nudged=True)
     for file, record in off:
         name = str(record.fields["record_id"])

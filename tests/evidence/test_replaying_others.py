@@ -11,7 +11,7 @@ from integ_gym.evidence.store import EvidenceStore
 
 
 def hop(observation):
-    return np.clip(observation[-3:], -2.0, 2.0)  # beyond the bounds now and then
+    return 0.9 * np.tanh(observation[-3:])
 
 
 def step(observation):
