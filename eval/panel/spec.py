@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -596,6 +597,26 @@ _Toml = derived_table(
     },
     _REQUIRED.__contains__,
 )
+
+
+SCHEMA_PATH = Path(__file__).with_name("specification.schema.json")
+
+
+def schema_text() -> str:
+    """JSON Schema (2020-12) of a specification, as an editor of TOML takes it: the published file."""
+    (whole,), parts = msgspec.json.schema_components([_Toml], ref_template="#/$defs/{name}")
+    schema = {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "integ-gym panel specification",
+        **whole,
+        "$defs": parts,
+    }
+    return json.dumps(schema, indent=2, ensure_ascii=False) + "\n"
+
+
+def write_schema() -> None:
+    """Write the published file."""
+    SCHEMA_PATH.write_text(schema_text(), encoding="utf-8")
 
 
 def built_in_spec(name: str = "quick") -> PanelSpec:

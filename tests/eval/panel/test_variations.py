@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import json
 import math
+import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
+from jsonschema import Draft202012Validator
 
 import integ_gym
 from integ_gym.cli import main
@@ -15,9 +18,10 @@ from integ_gym.eval.panel.checking.page import against_plan
 from integ_gym.eval.panel.claims import parse_claim
 from integ_gym.eval.panel.plan import planned_spec
 from integ_gym.eval.panel.result import read_panel
-from integ_gym.eval.panel.spec import parse_spec
+from integ_gym.eval.panel.spec import SCHEMA_PATH, parse_spec, schema_text
 from integ_gym.evidence.store import EvidenceStore
 
+ROOT = Path(__file__).resolve().parents[3]
 HOME = {"integrator": "symplectic_euler", "dt": 0.05}
 
 
@@ -194,3 +198,13 @@ def test_a_pipeline_fails_on_a_claim(tmp_path, capsys, monkeypatch):
     assert main([*command, "--fail-if", "success > 0.99 in rk4 dt=0.02"]) == 0
     assert main([*command, "--fail-if", "success < 0.99"]) == 3
     assert "success < 0.99" in capsys.readouterr().err
+
+
+def test_the_published_schema_takes_what_is_parsed():
+    assert SCHEMA_PATH.read_text(encoding="utf-8") == schema_text()
+    validator = Draft202012Validator(json.loads(schema_text()))
+    text = (ROOT / "specs" / "pendulum_mixtures.toml").read_text(encoding="utf-8")
+    data = tomllib.loads(text)
+    assert list(validator.iter_errors(data)) == []
+    assert list(validator.iter_errors({**data, "evaluates": []}))
+    assert list(validator.iter_errors({**data, "seeds": [-1]}))
