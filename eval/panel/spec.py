@@ -603,7 +603,7 @@ SCHEMA_PATH = Path(__file__).with_name("specification.schema.json")
 
 
 def schema_text() -> str:
-    """JSON Schema (2020-12) of a specification, as an editor of TOML takes it: the published file."""
+    """JSON Schema (2020-12) of a specification, for editors of TOML: the published file."""
     (whole,), parts = msgspec.json.schema_components([_Toml], ref_template="#/$defs/{name}")
     schema = {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
