@@ -36,8 +36,8 @@ class Structure(NamedTuple):
     """Float type of the physics."""
     choices: tuple[tuple[str, Any], ...]
     """Arguments that are no numbers, and the presence of those that may be None."""
-    delay: tuple[int, int]
-    """Action latency as (whole decisions, sub-steps beyond them)."""
+    delays: tuple[tuple[int, int], tuple[int, int]]
+    """Action and observation latency, each as (whole decisions, sub-steps beyond them)."""
 
 
 def structure_of(env_id: str, setup: Setup, dtype: str) -> Structure:
@@ -53,7 +53,8 @@ def structure_of(env_id: str, setup: Setup, dtype: str) -> Structure:
         "observation_noise": setup.settings.observation_noise > 0.0,
         **{part: getattr(setup.plant, part, None) is not None for part in OPTIONAL},
     }
-    return Structure(env_id, dtype, tuple({**choices, **present}.items()), setup.timing.delay)
+    delays = setup.timing.delay, setup.timing.sight
+    return Structure(env_id, dtype, tuple({**choices, **present}.items()), delays)
 
 
 class Params(NamedTuple):

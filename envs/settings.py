@@ -111,12 +111,13 @@ def is_multiple(value: float, unit: float) -> bool:
 
 
 def dividing_step(arguments: Mapping[str, Any]) -> float:
-    """The largest whole part of ``dt`` that divides the action latency and the sensor period.
+    """The largest whole part of ``dt`` that divides all delays.
 
     The reference may take any step, for its result does not depend on it.
     """
     dt = float(arguments["dt"])
-    delays = [arguments.get(name) for name in ("action_latency", "sensor_period")]
+    names = ("action_latency", "observation_latency", "sensor_period")
+    delays = [arguments.get(name) for name in names]
     parts = (dt / count for count in range(1, FINEST_DIVISION + 1))
     fits = (part for part in parts if all(is_multiple(float(x), part) for x in delays if x))
     return next(fits, dt)
@@ -187,6 +188,7 @@ class Timing:
         horizon: decisions until truncation.
         delay: the latency as (whole decisions, sub-steps beyond them).
         memory: past commands to keep: those still under way, and the last one to hold.
+        sight: the observation latency as (whole decisions, sub-steps beyond them).
     """
 
     dt: float
@@ -197,6 +199,7 @@ class Timing:
     horizon: int
     delay: tuple[int, int]
     memory: int
+    sight: tuple[int, int] = (0, 0)
 
     @classmethod
     def of(
@@ -206,6 +209,7 @@ class Timing:
         action_latency: float,
         sensor_period: float | None,
         duration: float,
+        observation_latency: float = 0.0,
     ) -> Timing:
         """Check the times against each other and count them.
 
@@ -216,11 +220,15 @@ class Timing:
         period = dt if control_period is None else control_period
         _check_within("control_period" if control_period else "dt", period, duration)
         _check_within("action_latency", action_latency, duration)
+        _check_within("observation_latency", observation_latency, duration)
         substeps = whole_multiple("control_period", period, "dt", dt)
         latency = whole_multiple("action_latency", action_latency, "dt", dt, least=0)
+        sight = whole_multiple("observation_latency", observation_latency, "dt", dt, least=0)
         sensor = None
         if sensor_period is not None:
             sensor = whole_multiple("sensor_period", sensor_period, "dt", dt)
+            late = "observation_latency` under a `sensor_period"
+            whole_multiple(late, observation_latency, "control_period", period, least=0)
         if duration / period > MOST:
             raise InputError(
                 f"`duration`={duration:.12g} s is more than {MOST:.0e} control periods of "
@@ -229,7 +237,9 @@ class Timing:
         horizon = max(1, math.ceil(duration / period * (1.0 - TOLERANCE)))
         delay = periods, rest = divmod(latency, substeps)
         memory = max(1, periods + (1 if rest else 0))
-        return cls(dt, period, substeps, latency, sensor, horizon, delay, memory)
+        return cls(
+            dt, period, substeps, latency, sensor, horizon, delay, memory, divmod(sight, substeps)
+        )
 
 
 @dataclass(frozen=True)
@@ -254,6 +264,13 @@ class Settings:
     )
     action_latency: float = parameter(
         0.0, "s", "delay of every command, a whole multiple of `dt`", nonnegative
+    )
+    observation_latency: float = parameter(
+        0.0,
+        "s",
+        "age of every sample that is shown, a whole multiple of `dt`; under a `sensor_period`, of "
+        "`control_period`",
+        nonnegative,
     )
     sensor_period: float | None = parameter(
         None,
@@ -420,7 +437,10 @@ def build_setup(
 
 
 def _timing(settings: Settings) -> Timing:
-    names = ("dt", "control_period", "action_latency", "sensor_period", "duration")
+    names = (
+        *("dt", "control_period", "action_latency", "sensor_period", "duration"),
+        "observation_latency",
+    )
     return Timing.of(*(getattr(settings, name) for name in names))
 
 

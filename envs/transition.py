@@ -32,10 +32,13 @@ class EnvState(NamedTuple):
     fallbacks: tuple[Component, ...]
     """Whether each of them came from the fallback."""
     sensed_q: Components
-    """Configuration at the sensor's last sample."""
+    """Configuration at the last sample that has arrived."""
     sensed_v: Components
     sensed_time: Component
     """When that sample was taken, s."""
+    late: tuple[tuple[Components, Components, Component], ...]
+    """Under an observation latency: what will be shown after the next decisions, newest first, each
+    as configuration, velocities and time, s."""
     steps: Component
     """Decisions so far."""
     goal_since: Component
@@ -50,7 +53,7 @@ class Outcome(NamedTuple):
     truncated: Component = False
     success: Component = False
     sampled: Component = True
-    """Whether the sensor took a new sample."""
+    """Whether a new sample is shown."""
     work: Component = 0.0
     dissipated: Component = 0.0
     contact_loss: Component = 0.0
@@ -90,6 +93,7 @@ def initial_state(ops: Ops, setup: Setup, q: Components, v: Components) -> EnvSt
         sensed_q=q,
         sensed_v=v,
         sensed_time=zero,
+        late=((q, v, zero),) * setup.timing.sight[0],
         steps=0,
         goal_since=ops.where(at_goal, 0.0, AWAY),
     )
@@ -120,8 +124,8 @@ class _Orders(NamedTuple):
     fallback_used: Component
     saturated: Component
     sample_at: Component | None
-    """Sub-step (from 1) of the sensor's last sample in the period; 0 or below: none; None: the
-    last sub-step."""
+    """Sub-step (from 1) of the last sample in the period that is shown after it or after later
+    ones; 0 or below: none; None: the last sub-step."""
 
 
 def transition(
@@ -149,10 +153,12 @@ def _give_orders(ops: Ops, setup: Setup, state: EnvState, command: Command) -> _
     commands = (ops.where(valid, command.control, held), *state.commands)
     fallbacks = (_negated(valid), *state.fallbacks)
     segments, used = _segments(timing.delay, timing.substeps, commands, fallbacks)
-    sample_at = None
+    sample_at, rest = None, timing.sight[1]
     if timing.sensor is not None:
         end = (state.steps + 1) * timing.substeps
         sample_at = end - end % timing.sensor - state.steps * timing.substeps
+    elif rest:
+        sample_at = timing.substeps - rest
     return _Orders(commands, fallbacks, segments, used, command.saturated, sample_at)
 
 
@@ -179,21 +185,36 @@ def _next_state(
     steps = state.steps + 1
     time = steps * timing.control_period
     arrived = ops.where(state.goal_since >= 0.0, state.goal_since, time)
-    sampled = _sampled(orders, ok)
+    shown, late = _show(ops, setup, state, orders, motion)
     return EnvState(
         q=q,
         v=v,
         energy=setup.system.energy(ops, q, v),
         commands=orders.commands[: timing.memory],
         fallbacks=orders.fallbacks[: timing.memory],
-        sensed_q=_choose(ops, sampled, motion.sampled_q, state.sensed_q),
-        sensed_v=_choose(ops, sampled, motion.sampled_v, state.sensed_v),
-        sensed_time=ops.where(
-            sampled, _sample_time(timing, state.steps, orders.sample_at), state.sensed_time
-        ),
+        sensed_q=shown[0],
+        sensed_v=shown[1],
+        sensed_time=shown[2],
+        late=late,
         steps=steps,
         goal_since=ops.where(setup.task.at_goal(ops, q, v), arrived, AWAY),
     )
+
+
+def _show(
+    ops: Ops, setup: Setup, state: EnvState, orders: _Orders, motion: Motion
+) -> tuple[tuple[Components, Components, Component], tuple[Any, ...]]:
+    """The sample that is shown after a period, and those under way, newest first."""
+    timing, sampled = setup.timing, _sampled(orders, motion.finite)
+    shown = state.sensed_q, state.sensed_v, state.sensed_time
+    q, v, time = state.late[0] if state.late else shown
+    newest = (
+        _choose(ops, sampled, motion.sampled_q, q),
+        _choose(ops, sampled, motion.sampled_v, v),
+        ops.where(sampled, _sample_time(timing, state.steps, orders.sample_at), time),
+    )
+    *under_way, last = (newest, *state.late)
+    return last, tuple(under_way)
 
 
 def _outcome(
@@ -224,7 +245,7 @@ def _outcome(
         terminated=terminated,
         truncated=truncated,
         success=ops.assume_false(truncated) & (reached & _negated(terminated)),
-        sampled=_sampled(orders, ok),
+        sampled=after.sensed_time != before.sensed_time if before.late else _sampled(orders, ok),
         work=work,
         dissipated=dissipated,
         contact_loss=contact_loss,
@@ -310,7 +331,7 @@ def _info_dict(time: Component, state: EnvState, outcome: Outcome) -> dict[str, 
     }
 
 
-BLANK = reset_info(EnvState((), (), 0.0, (), (), (), (), 0.0, 0, AWAY))
+BLANK = reset_info(EnvState((), (), 0.0, (), (), (), (), 0.0, (), 0, AWAY))
 """What is told about a reset, but for what depends on the start."""
 
 

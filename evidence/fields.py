@@ -55,7 +55,7 @@ def action_latency(setup: Setup, _: int) -> float | None:
 
 
 def staleness(setup: Setup) -> float:
-    """Action latency plus the greatest age that a sample can have at a decision, s.
+    """Action and observation latency plus the greatest age of a sample at a decision, s.
 
     0 where nothing is known of either.
     """
@@ -63,7 +63,8 @@ def staleness(setup: Setup) -> float:
     if timing.dt is None:
         return 0.0
     age = 0 if timing.sensor is None else timing.sensor - gcd(timing.sensor, timing.substeps)
-    return (timing.latency + age) * timing.dt
+    periods, rest = timing.sight
+    return (timing.latency + periods * timing.substeps + rest + age) * timing.dt
 
 
 def in_words(fields: Mapping[str, Any]) -> str:

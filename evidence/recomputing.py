@@ -504,7 +504,9 @@ def failure_of(fields: Any, course: Course | None) -> Failure:
     if dt is not None:
         sensor = round(fields["sensor_period"] / dt)
         oldest_sample = dt * (sensor - gcd(sensor, fields["substeps"]))
-        staleness = fields["action_latency"] + oldest_sample
+        told = argument_values(fields["arguments"])
+        shown_late = float(told.get("observation_latency", 0.0))
+        staleness = fields["action_latency"] + shown_late + oldest_sample
     facts = EpisodeFacts(
         success=fields["success"],
         time=None if period is None else fields["length"] * period,

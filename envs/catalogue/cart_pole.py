@@ -76,6 +76,7 @@ class IntegCartPoleEnv(IntegEnv, Env[Any, Any]):
     | `engine` | `"native"` | | what advances the plant: ours, or a simulator such as `mujoco` |
     | `duration` | 10.0 | s | truncation after ceil(duration / control_period) decisions |
     | `action_latency` | 0.0 | s | delay of every command, a whole multiple of `dt` |
+    | `observation_latency` | 0.0 | s | age of every sample that is shown, a whole multiple of `dt` |
     | `sensor_period` | `None` | s | time between two samples, a whole multiple of `dt`; `None`: one per decision |
     | `observation_noise` | 0.0 | SI | standard deviation of each sensed state component |
     | `fallback` | `"hold"` | | `hold` the last control or `zero`, where no valid command acts |

@@ -30,7 +30,7 @@ Key = tuple[Discretization, str | None]
 
 _DISTURBANCES = {
     "without_noise": {"observation_noise"},
-    "without_delay": {"action_latency", "sensor_period"},
+    "without_delay": {"action_latency", "observation_latency", "sensor_period"},
 }
 """Replays to the arguments that they do without."""
 
