@@ -10,9 +10,8 @@ from typing import Any
 import matplotlib
 import numpy as np
 import pytest
-import report_example as example
 from matplotlib.text import Text
-from report_pages import panel_from, panel_of, pixels
+from report_pages import panel_of, pixels
 from small_panel import FORMATS, every_format, pictures_alone
 
 from integ_gym.eval.report.figures import COLUMN, FIGURES, PAGE, SIZE, write_figures
@@ -30,6 +29,7 @@ FIGURES_OF = {
     "none": ["success_matrix", "transfer_gaps", "refinement_ladder", "perturbations"],
 }  # fmt: skip
 FIGURES_OF["hostile"] = FIGURES_OF["full"]
+FIGURES_OF["large"] = ["success_matrix", "transfer_gaps", "energy_residual", "refinement_ladder"]
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -82,43 +82,26 @@ def test_figures_are_sharp_whole_and_of_what_a_panel_has(drawn: dict[str, list[P
     assert (folder / "mine.png").read_bytes() == b"old"
 
 
-def test_figures_show_the_data(drawn: dict[str, list[Path]], tmp_path: Path) -> None:
-    with pictures_alone():  # all that is compared
-        others = write_figures(panel_from(example.full_panel(seed=9)), tmp_path)
-    for path in others:
-        a, b = pixels(path), pixels(drawn["full"][0].with_name(path.name))
-        assert a.shape != b.shape or np.any(a != b, axis=-1).mean() > 0.001
-
-
-@pytest.mark.parametrize("name", ["given", pytest.param("full", marks=pytest.mark.slow)])
 def test_the_same_panel_gives_the_same_figures(
-    name: str, tmp_path: Path, drawn: dict[str, list[Path]]
+    tmp_path: Path, drawn: dict[str, list[Path]]
 ) -> None:
-    again = write_figures(panel_of(name), tmp_path)
-    assert [path.read_bytes() for path in again] == [path.read_bytes() for path in drawn[name]]
+    again = write_figures(panel_of("given"), tmp_path)
+    assert [path.read_bytes() for path in again] == [path.read_bytes() for path in drawn["given"]]
 
 
 @pytest.mark.parametrize(
-    ("name", "look", "form"),
+    ("name", "look"),
     [
-        *((name, "page", "png") for name in ("nothing learned", "none", "hostile")),
-        *(
-            pytest.param(name, look, "all", marks=pytest.mark.slow)
-            for name in FIGURES_OF
-            for look in ("page", "paper")
-        ),
+        ("nothing learned", "page"),
+        ("none", "page"),
+        ("hostile", "paper"),
+        *(pytest.param(name, "paper", marks=pytest.mark.slow) for name in ("full", "none")),
+        *(pytest.param(name, "page", marks=pytest.mark.slow) for name in ("large", "hostile")),
     ],
 )
-def test_figures_take_whatever_a_panel_lacks(
-    name: str, look: str, form: str, tmp_path: Path
-) -> None:
-    with pictures_alone() if form == "png" else every_format():
+def test_figures_take_whatever_a_panel_lacks(name: str, look: str, tmp_path: Path) -> None:
+    with pictures_alone():
         assert names_of(write_figures(panel_of(name), tmp_path, look)) == FIGURES_OF[name]
-
-
-@pytest.mark.slow
-def test_figures_of_a_large_panel(tmp_path: Path) -> None:
-    assert len(names_of(write_figures(panel_of("large"), tmp_path))) == 4
 
 
 @pytest.mark.parametrize("name", ["success_matrix", "transfer_gaps", "refinement_ladder"])
