@@ -60,7 +60,7 @@ def test_figures_are_sharp_whole_and_always_the_same(tmp_path: Path) -> None:
         content = path.read_bytes()
         if path.suffix == ".png":
             image = pixels(path)
-            assert min(image.shape[:2]) > 500
+            assert min(image.shape[:2]) > 300
             assert 0.02 < np.mean(np.any(image < 0.95, axis=-1)) < 0.8
         if path.suffix == ".svg":
             assert xml.etree.ElementTree.fromstring(content).tag.endswith("svg")
