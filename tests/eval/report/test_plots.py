@@ -199,8 +199,10 @@ def test_ladders_are_the_same_on_the_page_and_in_the_figure():
         assert name in text
         key = html[: html.index(f"</svg>{name.replace('_', '_<wbr>')}</span>")].rsplit("<svg", 1)[1]
         assert set(re.findall(r"h-(\w+)", key)) == {style.hue}
-    for row, plots in ladders.rows:
+    for own, (row, plots) in zip(ladders_of(panel_of("full")), ladders.rows, strict=True):
         assert row in text
+        shown = [{series.name for series in plot.series} for plot in plots]
+        assert shown == [set(rungs) for rungs in (own.fixed, own.following)]
         for plot in plots:
             assert f"Success of {row} against the step, {plot.about}" in page.values("aria-label")
             assert all(label in text for label in (plot.about, *(label for _, label in plot.ticks)))
