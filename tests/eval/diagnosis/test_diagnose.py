@@ -106,7 +106,7 @@ def test_terminal_and_page_say_what_was_found(diagnosis):
         assert told["stable"] in text
     assert page.count("data:image/png") == len(list((out / "figures").glob("*.png")))
     for link in re.findall(r'href="(figures/[^"]+)"', page):
-        assert (out / link).exists()
+        assert (out / link).with_suffix(".png").exists()
 
 
 def _plain(row: str) -> str:
