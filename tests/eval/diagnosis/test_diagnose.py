@@ -178,13 +178,13 @@ def two_sections(monkeypatch):
 
 
 def test_a_directory_is_taken_again(two_sections, tmp_path):
-    for name in ("rk4", "reference"):
+    for name in ("rk4", "explicit_euler"):
         words = ("--plant", "pendulum", "--integrator", name, "--out", str(tmp_path))
         assert two_sections(*words) == 0
         result = json.loads((tmp_path / "diagnose.json").read_text(encoding="utf-8"))
         assert result["integrators"] == [name]
     found = EvidenceStore(tmp_path / "evidence").query("SELECT DISTINCT integrator FROM records")
-    assert found.column(0).to_pylist() == ["reference"]
+    assert found.column(0).to_pylist() == ["explicit_euler"]
     page = (tmp_path / "diagnose.html").read_text(encoding="utf-8")
     assert not re.search(r"\brk4\b", re.sub(r"data:[^\"')]+", "", page))
 

@@ -91,11 +91,12 @@ def test_drift_of_the_pendulum():
 
 
 def test_drift_of_the_cart_pole():
+    """Over 10 s and 100 s; over 1000 s in `test_drift.py`."""
     rows = dict(_changes("What the names do not promise"))
     assert list(rows) == list(drift.CART_POLE_INTEGRATORS)
-    steps = [round(time / drift.CART_POLE_DT) for time in drift.CART_POLE_TIMES]
+    steps = [round(time / drift.CART_POLE_DT) for time in drift.CART_POLE_TIMES[:2]]
     start = (0.0, 0.0, math.pi - drift.RELEASE, 0.0)
     for name, shown in rows.items():
         energy = energies(name, CartPole(), start, drift.CART_POLE_DT, steps[-1])
-        for k, share in zip(steps, shown, strict=True):
+        for k, share in zip(steps, shown[:2], strict=True):
             assert 100.0 * (energy[k] / energy[0] - 1.0) == share, name
