@@ -206,7 +206,8 @@ def sweep_plots(panel: Panel) -> LadderPlots | None:
     """Plots of all sweeps, on the truth and at home; None if the panel has none."""
     rows = [row for row in panel.ordered_rows if not row.baseline]
     rows = [row for row in rows if row.learned is not False] or rows
-    homes = {row.name: None if row.mixed else panel.cell(next(iter(row.shares))) for row in rows}
+    cells = {cell.name: cell for cell in panel.cells}
+    homes = {row.name: cells.get(row.home or "") for row in rows}
     styles = _row_styles(homes)
     groups = []
     for argument, names in panel.sweeps.items():

@@ -314,12 +314,11 @@ def test_checks_compare_the_same_discretization():
 
 @pytest.fixture(scope="module")
 def swept():
-    """A panel whose latency is what a sweep changes; the name is the sweep's."""
+    """A panel whose latency takes two values, one of them its own."""
     raw = copy.deepcopy(raw_of("full"))
-    for cell in raw["cells"]:
-        if cell["perturbation"] and cell["perturbation"]["name"] == "latency 50 ms":
-            cell["perturbation"]["name"] = "action_latency=0.05"
-    raw["spec"]["sweeps"] = [{"argument": "action_latency", "values": [0.0, 0.05], "unit": "s"}]
+    raw["spec"]["variations"].append(
+        {"name": "none", "changes": {"action_latency": 0.0}, "at": ["home", "truth"]}
+    )
     return panel_from(raw)
 
 
@@ -344,8 +343,8 @@ def test_every_row_that_learned_has_a_curve_through_its_own_entries(swept):
             assert last.value == swept.entry(series.name, later).success
 
 
-def test_a_sweep_is_shown_and_is_no_perturbation(swept):
-    assert "action_latency=0.05" not in checks_of(swept)
+def test_a_sweep_is_shown_apart_from_other_variations(swept):
+    assert list(checks_of(swept)) == ["mass +20 %"]
     assert 'id="sweeps"' in render(swept)
     assert 'id="sweeps"' not in render(panel_of("full"))
     describe, draws = FIGURES["sweeps"]

@@ -33,7 +33,10 @@ TRUTH = "reference dt=0.05"
 EULER, RK4, IMPLICIT = "explicit_euler dt=0.05", "rk4 dt=0.05", "implicit_euler dt=0.05"
 HOSTILE = "<script>alert('x')</script>&\"'`{{ 7*7 }}$\\frac{"
 CHANGES = {"mass +20 %": 0.35, "latency 50 ms": 0.8}
-"""Perturbations, and what each takes of what a policy bears."""
+"""Variations, and what each takes of what a policy bears."""
+
+CHANGED = {"mass +20 %": {"mass": 1.2}, "latency 50 ms": {"action_latency": 0.05}}
+"""Arguments that they change."""
 
 PUMP = {"explicit_euler": 1.0, "implicit_euler": -1.6, "symplectic_euler": 0.05}
 """Energy that a scheme puts in at the coarsest step, in units of what a policy bears."""
@@ -70,15 +73,16 @@ def cell(scheme: str, dt: float, period: float = PERIOD, **more: Any) -> dict[st
     """One entry of ``cells``."""
     name = f"{scheme} dt={dt:g}" + (f" control={period:g}" if period != PERIOD else "")
     place = {"engine": "native", "integrator": scheme, "dt": dt, "control_period": period}
-    change = more.get("perturbation")
+    change = more.get("variation")
     if change:
-        more = {**more, "perturbation": {"name": change, "environment": {"mass": 1.2}}}
+        more = {**more, "at": name, "environment": CHANGED[change]}
     return {
         "name": ", ".join(filter(None, (name, change))),
         **place,
         "applied": {**place, "engine_version": "0.1.0", "substeps": max(1, round(period / dt))},
         "kind": "grid",
-        **dict.fromkeys(("perturbation", "role", *SOLVABLE)),
+        "environment": {},
+        **dict.fromkeys(("variation", "at", "role", *SOLVABLE)),
         **more,
     }
 
@@ -93,10 +97,10 @@ def grid_cells(schemes: tuple[str, ...], steps: tuple[float, ...]) -> list[dict[
 
 
 def extra_cells() -> list[dict[str, Any]]:
-    """Perturbations and the ladder whose control period follows the step."""
+    """Variations and the ladder whose control period follows the step."""
     return [
         *(
-            cell(scheme, PERIOD, kind="perturbation", perturbation=change)
+            cell(scheme, PERIOD, kind="varied", variation=change)
             for scheme in ("explicit_euler", "rk4", "reference")
             for change in CHANGES
         ),
@@ -194,8 +198,7 @@ def skill(line: dict[str, Any], place: dict[str, Any]) -> float:
         return min(most, 0.95 if place["integrator"] != "implicit_euler" else 0.03)
     off = pumped(place["integrator"], place["dt"]) - pumped(line["integrator"], line["dt"] or 0.05)
     off *= 1.0 if place["control_period"] == PERIOD else 0.7
-    changed = place["perturbation"]
-    change = CHANGES[changed["name"]] if changed else 0.0
+    change = CHANGES.get(place["variation"], 0.0)
     return min(most, 1.0 / (1.0 + math.exp(6.0 * (abs(off) + change - 0.95))))
 
 
@@ -312,10 +315,10 @@ def base_panel(
         matrix_entry(line, place, rng)
         for line in rows
         for place in cells
-        if place["kind"] not in ("perturbation", "ladder") or line["kind"] == "trained"
+        if place["kind"] not in ("varied", "ladder") or line["kind"] == "trained"
     ]
     panel: dict[str, Any] = {
-        "schema_version": 6,
+        "schema_version": 7,
         "name": "quick",
         "question": "Does a policy trained on one integrator survive another?",
         "spec": {
@@ -326,7 +329,12 @@ def base_panel(
             "episodes": EPISODES,
             "seeds": [0, 1, 2, 3, 4],
             "family": [[EULER, TRUTH]],
+            "variations": [
+                {"name": name, "changes": changes, "at": ["home", "truth"]}
+                for name, changes in CHANGED.items()
+            ],
         },
+        "units": {"action_latency": "s"},
         "versions": {"integ-gym": "0.1.0", "gymnasium": "1.2.0", "numpy": "2.4.6"},
         "created": "2026-11-21T12:00:00Z",
         "platform": "Linux-6.1-x86_64",
@@ -560,7 +568,7 @@ def hostile_panel() -> dict[str, Any]:
     """Names, texts and paths that try to break out of the page or out of mathtext."""
     words = {
         "name", "row", "cell", "home", "reason", "question", "command", "a", "b",
-        "integrator", "perturbation", "record_id", "query", "platform", "id", "singles",
+        "integrator", "variation", "record_id", "query", "platform", "id", "singles",
     }  # fmt: skip
 
     def poison(value: Any, key: str = "") -> Any:
