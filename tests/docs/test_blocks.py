@@ -11,7 +11,7 @@ import pytest
 from house import ROOT, page_blocks
 
 ELSEWHERE = {
-    "explanation/census.md": "tests/eval/census/test_census.py",
+    "explanation/census.md": "tests/eval/test_census.py",
     "explanation/verification.md": "tests/eval/diagnosis/test_verification_docs.py",
     "how-to/adding.md": "tests/package/test_adding.py",
     "how-to/testbeds.md": "tests/envs/testbeds/test_gym_testbed.py",
@@ -19,7 +19,7 @@ ELSEWHERE = {
     "reference/evidence.md": "tests/evidence/test_docs.py",
 }
 COMPILED = {
-    "how-to/check.md": "trains twelve policies; tests/eval/check trains two",
+    "how-to/check.md": "trains twelve policies; tests/eval/test_check.py trains two",
     "how-to/clusters.md": "needs an installation of MPI",
 }
 TRAINED = """

@@ -42,3 +42,9 @@ def _chosen(whole: Sequence[tuple[Any, ...]], strength: int) -> list[int]:
 
 def _axes(count: int, strength: int) -> Iterable[tuple[int, ...]]:
     return combinations(range(count), strength)
+
+
+def in_turn(*axes: Iterable[Any]) -> list[tuple[Any, ...]]:
+    """Few combinations in which each value of each axis occurs: the n-th of all, in turn."""
+    values = [list(axis) for axis in axes]
+    return [tuple(own[n % len(own)] for own in values) for n in range(max(map(len, values)))]
