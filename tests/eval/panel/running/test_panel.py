@@ -147,7 +147,7 @@ def test_what_a_complete_run_lacks_is_written_and_each_step_told_and_nothing_red
         for path in (run / folder).rglob("*")
     }
     spec = tiny_panel.parent / "tiny.toml"
-    assert main(["panel", str(spec), "--out", str(run), "--verbose"]) == 0
+    assert main(["panel", str(spec), "--out", str(run), "--workers", "1", "--verbose"]) == 0
     printed = capsys.readouterr()
     assert (run / lost).exists()
     assert files == {path: path.stat().st_mtime_ns for path in files}
