@@ -42,3 +42,9 @@ def _chosen(whole: Sequence[tuple[Any, ...]], strength: int) -> list[int]:
 
 def _axes(count: int, strength: int) -> Iterable[tuple[int, ...]]:
     return combinations(range(count), strength)
+
+
+def pairs(*axes: Iterable[Any], strength: int = 2) -> list[Any]:
+    """Few combinations in which any two values of two axes meet, or every value occurs once."""
+    whole = list(product(*axes))
+    return [whole[place] for place in sorted(_chosen(whole, strength))]
