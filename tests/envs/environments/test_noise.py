@@ -20,10 +20,6 @@ def _vector(**arguments):
     return gym.make_vec("IntegPendulum-v0", 3, autoreset_mode="Disabled", **arguments)
 
 
-def _compiled(**arguments):
-    return _vector(compiled=True, **arguments)
-
-
 def _episodes(env, lengths, seed=7):
     """Starts and observations of episodes after one seed."""
     starts, seen = [], []
@@ -37,7 +33,7 @@ def _episodes(env, lengths, seed=7):
     return np.array(starts), seen
 
 
-@pytest.mark.parametrize("make", [_single, _vector, _compiled])
+@pytest.mark.parametrize("make", [_single, _vector])
 def test_starts_do_not_depend_on_noise_or_on_how_long_episodes_are(make):
     quiet, _ = _episodes(make(**QUIET), LENGTHS[0])
     for lengths in LENGTHS:

@@ -61,7 +61,7 @@ def test_a_period_in_which_a_limit_acted_is_open_and_every_other_closes(integrat
     )
     free.unwrapped.model.jnt_limited[:] = 0
     rng, opened = np.random.default_rng(0), 0
-    for _ in range(800):
+    for _ in range(240):
         x = rng.choice([-1.0, 1.0]) * rng.uniform(0.8, 1.05)
         q, v = (x, rng.uniform(-1.5, 1.5)), rng.uniform(-4.0, 4.0, 2)
         control = rng.uniform(-3.0, 3.0)
@@ -72,7 +72,7 @@ def test_a_period_in_which_a_limit_acted_is_open_and_every_other_closes(integrat
         elif "energy_residual" in told:
             assert told["energy_residual"] == known["energy_residual"]
         opened += "energy_residual" not in told
-    assert 100 < opened < 500
+    assert 30 < opened < 150
 
 
 def test_a_divergence_ends_the_episode_where_mujoco_would_start_it_anew():
@@ -118,20 +118,20 @@ def test_what_a_diverged_period_lost_is_unknown_where_losses_are(task, integrato
 
 EXPLOSION = """
 import gymnasium, integ_gym, numpy
-env = integ_gym.rediscretize(gymnasium.make({task!r}), integrator={integrator!r})
-for seed in range(3):
-    env.reset(seed=seed)
-    env.unwrapped.data.qvel[:] = {speed}
-    info = env.step(numpy.zeros(env.action_space.shape, numpy.float32))[4]
-    assert info["solver_status"] == "diverged", info
+for task, speed in (("Hopper-v5", 1e8), ("Ant-v5", 9e5)):
+    for integrator in {integrators!r}:
+        env = integ_gym.rediscretize(gymnasium.make(task), integrator=integrator)
+        for seed in range(2):
+            env.reset(seed=seed)
+            env.unwrapped.data.qvel[:] = speed
+            info = env.step(numpy.zeros(env.action_space.shape, numpy.float32))[4]
+            assert info["solver_status"] == "diverged", info
 """
 
 
-@pytest.mark.parametrize("integrator", INTEGRATORS)
-@pytest.mark.parametrize(("task", "speed"), [("Hopper-v5", 1e8), ("Ant-v5", 9e5)])
-def test_a_divergence_is_told_and_not_written_about(task, speed, integrator, tmp_path):
+def test_a_divergence_is_told_and_not_written_about(tmp_path):
     """Nothing on the terminal and no MUJOCO_LOG.TXT in the user's folder."""
-    script = EXPLOSION.format(task=task, integrator=integrator, speed=speed)
+    script = EXPLOSION.format(integrators=INTEGRATORS)
     done = subprocess.run(
         [sys.executable, "-c", script], capture_output=True, text=True, check=False, cwd=tmp_path
     )

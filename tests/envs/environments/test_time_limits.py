@@ -127,17 +127,18 @@ def _horizon(env) -> int:
     return horizon
 
 
-@pytest.mark.parametrize("saved", [False, True])
 @pytest.mark.parametrize(("first", "then"), FROM_SPECS)
-@pytest.mark.parametrize("own", [{}, {"control_period": 0.2}])
-def test_the_horizon_in_a_spec_is_no_limit_that_was_asked_for(first, then, own, saved):
+def test_the_horizon_in_a_spec_is_no_limit_that_was_asked_for(first, then):
+    """Of a spec as it is with the defaults, and of one from a file with an own control period."""
+    for own, saved in (({}, False), ({"control_period": 0.2}, True)):
+        _check_horizons(first, then, own, saved)
+
+
+def _check_horizons(first, then, own, saved):
     spec = MAKES[first]("IntegPendulum-v0", **own).spec
     before = spec.to_json()
     given = EnvSpec.from_json(before) if saved else spec
-    for change in (
-        *({"dt": 0.025}, {"dt": 0.1}, {"duration": 20.0}, {"duration": 5.0}),
-        *({"control_period": 0.1}, {"control_period": 0.4}, {}),
-    ):
+    for change in ({"dt": 0.1}, {"duration": 20.0}, {"control_period": 0.4}, {}):
         made = MAKES[then](given, **change)
         horizon = _horizon(gym.make("IntegPendulum-v0", **{**own, **change}))
         assert _horizon(made) == horizon
@@ -155,7 +156,7 @@ def test_a_limit_that_was_asked_for_stays_in_the_spec(own_id, first, then):
         (gym.spec(own_id), 30),
     )
     for spec, limit in specs:
-        for change in ({"dt": 0.025}, {"duration": 20.0}, {"duration": 5.0}, {}):
+        for change in ({"dt": 0.025}, {"duration": 20.0}, {}):
             assert _horizon(MAKES[then](spec, **change)) == limit
     gym.registry[own_id].max_episode_steps = 200  # as many as the defaults have
     for spec in (own_id, MAKES[first](own_id).spec):

@@ -12,7 +12,6 @@ from motions import ALL
 
 from integ_gym.envs import functional
 from integ_gym.envs.environment import environment_mixture
-from integ_gym.envs.registries import ENVIRONMENTS
 
 PERIOD = 0.04
 EVERYTHING = [
@@ -101,20 +100,10 @@ def _assert_same(state, expected, info):
         np.testing.assert_allclose(values, info[name], rtol=1e-12, atol=1e-12, err_msg=name)
 
 
-WITH_STOPS = "IntegCartPoleSwingUp-v0"
-
-
-@pytest.mark.parametrize(
-    "env_id",
-    [
-        WITH_STOPS,
-        *(pytest.param(x, marks=pytest.mark.slow) for x in ENVIRONMENTS if x != WITH_STOPS),
-    ],
-)
-def test_every_integrator_and_step_equals_the_vector_environment(env_id):
-    """With stops; the other plants, whose programs take as long to compile, in `make test-slow`."""
+def test_every_integrator_and_step_equals_the_vector_environment():
+    """With stops."""
     with jax.enable_x64(True):
-        _compare(env_id, EVERYTHING, 3 * len(ALL), steps=5)
+        _compare("IntegCartPoleSwingUp-v0", EVERYTHING, 3 * len(ALL), steps=5)
 
 
 @pytest.mark.parametrize(

@@ -15,8 +15,6 @@ from integ_gym.envs.lanes import setup_of_lanes
 from integ_gym.envs.registries import ENGINES
 
 SWING_UP = "IntegCartPoleSwingUp-v0"
-ONE_OF_EACH = list(dict(reversed(STOPPED)).items())
-"""Of every engine with stops of its own, its first integrator that heeds them."""
 
 
 def _stopped(engine, integrator):
@@ -42,7 +40,7 @@ PATHS = {
     lighter(
         [
             (engine, integrator, path)
-            for engine, integrator in ONE_OF_EACH
+            for engine, integrator in dict(reversed(STOPPED)).items()
             for path in PATHS
             if path != "traced_setup" or ENGINES.load(engine).batched
         ]

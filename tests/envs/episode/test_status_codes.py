@@ -18,21 +18,6 @@ def _words(codes):
     return [STATUS_NAMES[code] for code in codes]
 
 
-@pytest.mark.parametrize("arguments", [{}, DIVERGING], ids=["calm", "diverging"])
-def test_single_environment(arguments):
-    env = gym.make("IntegPendulum-v0", **arguments).unwrapped
-    _, info = env.reset(seed=0)
-    told = [info["solver_status"]]
-    assert env.status_code == STATUS_NAMES.index("ok")
-    for _ in range(6):
-        _, _, terminated, _, info = env.step(np.zeros(1, np.float32))
-        assert STATUS_NAMES[env.status_code] == info["solver_status"]
-        told.append(info["solver_status"])
-        if terminated:
-            break
-    assert ("diverged" in told) == bool(arguments)
-
-
 @pytest.mark.parametrize("mode", AutoresetMode)
 def test_vector_environment(mode):
     members = [DIVERGING, {**DIVERGING, "integrator": "rk4", "dt": 0.001}]

@@ -12,6 +12,7 @@ from checks import (
     check_reversibility,
     registered_plants,
 )
+from pairing import pairs
 
 from integ_gym.envs.engines.maps import Tableau, map_names, one_step_map
 from integ_gym.envs.engines.stepping import PlantSystem
@@ -101,8 +102,10 @@ def test_phase_space_and_reversibility(one_step_map):
     check_reversibility(one_step_map)
 
 
-@pytest.mark.parametrize("plant", registered_plants(damping=0.3), ids=lambda p: p.name)
-@pytest.mark.parametrize("one_step_map", ALL)
+@pytest.mark.parametrize(
+    ("one_step_map", "plant"),
+    pairs([p.values[0] for p in ALL], registered_plants(damping=0.3), strength=1),
+)
 def test_ledger(one_step_map, plant):
     check_ledger(one_step_map, plant)
 
@@ -132,8 +135,7 @@ class _RoughTrack(CartPole):
         return (1.0 + q[0] * q[0]) * super().dissipation(ops, q, v)
 
 
-@pytest.mark.parametrize("name", OF_BOTH_ENDS)
-@pytest.mark.parametrize("dt", [1e-4, 0.02, 0.1])
+@pytest.mark.parametrize(("name", "dt"), pairs(OF_BOTH_ENDS, (1e-4, 0.02, 0.1), strength=1))
 def test_losses_follow_from_both_ends(name, dt):
     known, rng = one_step_map(name), np.random.default_rng(5)
     system = PlantSystem(_RoughTrack(mass=0.5, damping=0.05, cart_damping=0.4))

@@ -58,7 +58,7 @@ def test_reference_ledger_with_friction(friction_speed):
 def test_newton_copes_with_friction_and_stops(integrator, plant):
     """From slow, fast and touching states, at a coarse and a fine step."""
     rng = np.random.default_rng(0)
-    n, lanes = len(plant.coordinates), 400
+    n, lanes = len(plant.coordinates), 200
     for speed in (0.01, 3.0):
         q = tuple(rng.uniform(-1.02, 1.02, lanes) for _ in range(n))
         v = tuple(speed * rng.normal(size=lanes) for _ in range(n))
