@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -15,7 +13,6 @@ from engine_cases import (
     TOLERANCE,
     lighter,
     mapped,
-    native_name,
     needs,
     one_step,
     setup_of,
@@ -27,14 +24,9 @@ import integ_gym  # noqa: F401
 from integ_gym.envs.engines.maps import one_step_map
 from integ_gym.envs.engines.newton import FEATHERSTONE
 from integ_gym.envs.engines.rigid import HeldForce
-from integ_gym.envs.environment import environment_setup
 from integ_gym.envs.ops.ops import SCALAR
 
 SWING_UP = "IntegCartPoleSwingUp-v0"
-DOCS = (Path(__file__).parents[3] / "docs" / "reference" / "engines.md").read_text(encoding="utf-8")
-STEPS = (0.004, 0.002, 0.001, 0.0005)
-COAST = 0.12
-"""Time of a motion into a stop and back, s."""
 
 
 def _few(cases):
@@ -176,37 +168,3 @@ def test_a_step_in_contact_is_what_the_engine_says(engine, integrator):
             expected = mapped(one_step_map(told["map"]), setup, *case)
         error = np.abs(one_step(setup, *case) - expected) / (1.0 + np.abs(expected))
         assert error.max() <= TOLERANCE[setup.engine.width]
-
-
-def _coasted(name, dt, held):
-    """(q, v) of a cart that runs into its stop and back, by a map."""
-    arguments = {"integrator": native_name(name), "dt": dt}
-    setup = environment_setup(SWING_UP, arguments)
-    state = ((2.35, np.pi), (2.0, 0.0), 0.0)
-    for _ in range(round(COAST / dt)):
-        known = one_step_map(name)
-        end = _held(setup, name, *state) if held else mapped(known, setup, *state)
-        state = (tuple(end[:2]), tuple(end[2:]), 0.0)
-    return end
-
-
-@pytest.fixture(scope="module")
-def truth():
-    return _coasted("reference", STEPS[-1], held=False)
-
-
-@pytest.mark.parametrize(
-    ("name", "held"),
-    [
-        ("symplectic_euler", True), ("symplectic_euler", False), ("rk4", True), ("rk4", False),
-        ("dormand_prince5", True), ("implicit_euler", True), ("implicit_euler", False),
-        ("reference", True),
-    ],
-)  # fmt: skip
-def test_the_documented_errors_are_those_of_the_maps(name, held, truth):
-    """The largest error of a component of the state at the end, at each step."""
-    where = "held over the step" if held else "within the stages"
-    errors = [np.abs(_coasted(name, dt, held) - truth).max() for dt in STEPS]
-    (row,) = [line for line in DOCS.splitlines() if line.startswith(f"| `{name}` | {where} |")]
-    said = [float(cell) for cell in row.strip("| ").split(" | ")[2:]]
-    assert said == pytest.approx(errors, rel=0.06)

@@ -9,6 +9,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from engine_cases import (
+    COMPILING,
     DAMPING,
     FIRST,
     FOREIGN,
@@ -24,6 +25,7 @@ from engine_cases import (
     sparing,
     states,
 )
+from engine_checks import defect, new_setup
 
 import integ_gym  # noqa: F401
 from integ_gym.envs.engines.maps import map_names, one_step_map
@@ -123,6 +125,25 @@ def test_a_step_depends_on_nothing_that_went_before_and_several_are_single_ones(
         q, v = motion.q, motion.v
     tolerance = 1e-12 if setup.engine.width == 64 else 1e-4
     np.testing.assert_allclose((*at_once.q, *at_once.v), (*q, *v), rtol=0, atol=tolerance)
+
+
+@pytest.mark.parametrize(
+    ("engine", "integrator"),
+    [x for x in (*FIRST, ("sapien", "pgs")) if x[0] not in COMPILING],
+)
+def test_engines_in_one_process_do_not_disturb_each_other(engine, integrator):
+    """And a state that is astray leaves no trace."""
+    needs(engine)
+    slow = new_setup(engine, integrator, "IntegPendulum-v0", dt=0.05, gravity=1.0, damping=0.3)
+    quick = new_setup(engine, integrator, "IntegPendulum-v0", dt=0.001, gravity=20.0)
+    case, tolerance = ((1.0,), (2.0,), 0.5), TOLERANCE[slow.engine.width]
+    apart = one_step(slow, *case), one_step(quick, *case)
+    assert defect(slow, [case]) < tolerance > defect(quick, [case])
+    for values in ((np.nan, 0.0, 0.0), (0.0, np.inf, 0.0), (0.0, 0.0, 1e38), (1e30, 1e30, 0.0)):
+        if hasattr(slow.engine, "run"):
+            slow.engine.run(3)(*values)
+        assert (one_step(quick, *case) == apart[1]).all()
+        assert (one_step(slow, *case) == apart[0]).all()
 
 
 @pytest.mark.parametrize(("engine", "integrator", "env_id"), sparing(IDS, strength=1))

@@ -2,26 +2,18 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
 import pytest
-from engine_cases import ELSEWHERE, FOREIGN, native_name
+from engine_cases import native_name
 
 from integ_gym.envs.engines.maps import map_names
 from integ_gym.envs.numerics.identity import fingerprint
-from integ_gym.envs.registries import ENGINES
 
 ROOT = Path(__file__).parents[3]
-ENGINES_TABLE = (ROOT / "docs" / "reference" / "engines.md").read_text("utf-8").split("\n## ")[1]
 TRUST_PAGE = (ROOT / "docs" / "explanation" / "trust.md").read_text(encoding="utf-8")
 
 
-def _pins(file):
-    return dict(re.findall(r"^(\S+)==(\S+)$", (ROOT / file).read_text("utf-8"), re.M))
-
-
-PINS = _pins("constraints.txt") | {e: _pins(f"constraints-{e}.txt")[e] for e in ELSEWHERE}
 ROUNDING = 1e-10
 """Changes of volume below it are called zero."""
 
@@ -30,31 +22,6 @@ def _row(page, name):
     """Cells of the only table row that begins with a name in code style."""
     (row,) = [line for line in page.splitlines() if line.startswith(f"| `{name}` |")]
     return row.strip("| ").split(" | ")
-
-
-def _maps_in_words(maps):
-    """Integrators by map in the order of the engine's own; those called as their map, as they are.
-
-    All of them, without their names, where each is.
-    """
-    if all(own == applied for own, applied in maps.items()):
-        return "all native integrators"
-    groups = {}
-    for own, applied in maps.items():
-        groups.setdefault(applied, []).append(f"`{own}`")
-    return "; ".join(
-        f"{', '.join(names)}" + (f" → `{applied}`" if names != [f"`{applied}`"] else "")
-        for applied, names in groups.items()
-    )
-
-
-@pytest.mark.parametrize("engine", [*FOREIGN, *ELSEWHERE])
-def test_the_table_of_engines_is_what_they_declare(engine):
-    own = ENGINES.load(engine)
-    stops = "no" if not own.own_stops else "discrete only" if own.stopless else "yes"
-    assert _row(ENGINES_TABLE, engine) == [
-        f"`{engine}`", PINS[own.package], _maps_in_words(own.maps), f"float{own.width}", stops,
-    ]  # fmt: skip
 
 
 def _percent(share, digits=3):

@@ -6,7 +6,8 @@ import subprocess
 import sys
 
 import pytest
-from engine_cases import COMPILING, FIRST, IDS
+from engine_cases import COMPILING, FIRST, IDS, lighter, needs
+from engine_checks import told_by_an_episode
 
 from integ_gym.envs.engines.stepping import missing_modules
 
@@ -51,3 +52,17 @@ def test_every_engine_steps_both_plants_in_one_process(cases, tmp_path):
     )
     assert (done.returncode, done.stdout + done.stderr) == (0, "")
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("engine", "integrator", "steps"),
+    lighter([
+        ("mujoco", "Euler", 20), ("mujoco", "RK4", 1), ("pybullet", "semi_implicit_euler", 1),
+        ("sapien", "tgs", 1), ("mujoco_warp", "Euler", 1), ("newton", "mujoco_euler", 1),
+    ]),
+)  # fmt: skip
+def test_of_a_divergence_nothing_is_printed_and_nothing_written(
+    engine, integrator, steps, tmp_path
+):
+    needs(engine)
+    assert told_by_an_episode(engine, integrator, tmp_path, steps) == (0, "")

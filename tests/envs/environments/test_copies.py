@@ -52,7 +52,11 @@ def _goes_on_alike(env, before, steps, copied):
 
 @pytest.mark.parametrize(
     ("env_id", "kind", "before", "way"),
-    pairs(ENVIRONMENTS, ("single", "vector", "compiled"), (1, WARM_UP + 1), WAYS),
+    [
+        *pairs(ENVIRONMENTS, ("single", "vector"), (1, WARM_UP + 1), WAYS),
+        ("IntegPendulum-v0", "compiled", 1, "copied"),
+        ("IntegPendulum-v0", "compiled", WARM_UP + 1, "pickled"),
+    ],
 )
 def test_a_copy_goes_on_alike(env_id, kind, before, way):
     if kind == "single":

@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 import pytest
 from engine_cases import needs, setup_of
-from engine_checks import new_setup, told_by_an_episode
+from engine_checks import new_setup
 
 from integ_gym.envs.engines import warp as mujoco_warp
 from integ_gym.envs.engines.newton import FEATHERSTONE
@@ -74,13 +74,3 @@ def test_a_solver_that_is_stopped_at_its_cap_has_not_converged(
     assert (fast.iterations, fast.converged) == (1, False)
     ctypes.CDLL(None).fflush(None)
     assert capfd.readouterr() == ("", "")
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("engine", "integrator"),
-    [("mujoco_warp", "Euler"), ("newton", "mujoco_euler")],
-)
-def test_nothing_is_printed_and_nothing_written(engine, integrator, tmp_path):
-    needs(engine)
-    assert told_by_an_episode(engine, integrator, tmp_path) == (0, "")
