@@ -27,7 +27,7 @@ def _name(node):
 
 
 def _names(node):
-    return {_name(inner) for inner in ast.walk(node)}
+    return {_name(inner) for inner in ast.walk(node)} - {""}
 
 
 def equations_of_motion(tree):
