@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -24,7 +26,10 @@ import integ_gym  # noqa: F401
 from integ_gym.envs.engines.maps import one_step_map
 from integ_gym.envs.engines.newton import FEATHERSTONE
 from integ_gym.envs.engines.rigid import HeldForce
+from integ_gym.envs.functional import params_of, setup_with_params
+from integ_gym.envs.lanes import setup_of_lanes
 from integ_gym.envs.ops.ops import SCALAR
+from integ_gym.envs.registries import ENGINES
 
 SWING_UP = "IntegCartPoleSwingUp-v0"
 
@@ -168,3 +173,20 @@ def test_a_step_in_contact_is_what_the_engine_says(engine, integrator):
             expected = mapped(one_step_map(told["map"]), setup, *case)
         error = np.abs(one_step(setup, *case) - expected) / (1.0 + np.abs(expected))
         assert error.max() <= TOLERANCE[setup.engine.width]
+
+
+@pytest.mark.parametrize(("engine", "integrator"), lighter([("mujoco", "Euler"), ("mjx", "Euler")]))
+def test_a_setup_with_other_values_keeps_the_stops_of_the_engines_own(engine, integrator):
+    setup = new_setup(engine, integrator, SWING_UP, dt=0.001, contact="engine")
+    heavier = replace(setup.plant, cart_mass=2.0)
+    made = [
+        setup.with_values(heavier, setup.task, setup.timing, 5.0),
+        setup_of_lanes(setup, np.arange(2)),
+    ]
+    if ENGINES.load(engine).batched:
+        made.append(setup_with_params(setup, params_of(setup, "float64")))
+    for other in made:
+        assert other.system.stops is None
+        assert other.system.engine_stops == other.plant.stops
+        assert other.engine.system.engine_stops == other.plant.stops
+        assert type(other.engine) is type(setup.engine)

@@ -13,7 +13,7 @@ COARSE = {"dt": 0.2, "control_period": 0.2}
 
 @pytest.mark.parametrize(
     ("env_id", "integrator"),
-    zip(ENVIRONMENTS, ["symplectic_euler", "explicit_euler"] * 2, strict=True),
+    list(zip(ENVIRONMENTS, ["symplectic_euler", "explicit_euler"] * 2, strict=True)),
 )
 def test_every_observation_is_within_the_space(env_id, integrator):
     env = gym.make(env_id, integrator=integrator, **COARSE)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from math import log, pi
 
 import gymnasium as gym
@@ -235,6 +236,7 @@ DRIVEN = CartPole(
 )
 
 
+@cache
 def _driven(integrator: str, substeps: int) -> dict[str, np.ndarray]:
     """What 64 random starts book in 0.5 s of random controls between the stops, J, shape (64,)."""
     rng, lanes = np.random.default_rng(4), 64

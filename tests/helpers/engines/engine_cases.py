@@ -59,8 +59,11 @@ def lighter(cases: Sequence[tuple[str, ...]]) -> list[Any]:
 
 
 def sparing(*axes: Iterable[Any], strength: int = 2) -> list[Any]:
-    """Every integrator of every engine with values of axes, as `pairs` chooses them."""
-    return [(*case, *values) for case, *values in pairs(EVERY, *axes, strength=strength)]
+    """Every integrator of every engine with values of axes; once, of engines that compile."""
+    light = [case for case in EVERY if case[0] not in COMPILING]
+    heavy = [case for case in EVERY if case[0] in COMPILING]
+    chosen = *pairs(light, *axes, strength=strength), *pairs(heavy, *axes, strength=1)
+    return [(*case, *values) for case, *values in chosen]
 
 
 def native_name(name: str) -> str:
