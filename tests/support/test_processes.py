@@ -147,19 +147,6 @@ def test_what_is_done_at_once_moves_the_bar_and_can_be_interrupted():
     assert bar.n == 6.0
 
 
-def test_work_that_was_done_before_says_nothing_of_how_long_the_rest_takes(capsys):
-    with suppress(ValueError), WorkBar("work", 10.0, shown=True) as bar:
-        progress = Progress(bar)
-        progress.begin_at(4.0)
-        bar.describe("begins")
-        progress.add(2.0)
-        assert bar.n == 6.0
-        raise ValueError
-    first, *_ = capsys.readouterr().err.splitlines()
-    assert "40%" in first
-    assert "left" not in first
-
-
 def test_a_bar_is_full_only_when_its_work_is_done_and_starts_no_thread(capsys, monkeypatch):
     """An estimate that was too low, or counted work before its files are written."""
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)

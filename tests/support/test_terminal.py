@@ -7,19 +7,15 @@ import errno
 import io
 import signal
 
-import matplotlib
-import numpy as np
 import pyarrow as pa
 import pytest
 
 from integ_gym.support.errors import InputError, MissingPackageError
-from integ_gym.support.figures import ink_on, success_colour
 from integ_gym.support.terminal import (
     DEFECT,
     compact,
     compact_percent,
     fixed,
-    hanging_indent,
     has_room,
     percent,
     print_columns,
@@ -75,16 +71,6 @@ def test_a_table_is_printed_in_full_broken_or_as_lists(narrow):
     assert not has_room(["one", "other"], [["3f9a" * 5, "x" * 30]], 40)
 
 
-def test_a_text_beside_its_name_is_cut_where_it_takes_too_many_lines():
-    whole = hanging_indent("why  ", REASON, 40)
-    assert hanging_indent("why  ", REASON, 40, most=3) == whole
-    assert hanging_indent("why  ", REASON, None, most=1) == f"why  {REASON}"
-    first, last = hanging_indent("why  ", REASON, 40, most=2).splitlines()
-    assert first == whole.splitlines()[0]
-    assert last.endswith(" ...")
-    assert len(last) <= 40
-
-
 def test_a_command_to_copy_stays_on_its_line(narrow):
     file = io.StringIO()
     command = 'pip install -e ".[mujoco_warp]"'
@@ -134,23 +120,6 @@ def test_numbers_keep_two_digits_and_have_true_minus_signs():
     assert [percent(0.536), percent(0.0042, 1, sign=True), percent(None)] == ["54 %", "+0.4 %", "–"]
     told = [compact_percent(share, sign=True) for share in (-4.1e-8, 1.73, float("nan"))]
     assert told == ["−4.1·10⁻⁶ %", "+170 %", "–"]
-
-
-def test_success_colours_are_viridis_and_their_text_is_legible():
-    def luminance(colour):
-        """As the web's contrast rules define it."""
-        channels = np.array(matplotlib.colors.to_rgb(colour))
-        linear = np.where(
-            channels <= 0.04045, channels / 12.92, ((channels + 0.055) / 1.055) ** 2.4
-        )
-        return float(linear @ [0.2126, 0.7152, 0.0722])
-
-    for rate in np.linspace(0.0, 1.0, 21):
-        colour = success_colour(float(rate))
-        mapped = matplotlib.colormaps["viridis"](float(rate))[:3]
-        assert np.allclose(matplotlib.colors.to_rgb(colour), mapped, atol=0.02)
-        light, dark = sorted(map(luminance, (colour, ink_on(colour))), reverse=True)
-        assert (light + 0.05) / (dark + 0.05) >= 4.5
 
 
 @pytest.fixture
