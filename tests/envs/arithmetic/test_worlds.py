@@ -193,11 +193,3 @@ def test_floats_and_arrays_agree_to_the_last_bit(operation):
     np.testing.assert_array_equal([expression(SCALAR, *pair) for pair in pairs], together)
     np.testing.assert_array_equal([traced(*pair) for pair in pairs], together)
     np.testing.assert_array_equal(expression(ARRAY, x[:3], y[:3]), together[:3])
-
-
-def test_array_loop_freezes_finished_lanes():
-    limit = np.array([0.0, 3.0, 7.0])
-    counted = ARRAY.while_loop(
-        lambda c: c[0] < limit, lambda c: (c[0] + 1.0, c[1] + 10.0), (np.zeros(3), np.zeros(3))
-    )
-    np.testing.assert_array_equal(counted, [[0, 3, 7], [0, 30, 70]])

@@ -212,12 +212,3 @@ def test_lanes_of_a_mixture_begin_with_their_own_engines_status():
     expected = ["not_reported", "ok"]
     assert env.reset(seed=0, options=options)[1]["solver_status"].tolist() == expected
     assert env.step(env.action_space.sample())[4]["solver_status"].tolist() == expected
-
-
-def test_a_divergence_after_the_end_of_an_episode_does_not_pay():
-    env = gym.make("IntegPendulum-v0", integrator="explicit_euler", dt=1.0, duration=2.0,
-                   max_torque=500.0).unwrapped  # fmt: skip
-    env.reset(seed=0)
-    with pytest.warns(UserWarning, match="the episode has terminated"):
-        rewards = [env.step(np.array([500.0]))[1] for _ in range(6)]
-    assert max(rewards[1:]) < 0.0
