@@ -55,8 +55,9 @@ ENGINES_IN_JAX = [
     (env_id, engine, integrator)
     for engine in FOREIGN
     if (owner := ENGINES.load(engine)).batched
-    for place, integrator in enumerate(owner.maps)
-    for env_id in ("IntegPendulum-v0", "IntegCartPoleSwingUp-v0")[: 1 if place else 2]
+    for env_id, integrator in zip(
+        ("IntegCartPoleSwingUp-v0", "IntegPendulum-v0"), list(owner.maps)[::2], strict=False
+    )
 ]
 
 
