@@ -43,14 +43,14 @@ NO_NUMBERS = (None, "5", b"5", 1 + 2j, {0.5}, {0.5: 1.0}, np.datetime64(5, "s"))
 
 @pytest.mark.parametrize("env_id", ["IntegPendulum-v0", "IntegCartPole-v0"])
 def test_an_action_that_is_no_number_is_refused_and_one_that_no_float_holds_falls_back(env_id):
-    env, lanes = gym.make(env_id).unwrapped, gym.make_vec(env_id, 2)
-    env.reset(seed=0)
-    lanes.reset(seed=0)
+    env, lane, lanes = gym.make(env_id).unwrapped, gym.make_vec(env_id, 1), gym.make_vec(env_id, 2)
+    for made in (env, lane, lanes):
+        made.reset(seed=0)
     discrete = isinstance(env.action_space, gym.spaces.Discrete)
     for value in NO_NUMBERS if not discrete else (*NO_NUMBERS, *HUGE):
         for step, given, message in (
             (env.step, value if discrete else [value], "action must"),
-            (lanes.step, [value, 0] if discrete else [[value], [0.0]], "actions must|larger than"),
+            (lane.step, [value] if discrete else [[value]], "actions must|larger than"),
         ):
             with pytest.raises(ValueError, match=message) as refused:
                 step(given)
@@ -86,6 +86,6 @@ def test_an_action_that_is_no_number_is_refused_and_one_that_no_float_holds_fall
 def test_starts_that_cannot_be_are_refused(env_id, options, make):
     if make is gym.make_vec and "state" in options:
         options = {"state": [options["state"]]}
-    names = "|".join(f"[`']{name}[`']" for name in options)
-    with pytest.raises(ValueError, match=f"reset options? ({names})"):
+    names = "|".join(options)
+    with pytest.raises(ValueError, match=f"reset options? .*({names})"):
         make(env_id).reset(seed=0, options=options)
