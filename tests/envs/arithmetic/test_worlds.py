@@ -91,7 +91,7 @@ def _agreement(integrator, forces):
 @pytest.mark.parametrize("integrator", ALL)
 def test_array_equals_scalar(forces, integrator):
     owner, rough = PLANTS_AND_FORCES[forces]
-    for case in _cases(owner, rough, 4):
+    for case in _cases(owner, rough, 1 if integrator == "reference" else 3):
         batched = _flat(_advance(ARRAY, owner, integrator, case))
         lanes = [jax.tree.map(lambda x, i=i: float(x[i]), case) for i in range(LANES)]
         single = [_flat(_advance(SCALAR, owner, integrator, lane))[:, 0] for lane in lanes]
@@ -113,7 +113,7 @@ def test_jax_equals_array(integrator, forces):
         return _advance(JaxOps("float64"), owner, integrator, case)
 
     step, mapped = jax.jit(advance), jax.jit(jax.vmap(advance))
-    for place, case in enumerate(_cases(owner, rough, 10)):
+    for place, case in enumerate(_cases(owner, rough, 5)):
         batched = _flat(_advance(ARRAY, owner, integrator, case))
         with jax.enable_x64(True):
             _assert_same(_flat(step(case)), batched, _agreement(integrator, forces))

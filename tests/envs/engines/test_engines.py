@@ -45,7 +45,7 @@ def test_an_engine_applies_the_map_that_it_is_said_to(engine, integrator, env_id
     setup = setup_of(engine, integrator, env_id, **(DAMPING[env_id] if damped else {}))
     known = one_step_map(setup.engine.map)
     tolerance = TOLERANCE[setup.engine.width]
-    for q, v, control in (*states(setup), *states(setup, 10, strongest=0.0)):
+    for q, v, control in (*states(setup, 10), *states(setup, 5, strongest=0.0)):
         expected = mapped(known, setup, q, v, control)
         error = np.abs(one_step(setup, q, v, control) - expected) / (1.0 + np.abs(expected))
         assert error.max() <= tolerance
@@ -65,8 +65,8 @@ def test_no_speed_is_clipped_below_divergence(engine, integrator):
 def test_no_other_map_would_do(engine, integrator, env_id):
     """With damping and control, every map but the declared one is further away."""
     setup = setup_of(engine, integrator, env_id, dt=0.1, **DAMPING[env_id])
-    own, cases = setup.engine.map, solved(setup, states(setup, 8))
-    assert len(cases) >= 4
+    own, cases = setup.engine.map, solved(setup, states(setup, 8))[:4]
+    assert len(cases) == 4
     gaps = {}
     for name in {own, *map_names()}:
         known = one_step_map(name)
@@ -148,7 +148,10 @@ def test_engines_in_one_process_do_not_disturb_each_other(engine, integrator):
         assert (one_step(slow, *case) == apart[0]).all()
 
 
-@pytest.mark.parametrize(("engine", "integrator", "env_id"), sparing(IDS[::-1], strength=1))
+@pytest.mark.parametrize(
+    ("engine", "integrator"), lighter([*FIRST, ("mujoco", "implicit"), ("drake", "radau3")])
+)
+@pytest.mark.parametrize("env_id", IDS)
 def test_damping_is_booked_in_one_call_as_step_by_step(engine, integrator, env_id):
     """A sensor that samples each step has them taken singly; latency makes calls of 3 and 4."""
     given = {"dt": 0.01, "control_period": 0.07, "action_latency": 0.03, **DAMPING[env_id]}

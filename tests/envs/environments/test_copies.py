@@ -54,7 +54,6 @@ def _goes_on_alike(env, before, steps, copied):
     ("env_id", "kind", "before", "way"),
     [
         *pairs(ENVIRONMENTS, ("single", "vector"), (1, WARM_UP + 1), WAYS),
-        ("IntegPendulum-v0", "compiled", 1, "copied"),
         ("IntegPendulum-v0", "compiled", WARM_UP + 1, "pickled"),
     ],
 )
@@ -66,11 +65,11 @@ def test_a_copy_goes_on_alike(env_id, kind, before, way):
     _goes_on_alike(env, before, STEPS, WAYS[way])
 
 
-@pytest.mark.parametrize(("compiled", "way"), [(False, "copied"), (True, "pickled")])
-def test_what_all_lanes_have_in_common_stays_theirs(compiled, way):
+@pytest.mark.parametrize("way", WAYS)
+def test_what_all_lanes_have_in_common_stays_theirs(way):
     """The iterations of a step that are the same in all lanes, where some have just been reset."""
     integrator = f"{__name__}:Iterating"
-    env = gym.make_vec("IntegCartPole-v0", 3, integrator=integrator, compiled=compiled)
+    env = gym.make_vec("IntegCartPole-v0", 3, integrator=integrator)
     _goes_on_alike(env, WARM_UP + 1, STEPS, WAYS[way])
 
 

@@ -61,6 +61,7 @@ ENGINES_IN_JAX = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("env_id", "engine", "integrator"), ENGINES_IN_JAX)
 def test_an_engine_in_jax_equals_its_vector_environment(env_id, engine, integrator):
     needs(engine)
@@ -127,7 +128,10 @@ def test_one_program_serves_all_steps_and_plants():
     assert len(compiled) == 1
 
 
-@pytest.mark.parametrize(("integrator", "native"), [("Euler", "symplectic_euler"), ("RK4", "rk4")])
+@pytest.mark.parametrize(
+    ("integrator", "native"),
+    [("Euler", "symplectic_euler"), pytest.param("RK4", "rk4", marks=pytest.mark.slow)],
+)
 def test_one_program_of_mjx_serves_all_steps_and_plants(integrator, native):
     """In float32, beside the engine's own in float64; without damping its integrators are ours."""
     needs("mjx")
