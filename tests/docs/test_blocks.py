@@ -15,7 +15,7 @@ ELSEWHERE = (
     "how-to/testbeds.md", "reference/environments.md", "reference/evidence.md",
 )  # fmt: skip
 COMPILED = {
-    "how-to/check.md": "trains twelve policies; tests/eval/check trains two",
+    "how-to/check.md": "trains twelve policies; tests/eval/test_check.py trains two",
     "how-to/clusters.md": "needs an installation of MPI",
 }
 TRAINED = """

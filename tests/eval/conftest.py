@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from small_panel import TOML, every_format, pictures_alone
+from small_panel import TOML, pictures_alone
 
 from integ_gym.cli import main
 
@@ -45,7 +45,7 @@ def diagnosis(made_once):
 
 def _diagnose(folder: Path) -> None:
     names = ("symplectic_euler", "reference", "planted:Boaster", "planted:Silent")
-    with every_format(), contextlib.redirect_stdout(io.StringIO()) as printed:
+    with contextlib.redirect_stdout(io.StringIO()) as printed:
         code = main(
             ["diagnose", "--plant", "pendulum", "--integrator", *names,
              "--out", str(folder / "run"), "--workers", "1", "--no-progress", "--all"]

@@ -26,10 +26,14 @@ SHORT = {
 }
 
 
+def _run(name: str, *words: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, str(FOLDER / f"{name}.py"), *words]
+    return subprocess.run(command, capture_output=True, text=True, check=False, cwd=folder)
+
+
 @pytest.mark.slow
 def test_other_libraries_are_run_where_they_are_installed(tmp_path):
-    command = [sys.executable, str(FOLDER / "other_libraries.py"), "--only", "sb3-contrib", "sbx"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path)
+    done = _run("other_libraries", "--only", "sb3-contrib", "sbx", folder=tmp_path)
     assert done.returncode == 0, done.stdout
     assert "PASS  sb3-contrib" in done.stdout
     assert "sbx is left out" in done.stdout
@@ -39,8 +43,7 @@ def test_other_libraries_are_run_where_they_are_installed(tmp_path):
 @pytest.mark.parametrize("name", SHORT)
 def test_a_benchmark_runs(name, tmp_path):
     output = tmp_path / "found.json"
-    command = [sys.executable, str(FOLDER / f"{name}.py"), *SHORT[name], "--json", str(output)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path)
+    done = _run(name, *SHORT[name], "--json", str(output), folder=tmp_path)
     assert done.returncode == 0, done.stderr
     assert len(done.stdout.splitlines()) > 2
     found = json.loads(output.read_text(encoding="utf-8"))
@@ -48,17 +51,23 @@ def test_a_benchmark_runs(name, tmp_path):
     assert found["versions"]["integ-gym"]
 
 
+HELP = """
+import contextlib, io, runpy, sys
+folder, *names = sys.argv[1:]
+sys.path.insert(0, folder)
+for name in names:
+    sys.argv[1:] = ["--help"]
+    with contextlib.redirect_stdout(io.StringIO()) as told, contextlib.suppress(SystemExit):
+        runpy.run_path(f"{folder}/{name}.py", run_name="__main__")
+    print(name, "--json" in told.getvalue())
+"""
+
+
 def test_help_says_what_is_measured():
-    for name in SHORT:
-        command = [sys.executable, str(FOLDER / f"{name}.py"), "--help"]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-        assert (done.returncode, done.stderr) == (0, ""), name
-        assert "--json" in done.stdout
-
-
-def _judged(folder: Path) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, str(FOLDER / "bounds.py"), str(folder)]
-    return subprocess.run(command, capture_output=True, text=True, check=False)
+    command = [sys.executable, "-c", HELP, str(FOLDER), *SHORT]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.splitlines() == [f"{name} True" for name in SHORT]
 
 
 def test_what_falls_below_its_bound_is_said_and_fails(tmp_path):
@@ -95,14 +104,14 @@ def test_what_falls_below_its_bound_is_said_and_fails(tmp_path):
     }
     for name, content in contents.items():
         (tmp_path / f"{name}.json").write_text(json.dumps(content))
-    done = _judged(tmp_path)
+    done = _run("bounds", str(tmp_path), folder=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     assert all(line.endswith("met") for line in done.stdout.splitlines()[2:])
     recorded["in_all"], engines[1]["ratios"]["bare"][1] = 0.2, 9.0
     del figures["help"]
     for name in ("evidence_cost", "engines", "startup"):
         (tmp_path / f"{name}.json").write_text(json.dumps(contents[name]))
-    done = _judged(tmp_path)
+    done = _run("bounds", str(tmp_path), folder=tmp_path)
     assert done.returncode == 1
     assert "within the bound" in done.stdout
     assert done.stderr == (

@@ -20,39 +20,35 @@ DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 README = page_text("README.md")
 
 
-@pytest.mark.parametrize("block", page_blocks("README.md", "python"))
-def test_python_blocks_run(block):
-    done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", block], capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stderr
-    assert done.stdout
+def test_python_blocks_run_and_print_what_is_shown_below_them():
+    shown = dict(re.findall(r"^```python\n(.*?)^```\s+^```text\n(.*?)^```", README, re.S | re.M))
+    assert shown
+    for block in page_blocks("README.md", "python"):
+        done = subprocess.run(
+            [sys.executable, "-W", "error", "-c", block],
+            capture_output=True, text=True, check=False,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr
+        assert done.stdout
+        assert done.stdout == shown.get(block, done.stdout)
 
 
-def _documented():
-    """The page's examples: a mixture, compiled lanes, and an integrator of one's own."""
-    return page_blocks("docs/reference/environments.md", "python")
+MIXTURE, LANES, INTEGRATOR = page_blocks("docs/reference/environments.md", "python")
 
 
-def test_the_documented_mixture_draws_both_members(capsys):
-    mixture, *_ = _documented()
-    exec(mixture, {})
+def test_the_documented_mixture_and_lanes_run(capsys):
+    exec(MIXTURE, {})
     assert set(re.findall(r"\d+", capsys.readouterr().out)) == {"0", "1"}
-
-
-def test_the_documented_lanes_are_compiled():
-    _, block, _ = _documented()
     names = {}
-    exec(block, names)
+    exec(LANES, names)
     assert names["observations"].shape == (64, 3)
     assert names["info"]["time"] == pytest.approx(100 * 0.05)
 
 
 def test_the_documented_integrator_has_its_order():
     """The example of an integrator of one's own, taken from the page and measured."""
-    *_, block = _documented()
     module = types.ModuleType("documented")
-    exec(block, vars(module))
+    exec(INTEGRATOR, vars(module))
     sys.modules["documented"] = module
     errors = []
     for dt in (0.01, 0.005):
@@ -64,17 +60,6 @@ def test_the_documented_integrator_has_its_order():
             ends.append(env.unwrapped.state)
         errors.append(np.abs(ends[0] - ends[1]).max())
     assert np.log2(errors[0] / errors[1]) == pytest.approx(2.0, abs=0.1)
-
-
-def test_the_example_prints_what_is_shown_below_it():
-    found = re.search(
-        r"^```python\n(.*?)^```\s+^```text\n(.*?)^```", README, re.DOTALL | re.MULTILINE
-    )
-    assert found is not None
-    done = subprocess.run(
-        [sys.executable, "-c", found[1]], capture_output=True, text=True, check=True
-    )
-    assert done.stdout == found[2]
 
 
 def test_what_the_quick_panel_found_is_what_was_saved():
@@ -93,33 +78,27 @@ def test_what_the_quick_panel_found_is_what_was_saved():
     assert f"policies succeed in {100 * rows[fine][0]:.0f} % on the truth" in text
 
 
-def _commands() -> list[str]:
+def test_shell_lines_name_what_exists():
     lines = "\n".join(page_blocks("README.md", "sh")).splitlines()
-    return [line.split("  #")[0].strip() for line in lines if line.strip()]
+    for line in filter(str.strip, lines):
+        words = shlex.split(line.split("  #")[0])
+        if words[0] == "make":
+            assert f"\n{words[1]}:" in page_text("Makefile"), line
+        elif words[0] == "integ-gym":
+            assert words[1] in COMMANDS, line
+            assert all((ROOT / word).exists() for word in words[2:] if word.endswith(".toml")), line
+        elif words[0] == "python":
+            assert (ROOT / words[1]).exists(), line
+        else:
+            assert words[:2] == ["pip", "install"], line
+            extra = re.search(r"\[(\w+)\]", line)
+            assert extra is None or f"\n{extra[1]} = [" in page_text("pyproject.toml"), line
 
 
-@pytest.mark.parametrize("command", _commands())
-def test_shell_lines_name_what_exists(command):
-    words = shlex.split(command)
-    if words[0] == "make":
-        assert f"\n{words[1]}:" in (ROOT / "Makefile").read_text(encoding="utf-8")
-    elif words[0] == "integ-gym":
-        assert words[1] in COMMANDS
-        for word in words[2:]:
-            if word.endswith(".toml"):
-                assert (ROOT / word).exists(), word
-    elif words[0] == "python":
-        assert (ROOT / words[1]).exists(), words[1]
-    else:
-        assert words[:2] == ["pip", "install"]
-        extra = re.search(r"\[(\w+)\]", command)
-        assert extra is None or f"\n{extra[1]} = [" in (ROOT / "pyproject.toml").read_text()
-
-
-@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda p: f"{p.parent.name}/{p.name}")
-def test_links_and_pictures_exist(document):
-    text = document.read_text(encoding="utf-8")
-    for target in re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", text):
-        if not target.startswith("https://"):
-            assert (document.parent / target).exists(), target
-    assert "<!--" not in re.sub(r"<!-- \S+, table \d+ -->", "", text)
+def test_links_and_pictures_exist():
+    for document in DOCUMENTS:
+        text = document.read_text(encoding="utf-8")
+        for target in re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", text):
+            there = target.startswith("https://") or (document.parent / target).exists()
+            assert there, f"{document}: {target}"
+        assert "<!--" not in re.sub(r"<!-- \S+, table \d+ -->", "", text), document

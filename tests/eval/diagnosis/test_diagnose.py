@@ -9,13 +9,11 @@ import math
 import os
 import re
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pytest
-from house import ROOT
+from house import ROOT, page_blocks
 from planted import Falling, Hill, Slider
-from small_panel import every_format
 
 from integ_gym.cli import main
 from integ_gym.envs.numerics.stepping import advance
@@ -28,38 +26,19 @@ from integ_gym.eval.diagnosis.contact import impact_of
 from integ_gym.eval.diagnosis.run import SECTIONS
 from integ_gym.eval.diagnosis.subject import rest_state, subjects, theory_of
 from integ_gym.evidence.store import EvidenceStore
-from integ_gym.support.figures import FORMATS
 
 BUILT_IN = "symplectic_euler"
 PLANTED = ("planted:Boaster", "planted:Silent")
 
 
-def _lines(result: dict[str, Any], integrator: str, quantity: str) -> list[dict[str, Any]]:
-    return [
-        line
-        for line in result["findings"]
-        if line["integrator"] == integrator and quantity in line["quantity"]
-    ]
-
-
-def test_every_section_has_lines_with_measured_expected_tolerance_and_verdict(diagnosis):
-    _, result, _ = diagnosis
-    assert {line["section"] for line in result["findings"]} == set(SECTIONS)
-    for line in result["findings"]:
-        assert set(line) == {
-            "section", "plant", "integrator", "quantity", "measured", "unit", "shown", "order",
-            "order_steps", "expected", "tolerance", "holds", "steps",
-        }  # fmt: skip
-        assert line["holds"] in (True, False, None)
-        for key in ("quantity", "shown", "expected", "tolerance"):
-            assert line[key], line
-        assert line["measured"] or line["order_steps"]
-        assert (line["tolerance"] == "-") is (line["holds"] is None), line
-
-
 def test_result_describes_the_run(diagnosis):
     out, result, _ = diagnosis
-    assert result["schema_version"] == 1
+    assert {line["section"] for line in result["findings"]} == set(SECTIONS)
+    for line in result["findings"]:
+        assert all(line[key] for key in ("quantity", "shown", "expected", "tolerance")), line
+        assert line["measured"] or line["order_steps"]
+        assert (line["tolerance"] == "-") is (line["holds"] is None), line
+        assert line["integrator"] != "reference" or line["holds"] is not False, line
     assert result["command"].startswith("integ-gym diagnose --plant pendulum")
     (plant,) = result["plants"]
     assert plant["name"] == "pendulum"
@@ -70,8 +49,8 @@ def test_result_describes_the_run(diagnosis):
     assert result["records"] == EvidenceStore(out / "evidence").count() > 1000
 
 
-def test_evidence_is_sound(diagnosis):
-    out, _, _ = diagnosis
+def test_evidence_is_sound_and_holds_every_point_of_the_convergence_curve(diagnosis):
+    out, result, _ = diagnosis
     store = EvidenceStore(out / "evidence")
     assert store.verify() == []
     phases = store.query("SELECT DISTINCT phase FROM records").to_pylist()
@@ -81,11 +60,6 @@ def test_evidence_is_sound(diagnosis):
         "FROM records WHERE env_id = 'OpenLoop-pendulum'"
     ).to_pylist()
     assert units == [{"unit": "N m"}]
-
-
-def test_every_point_of_the_convergence_curve_has_its_record(diagnosis):
-    out, result, _ = diagnosis
-    store = EvidenceStore(out / "evidence")
     query = "SELECT DISTINCT dt FROM records WHERE integrator = '{}' AND cell LIKE '%refinement/%'"
     for curve in result["curves"]["refinement"]:
         recorded = {row["dt"] for row in store.query(query.format(curve["integrator"])).to_pylist()}
@@ -94,83 +68,59 @@ def test_every_point_of_the_convergence_curve_has_its_record(diagnosis):
 
 def test_an_integrator_that_says_nothing_is_told_what_it_is(diagnosis):
     _, result, printed = diagnosis
-    (line,) = _lines(result, "planted:Silent", "order of convergence")
+    (line,) = (
+        line
+        for line in result["findings"]
+        if (line["integrator"], line["quantity"][:5]) == ("planted:Silent", "order")
+    )
     assert line["order"] == pytest.approx(1.0, abs=0.05)
     assert line["holds"] is None
     (told,) = [x for x in result["identities"] if x["integrator"] == "planted:Silent"]
-    assert told == {
-        "plant": "pendulum",
-        "integrator": "planted:Silent",
-        "order": pytest.approx(1.0, abs=0.05),
-        "symplectic": False,
-        "reversible": False,
-        "stable_up_to_h_omega": 0.0,
-        "stable_up_to_dt_s": 0.0,
-        "stable": "never: oscillations grow at every step",
-    }
-    words = "pendulum planted:Silent 1.00 no no never: oscillations grow at every step"
-    assert words in " ".join(printed.split())
+    assert told.pop("order") == pytest.approx(1.0, abs=0.05)
+    assert (told["symplectic"], told["reversible"]) == (False, False)
+    assert (told["stable_up_to_h_omega"], told["stable_up_to_dt_s"]) == (0.0, 0.0)
+    assert f"pendulum planted:Silent 1.00 no no {told['stable']}" in " ".join(printed.split())
 
 
-def test_the_truth_holds_everywhere(diagnosis):
-    _, result, _ = diagnosis
-    for line in result["findings"]:
-        if line["integrator"] == "reference":
-            assert line["holds"] is not False, line
-
-
-def test_table_says_what_does_not_hold(diagnosis):
-    _, result, printed = diagnosis
-    failed = [line for line in result["findings"] if line["holds"] is False]
+def test_terminal_and_page_say_what_was_found(diagnosis):
+    out, result, printed = diagnosis
     asked = [line for line in result["findings"] if line["holds"] is not None]
+    failed = [line for line in asked if not line["holds"]]
     assert f"{len(asked) - len(failed)} of {len(asked)} expectations hold." in printed
     after = " ".join(printed.split("These do not")[1].split())
     for line in failed:
         assert f"expected {line['expected']}" in after
         assert f"{line['integrator']} {line['shown']}" in after
-
-
-def test_counts_of_what_holds(diagnosis):
-    _, result, printed = diagnosis
-    asked = [line for line in result["findings"] if line["holds"] is not None]
-    rows = [row.split() for row in printed.splitlines()]
     counts = [
         f"{sum(line['holds'] for line in own)}/{len(own)}"
         for section in SECTIONS
         if (own := [line for line in asked if line["section"] == section])
     ]
-    assert ["all", *counts] in rows
-
-
-def test_the_page_says_what_is_printed(diagnosis):
-    out, result, _ = diagnosis
+    assert ["all", *counts] in [row.split() for row in printed.splitlines()]
     page = (out / "diagnose.html").read_text(encoding="utf-8")
     text = html.unescape(re.sub(r"<wbr>|<[^>]+>", "", page))
+    assert f"{len(asked) - len(failed)} of {len(asked)} expectations" in text
     for line in result["findings"]:
-        for said in (line["quantity"], line["shown"], line["expected"]):
-            assert said in text
+        assert all(line[key] in text for key in ("quantity", "shown", "expected"))
     for told in result["identities"]:
         assert told["stable"] in text
-    asked = [line for line in result["findings"] if line["holds"] is not None]
-    assert f"{sum(line['holds'] for line in asked)} of {len(asked)} expectations" in text
     assert page.count("data:image/png") == len(list((out / "figures").glob("*.png")))
     for link in re.findall(r'href="(figures/[^"]+)"', page):
-        assert (out / link).exists()
+        assert (out / link).with_suffix(".png").exists()
 
 
-@pytest.mark.slow
-def test_a_directory_is_taken_again(tmp_path):
-    command = ["diagnose", "--plant", "pendulum", "--out", str(tmp_path), "--no-progress"]
-    assert main([*command, "--integrator", "rk4"]) == 0
-    first = (tmp_path / "diagnose.json").read_text(encoding="utf-8")
-    assert main([*command, "--integrator", "reference"]) == 0
-    second = json.loads((tmp_path / "diagnose.json").read_text(encoding="utf-8"))
-    assert json.loads(first)["integrators"] == ["rk4"]
-    assert second["integrators"] == ["reference"]
-    found = EvidenceStore(tmp_path / "evidence").query("SELECT DISTINCT integrator FROM records")
-    assert found.column(0).to_pylist() == ["reference"]
-    page = (tmp_path / "diagnose.html").read_text(encoding="utf-8")
-    assert not re.search(r"\brk4\b", re.sub(r"data:[^\"')]+", "", page))
+def _plain(row: str) -> str:
+    """A row without its blanks, and without what rounding alone decides."""
+    return re.sub(r"[\d.]+·10⁻¹[⁰¹²³⁴⁵⁶⁷⁸⁹](?= )", "rounding", " ".join(row.split()))
+
+
+def test_the_documented_table_is_what_is_printed(diagnosis):
+    rows = {_plain(row) for row in diagnosis[2].splitlines()}
+    (block,) = page_blocks("docs/reference/diagnose.md", "text")
+    checked = [_plain(row) for row in block.splitlines() if row.strip("- ")]
+    assert len(checked) > 15
+    for row in checked:
+        assert row in rows
 
 
 @pytest.mark.parametrize(
@@ -220,20 +170,38 @@ def test_bad_input_ends_with_one_line(arguments, message, tmp_path, capsys, monk
     assert left == []
 
 
-def test_without_out_the_directory_is_of_the_commands_name(tmp_path, capsys, monkeypatch):
+@pytest.fixture
+def two_sections(monkeypatch):
+    """Runs a diagnosis of two sections that are soon done."""
+    monkeypatch.setattr(run, "SECTIONS", {n: run.SECTIONS[n] for n in ("integrator", "latency")})
+    return lambda *words: main(["diagnose", *words, "--no-progress", "--workers", "1"])
+
+
+def test_a_directory_is_taken_again(two_sections, tmp_path):
+    for name in ("rk4", "explicit_euler"):
+        words = ("--plant", "pendulum", "--integrator", name, "--out", str(tmp_path))
+        assert two_sections(*words) == 0
+        result = json.loads((tmp_path / "diagnose.json").read_text(encoding="utf-8"))
+        assert result["integrators"] == [name]
+    found = EvidenceStore(tmp_path / "evidence").query("SELECT DISTINCT integrator FROM records")
+    assert found.column(0).to_pylist() == ["explicit_euler"]
+    page = (tmp_path / "diagnose.html").read_text(encoding="utf-8")
+    assert not re.search(r"\brk4\b", re.sub(r"data:[^\"')]+", "", page))
+
+
+def test_without_out_the_directory_is_of_the_commands_name(
+    two_sections, tmp_path, capsys, monkeypatch
+):
     monkeypatch.chdir(tmp_path)
-    chosen = {name: run.SECTIONS[name] for name in ("integrator", "latency")}
-    monkeypatch.setattr(run, "SECTIONS", chosen)
-    command = ["diagnose", "--integrator", "rk4", "--no-progress", "--workers", "1", "--plant"]
-    assert main([*command, "pendulun"]) == 2
+    assert two_sections("--integrator", "rk4", "--plant", "pendulun") == 2
     assert "pendulum" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
-    assert main([*command, "pendulum"]) == 0
+    assert two_sections("--integrator", "rk4", "--plant", "pendulum") == 0
     page = tmp_path / "runs" / "diagnose" / "diagnose.html"
     assert str(page) in capsys.readouterr().out
     assert page.is_file()
     page.with_name("diagnose.json").unlink()
-    assert main([*command, "pendulum"]) == 2
+    assert two_sections("--integrator", "rk4", "--plant", "pendulum") == 2
     assert "holds evidence of something else than a diagnosis" in capsys.readouterr().err
 
 
@@ -271,16 +239,16 @@ def test_rest_is_an_equilibrium(name):
     assert np.abs(moved - subject.rest).max() < 1e-8
 
 
-@pytest.mark.parametrize("omega", [0.05, 0.1, 1.0, 10.0, 141.0, 1e3, 1e4])
-@pytest.mark.parametrize("hardening", [0.0, 5.0])
-def test_stiff_and_slow_plants_come_to_rest(omega, hardening):
-    plant = Slider(stiffness=omega**2, hardening=hardening)
-    assert np.abs(rest_state(plant)).max() < 1e-12
+@pytest.mark.parametrize("omega", [0.05, 1.0, 141.0, 1e4])
+def test_stiff_and_slow_plants_come_to_rest(omega):
+    for hardening in (0.0, 5.0):
+        plant = Slider(stiffness=omega**2, hardening=hardening)
+        assert np.abs(rest_state(plant)).max() < 1e-12
     pendulum = Pendulum(gravity=omega**2 * Pendulum().gravity / 15.0)
     np.testing.assert_allclose(rest_state(pendulum), (math.pi, 0.0), rtol=0.0, atol=1e-12)
 
 
-@pytest.mark.parametrize("stiffness", [30.0, 1e3, 1e6, 1e8])
+@pytest.mark.parametrize("stiffness", [30.0, 1e8])
 def test_a_stiff_spring_does_not_hide_a_slow_swing(stiffness):
     rest = rest_state(ElasticPendulum(stiffness=stiffness))
     np.testing.assert_allclose(rest, np.zeros(4), rtol=0.0, atol=1e-6)
@@ -321,13 +289,11 @@ def test_analytic_impact_is_what_the_plant_does(name):
 )
 def test_drift_example(given, steps, numbers, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(drift, "CART_POLE_TIMES", (10.0,))
-    with every_format():
-        assert main(["diagnose", "--example", "drift", "--out", str(tmp_path), *given]) == 0
+    assert main(["diagnose", "--example", "drift", "--out", str(tmp_path), *given]) == 0
     printed = capsys.readouterr().out
     for text in (*numbers, *(f"dt {dt} s" for dt in steps)):
         assert text in printed
-    for suffix in FORMATS:
-        assert (tmp_path / f"drift{suffix}").stat().st_size > 10_000
+    assert (tmp_path / "drift.png").stat().st_size > 10_000
 
 
 @dataclass(frozen=True)

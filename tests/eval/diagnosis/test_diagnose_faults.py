@@ -21,29 +21,33 @@ from integ_gym.eval.diagnosis import bench as open_loop
 from integ_gym.eval.diagnosis import control, identity
 from integ_gym.eval.diagnosis.subject import subjects
 
-PLANT_FAULTS = [
-    fault
-    for owner in map(PLANTS.load, PLANTS.names())
-    for method in ("acceleration", "energy", "dissipation", "jacobian", "mass_matrix")
-    if hasattr(owner, method)
-    for make in (mutants.sign_errors, mutants.wrong_numbers)
-    for fault in make(owner, method)
-]
 
+@pytest.mark.parametrize("name", PLANTS.names())
+def test_any_wrong_sign_or_number_in_a_plant_is_seen(name):
+    owner, rest = PLANTS.load(name), subjects(None, name, [])[0].rest
+    states = identity.states_around(rest)
 
-@pytest.mark.parametrize("fault", PLANT_FAULTS, ids=lambda fault: fault.__name__)
-def test_any_wrong_sign_or_number_in_a_plant_is_seen(fault):
-    plant = damped(fault)
-    (subject,) = subjects(None, fault.name, [])
-    states = identity.states_around(subject.rest)
-    defects = [
-        identity.energy_defect(plant, states),
-        identity.mass_defect(plant, states),
-        abs(identity.rest_energy(plant, subject.rest)),
+    def is_seen(fault):
+        plant = damped(fault)
+        return not (
+            identity.energy_defect(plant, states) < identity.EXACT
+            and identity.mass_defect(plant, states) < identity.EXACT
+            and abs(identity.rest_energy(plant, rest)) < identity.EXACT
+            and (
+                not hasattr(plant, "jacobian")
+                or identity.jacobian_defect(plant, states) < identity.EXACT
+            )
+        )
+
+    faults = [
+        fault
+        for method in ("acceleration", "energy", "dissipation", "jacobian", "mass_matrix")
+        if hasattr(owner, method)
+        for make in (mutants.sign_errors, mutants.wrong_numbers)
+        for fault in make(owner, method)
     ]
-    if hasattr(plant, "jacobian"):
-        defects.append(identity.jacobian_defect(plant, states))
-    assert not max(defects) < identity.EXACT
+    assert len(faults) > 5
+    assert [fault.__name__ for fault in faults if not is_seen(fault)] == []
 
 
 @pytest.mark.parametrize(
@@ -88,34 +92,29 @@ def test_claims_are_put_to_the_test(boasters, name, order, symplectic, reversibl
     assert verdicts(boasters, "reversible, forward", name) == {reversible}
 
 
-@pytest.mark.parametrize(
-    ("integrator", "holds"),
-    [("planted:Forgetful", False), ("mutants:RectangleLedger", False), ("rk4", True)],
-)
-def test_losses_that_are_not_booked_as_they_are_taken(integrator, holds, tmp_path):
-    findings = examine("damping", "pendulum", integrator, store=tmp_path)
-    assert verdicts(findings, "Σ |energy residual|") == {holds}
-    assert verdicts(findings, "energy booked as dissipated") == {holds}
+def test_losses_that_are_not_booked_as_they_are_taken(tmp_path):
+    names = ("planted:Forgetful", "mutants:RectangleLedger", "rk4")
+    findings = examine("damping", "pendulum", *names, store=tmp_path)
+    for name in names:
+        for quantity in ("Σ |energy residual|", "energy booked as dissipated"):
+            assert verdicts(findings, quantity, name) == {name == "rk4"}
 
 
 def test_a_plant_that_books_no_damping(tmp_path):
     """Even of the reference: SciPy's integral does not ask the plant what it dissipates."""
-    findings = examine("damping", "planted:Unbooked", "reference", "rk4", store=tmp_path)
+    findings = examine("damping", "planted:Unbooked", "reference", store=tmp_path)
     assert verdicts(findings, "Σ |energy residual|") == {False}
     assert verdicts(findings, "energy booked as dissipated") == {False}
 
 
-@pytest.mark.parametrize("integrator", ["planted:Forgetful", "rk4"])
-def test_friction_that_is_not_booked(integrator, tmp_path):
-    findings = examine("friction", "pendulum", integrator, store=tmp_path)
-    assert verdicts(findings, "dissipated") == {integrator == "rk4"}
-    assert verdicts(findings, "smoothed friction, Σ") == {integrator == "rk4"}
-    assert verdicts(findings, "largest speed") == {True}
-
-
-def test_friction_that_does_not_hold_the_plant(tmp_path):
-    findings = examine("friction", "pendulum", "explicit_euler", store=tmp_path)
-    assert verdicts(findings, "largest speed") == {False}
+def test_friction_that_is_not_booked_or_does_not_hold_the_plant(tmp_path):
+    names = ("planted:Forgetful", "rk4", "explicit_euler")
+    findings = examine("friction", "pendulum", *names, store=tmp_path)
+    for name in names[:2]:
+        assert verdicts(findings, "dissipated", name) == {name == "rk4"}
+        assert verdicts(findings, "smoothed friction, Σ", name) == {name == "rk4"}
+        assert verdicts(findings, "largest speed", name) == {True}
+    assert verdicts(findings, "largest speed", "explicit_euler") == {False}
 
 
 def test_energy_that_grows_under_a_symplectic_name(tmp_path):
@@ -145,10 +144,9 @@ def test_an_oscillation_that_grows_where_one_step_says_it_does_not(tmp_path, mon
 
 
 @pytest.mark.parametrize("plant", PLANTS.names())
-@pytest.mark.parametrize("integrator", ["planted:Heun", "planted:Silent"])
-def test_slow_and_fast_growth_of_own_integrators_is_seen(integrator, plant, tmp_path):
+def test_slow_and_fast_growth_of_own_integrators_is_seen(plant, tmp_path):
     """Heun's method grows by (hω)⁴ / 8 per step alone."""
-    findings = examine("stiffness", plant, integrator, store=tmp_path)
+    findings = examine("stiffness", plant, "planted:Heun", "planted:Silent", store=tmp_path)
     assert verdicts(findings, "small oscillation, factor") == {True}
 
 
@@ -175,17 +173,16 @@ def test_saturation_that_is_not_counted(tmp_path, monkeypatch):
     assert verdicts(findings, "IntegPendulum-v0, decisions") == {False}
 
 
-@pytest.mark.parametrize("share", [0.5, 1.0])
-def test_work_that_is_booked_by_half(share, tmp_path, monkeypatch):
+def test_work_that_is_booked_by_half(tmp_path, monkeypatch):
     def advance(self, *arguments):
         motion = whole(self, *arguments)
-        return motion._replace(work=share * motion.work)
+        return motion._replace(work=0.5 * motion.work)
 
     whole = NativeEngine.advance
     monkeypatch.setattr(NativeEngine, "advance", advance)
     findings = examine("actuation", "pendulum", "rk4", "reference", store=tmp_path)
-    assert verdicts(findings, "work booked") == {share == 1.0}
-    assert verdicts(findings, "Σ |energy residual|") == {share == 1.0}
+    assert verdicts(findings, "work booked") == {False}
+    assert verdicts(findings, "Σ |energy residual|") == {False}
 
 
 @pytest.mark.parametrize("late", [0, 1, 2])
@@ -256,22 +253,21 @@ def test_an_impact_that_an_explicit_method_should_not_survive(tmp_path, monkeypa
     assert verdicts(findings, "gains energy") == {False}
 
 
-def test_success_that_differs_from_the_truth(tmp_path, monkeypatch):
-    played = {"reference": 1.0, "rk4": 1.0, "implicit_euler": 0.0}
-    monkeypatch.setattr(
-        control, "success", lambda diagnosis, env_id, integrator, *rest: played[integrator]
-    )
-    for section in ("timestep refinement", "latency"):
-        names = ("rk4", "implicit_euler")
-        findings = examine(section, "pendulum", *names, store=tmp_path / section)
-        assert verdicts(findings, "hand-made controller", "rk4") == {True}
-        assert verdicts(findings, "hand-made controller", "implicit_euler") == {False}
-
-
-def test_where_nobody_succeeds_nothing_is_expected(tmp_path, monkeypatch):
-    monkeypatch.setattr(control, "success", lambda *arguments: 0.0)
-    findings = examine("latency", "pendulum", "rk4", store=tmp_path)
-    assert verdicts(findings, "hand-made controller") == {None}
+@pytest.mark.parametrize(
+    ("section", "success"),
+    [
+        ("timestep refinement", {"reference": 1.0, "rk4": 1.0, "implicit_euler": 0.0}),
+        ("latency", {"reference": 1.0, "rk4": 1.0, "implicit_euler": 0.0}),
+        ("latency", {"reference": 0.0, "rk4": 0.0, "implicit_euler": 0.0}),
+    ],
+)
+def test_success_that_differs_from_the_truth(section, success, tmp_path, monkeypatch):
+    """Where nobody succeeds nothing is expected."""
+    monkeypatch.setattr(control, "success", lambda diagnosis, env_id, name, *rest: success[name])
+    findings = examine(section, "pendulum", "rk4", "implicit_euler", store=tmp_path)
+    expected = (True, False) if success["reference"] else (None, None)
+    for name, holds in zip(("rk4", "implicit_euler"), expected, strict=True):
+        assert verdicts(findings, "hand-made controller", name) == {holds}
 
 
 def test_a_task_without_a_controller_is_left_out(tmp_path, monkeypatch):

@@ -1,24 +1,17 @@
-"""Figures of a diagnosis: nothing is empty, cut off or on top of something else."""
+"""Figures of a diagnosis: nothing is empty, cut off or on top of something else, on a phone too."""
 
 from __future__ import annotations
 
 import pytest
+from driving import driven
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Text
 
 from integ_gym.eval.diagnosis.figures import FIGURES, NARROWEST, draw_contact, schemes_of
 
-CHOICES = {
-    "one": ("symplectic_euler",),
-    "one of one's own": ("planted:Silent",),
-    "the truth alone": ("reference",),
-    "two": ("symplectic_euler", "reference", "planted:Silent"),
-    "six": (
-        "explicit_euler", "implicit_euler", "implicit_midpoint", "rk4", "stormer_verlet",
-        "symplectic_euler", "reference",
-    ),
-}  # fmt: skip
-PLANTS = {"one": ("pendulum",), "three": ("cart_pole", "elastic_pendulum", "my_module:Slider")}
+ALL = ("explicit_euler", "implicit_euler", "implicit_midpoint", "rk4", "stormer_verlet",
+       "symplectic_euler", "reference")  # fmt: skip
+THREE = ("cart_pole", "elastic_pendulum", "my_module:Slider")
 
 
 @pytest.fixture
@@ -41,21 +34,17 @@ def curves(diagnosis):
 
 
 @pytest.mark.parametrize(
-    ("integrators", "plants"),
-    [
-        ("one", "one"), ("one of one's own", "three"), ("the truth alone", "one"),
-        ("two", "three"), ("six", "three"),
-    ],
-)  # fmt: skip
-def test_figures(integrators, plants, curves):
-    names, owners = CHOICES[integrators], PLANTS[plants]
+    ("names", "plants"),
+    [(("reference",), ("pendulum",)), (("planted:Silent",), THREE), (ALL, THREE)],
+)
+def test_figures(names, plants, curves):
     schemes = schemes_of(names)
     for key, draw in FIGURES.values():
-        figure = draw(curves(key, names, owners), schemes)
+        figure = draw(curves(key, names, plants), schemes)
         _check(figure)
         assert "reference" in {text.get_text() for text in figure.findobj(Text)}
     if schemes:
-        figure = draw_contact(curves("contact", names, owners[:1]), schemes)
+        figure = draw_contact(curves("contact", names, plants[:1]), schemes)
         _check(figure)
         maps = [axes for axes in figure.axes if axes.get_xscale() == "log"]
         assert len(maps) == 3 * len(schemes)
@@ -82,3 +71,27 @@ def _check(figure) -> None:
             assert not box.overlaps(place), (text, other)
     filled = max(axes.get_position().x1 for axes in figure.axes if axes.get_visible())
     assert filled > 0.7
+
+
+BOXES = "[...document.querySelectorAll('figure .scroll')]"
+WORDS = "[...document.querySelectorAll('figcaption .aside')]"
+FADES = f"{BOXES}.map((box) => parseFloat(getComputedStyle(box).getPropertyValue('--more')))"
+
+
+@pytest.mark.slow
+def test_a_desktop_shows_figures_whole_and_a_phone_scrolls_them_and_is_told_so(diagnosis, tmp_path):
+    with driven(tmp_path) as browser:
+        browser.size(1440, 900)
+        browser.open((diagnosis[0] / "diagnose.html").as_uri())
+        assert browser.value(f"{BOXES}.every((box) => box.scrollWidth === box.clientWidth)")
+        assert browser.value(f"{WORDS}.every((words) => words.offsetHeight === 0)")
+        browser.size(390, 844, phone=True)
+        browser.open((diagnosis[0] / "diagnose.html").as_uri())
+        assert browser.value("document.documentElement.scrollWidth") == 390
+        assert browser.value(f"{BOXES}.every((box) => box.scrollWidth > 1.5 * box.clientWidth)")
+        assert browser.value(f"{WORDS}.every((words) => words.offsetHeight > 0)")
+        if browser.value("CSS.supports('animation-timeline: scroll(self inline)')"):
+            browser.until(f"{FADES}.every((fade) => fade > 20)")
+            browser.value(f"{BOXES}.forEach((box) => box.scrollTo(box.scrollWidth, 0))")
+            browser.until(f"{FADES}.every((fade) => fade === 0)")
+        assert browser.said == []

@@ -10,9 +10,8 @@ from typing import Any
 import matplotlib
 import numpy as np
 import pytest
-import report_example as example
 from matplotlib.text import Text
-from report_pages import panel_from, panel_of, pixels
+from report_pages import panel_of, pixels
 from small_panel import FORMATS, every_format, pictures_alone
 
 from integ_gym.eval.report.figures import COLUMN, FIGURES, PAGE, SIZE, write_figures
@@ -48,28 +47,20 @@ def names_of(written: list[Path]) -> list[str]:
     return names
 
 
-@pytest.fixture(scope="module")
-def drawn(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[Path]]:
-    """Figures of the full panel; and of a given policy's, where an earlier panel's were."""
+def test_figures_are_sharp_whole_and_always_the_same(tmp_path: Path) -> None:
+    """Of an earlier panel's none is left where they are written."""
     before = dict(matplotlib.rcParams)
-    folder = tmp_path_factory.mktemp("figures")
-    (folder / "given").mkdir()
     for name in (*(f"transfer_gaps{suffix}" for suffix in FORMATS), "mine.png"):
-        (folder / "given" / name).write_bytes(b"old")
-    written = {name: write_figures(panel_of(name), folder / name) for name in ("full", "given")}
+        (tmp_path / name).write_bytes(b"old")
+    written = write_figures(panel_of("given"), tmp_path)
     assert dict(matplotlib.rcParams) == before
-    return written
-
-
-def test_figures_are_sharp_whole_and_of_what_a_panel_has(drawn: dict[str, list[Path]]) -> None:
-    for name, written in drawn.items():
-        assert names_of(written) == FIGURES_OF[name]
-    assert sorted(drawn["full"][0].parent.iterdir()) == sorted(drawn["full"])
-    for path in drawn["full"]:
+    assert names_of(written) == FIGURES_OF["given"]
+    assert sorted(tmp_path.iterdir()) == sorted([*written, tmp_path / "mine.png"])
+    for path in written:
         content = path.read_bytes()
         if path.suffix == ".png":
             image = pixels(path)
-            assert min(image.shape[:2]) > 500
+            assert min(image.shape[:2]) > 300
             assert 0.02 < np.mean(np.any(image < 0.95, axis=-1)) < 0.8
         if path.suffix == ".svg":
             assert xml.etree.ElementTree.fromstring(content).tag.endswith("svg")
@@ -77,48 +68,23 @@ def test_figures_are_sharp_whole_and_of_what_a_panel_has(drawn: dict[str, list[P
         if path.suffix == ".pdf":
             assert content.startswith(b"%PDF")
             assert b"/Type3" not in content
-    folder = drawn["given"][0].parent
-    assert not list(folder.glob("transfer_gaps*"))
-    assert (folder / "mine.png").read_bytes() == b"old"
-
-
-def test_figures_show_the_data(drawn: dict[str, list[Path]], tmp_path: Path) -> None:
-    with pictures_alone():  # all that is compared
-        others = write_figures(panel_from(example.full_panel(seed=9)), tmp_path)
-    for path in others:
-        a, b = pixels(path), pixels(drawn["full"][0].with_name(path.name))
-        assert a.shape != b.shape or np.any(a != b, axis=-1).mean() > 0.001
-
-
-@pytest.mark.parametrize("name", ["given", pytest.param("full", marks=pytest.mark.slow)])
-def test_the_same_panel_gives_the_same_figures(
-    name: str, tmp_path: Path, drawn: dict[str, list[Path]]
-) -> None:
-    again = write_figures(panel_of(name), tmp_path)
-    assert [path.read_bytes() for path in again] == [path.read_bytes() for path in drawn[name]]
+    again = write_figures(panel_of("given"), tmp_path / "again")
+    assert [path.read_bytes() for path in again] == [path.read_bytes() for path in written]
 
 
 @pytest.mark.parametrize(
-    ("name", "look", "form"),
+    ("name", "look"),
     [
-        *((name, "page", "png") for name in ("nothing learned", "none", "hostile")),
-        *(
-            pytest.param(name, look, "all", marks=pytest.mark.slow)
-            for name in FIGURES_OF
-            for look in ("page", "paper")
-        ),
+        ("nothing learned", "page"),
+        ("none", "page"),
+        ("hostile", "paper"),
+        *(pytest.param(name, "paper", marks=pytest.mark.slow) for name in ("full", "none")),
+        pytest.param("hostile", "page", marks=pytest.mark.slow),
     ],
 )
-def test_figures_take_whatever_a_panel_lacks(
-    name: str, look: str, form: str, tmp_path: Path
-) -> None:
-    with pictures_alone() if form == "png" else every_format():
+def test_figures_take_whatever_a_panel_lacks(name: str, look: str, tmp_path: Path) -> None:
+    with pictures_alone():
         assert names_of(write_figures(panel_of(name), tmp_path, look)) == FIGURES_OF[name]
-
-
-@pytest.mark.slow
-def test_figures_of_a_large_panel(tmp_path: Path) -> None:
-    assert len(names_of(write_figures(panel_of("large"), tmp_path))) == 4
 
 
 @pytest.mark.parametrize("name", ["success_matrix", "transfer_gaps", "refinement_ladder"])

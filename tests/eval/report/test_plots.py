@@ -12,7 +12,7 @@ from house import ROOT
 from matplotlib.patches import Rectangle
 from matplotlib.text import Text
 from report_example import IMPOSSIBLE, PERIOD, SCHEMES, SLOW, STEPS, UNKNOWN
-from report_pages import every_panel, page_of, panel_from, panel_of, raw_of, render
+from report_pages import page_of, panel_from, panel_of, raw_of, render
 
 from integ_gym.envs.registries import ENGINES, INTEGRATORS
 from integ_gym.eval.panel.conclusions import solvable_reason
@@ -35,7 +35,6 @@ from integ_gym.eval.statistics import Estimate
 from integ_gym.support.figures import HUES, MARKERS, PALETTE, channels
 
 VISION = {
-    "common": np.eye(3),
     "protanopia": [
         [0.152286, 1.052583, -0.204868],
         [0.114503, 0.786281, 0.099216],
@@ -45,11 +44,6 @@ VISION = {
         [0.367322, 0.860646, -0.227968],
         [0.280085, 0.672501, 0.047413],
         [-0.011820, 0.042940, 0.968881],
-    ],
-    "tritanopia": [
-        [1.255528, -0.076749, -0.178779],
-        [-0.078411, 0.930809, 0.147602],
-        [0.004733, 0.691367, 0.303900],
     ],
 }
 """What is seen of linear red, green and blue (Machado, Oliveira and Fernandes 2009, severity 1)."""
@@ -95,13 +89,7 @@ def test_every_name_has_a_style_of_its_own_that_stays():
     assert len(set(others.values())) == len(names)
     assert not set(others.values()) & set(NATIVE.values())
     assert styles_of(reversed(names)) == others
-    assert np.mean([styles_of([name])[name] == others[name] for name in names]) > 0.5
     assert {style.marker for style in others.values()} <= set(MARKERS)
-    shown = ladder_plots(panel_of("full")).schemes
-    for other in ("given", "large", "nothing learned"):
-        again = ladder_plots(panel_of(other)).schemes
-        assert set(shown) & set(again)
-        assert all(again[name] == shown[name] for name in set(shown) & set(again))
 
 
 @pytest.mark.parametrize(
@@ -211,8 +199,10 @@ def test_ladders_are_the_same_on_the_page_and_in_the_figure():
         assert name in text
         key = html[: html.index(f"</svg>{name.replace('_', '_<wbr>')}</span>")].rsplit("<svg", 1)[1]
         assert set(re.findall(r"h-(\w+)", key)) == {style.hue}
-    for row, plots in ladders.rows:
+    for own, (row, plots) in zip(ladders_of(panel_of("full")), ladders.rows, strict=True):
         assert row in text
+        shown = [{series.name for series in plot.series} for plot in plots]
+        assert shown == [set(rungs) for rungs in (own.fixed, own.following)]
         for plot in plots:
             assert f"Success of {row} against the step, {plot.about}" in page.values("aria-label")
             assert all(label in text for label in (plot.about, *(label for _, label in plot.ticks)))
@@ -220,10 +210,9 @@ def test_ladders_are_the_same_on_the_page_and_in_the_figure():
                 assert all(point.words in page.text for point in series.points)
 
 
-@every_panel
-def test_colours_are_written_once(name):
+def test_colours_are_written_once():
     """A page has the colours of the palette, and figures have no others by hand."""
-    html = render(panel_of(name))
+    html = render(panel_of("full"))
     for colour, (light, dark) in PALETTE.items():
         if colour not in ("warm", "cool"):
             assert html.count(f"--{colour}: {light};") == html.count(f"--{colour}: {dark};") == 1
@@ -291,32 +280,27 @@ def test_a_given_policy_is_held_against_itself_cell_by_cell():
     assert "paired" not in page_of("full").values("id")
 
 
-def test_groups_are_integrators_from_coarse_to_fine_after_the_truth():
-    groups = panel_of("full").groups
-    assert [group.label for group in groups] == ["reference", *SCHEMES]
-    assert [cell.dt for cell in groups[1].cells] == sorted(STEPS, reverse=True)
-
-
-def test_ladders_keep_the_two_control_periods_apart():
-    panel = panel_of("full")
-    ladder = ladders_of(panel)[0]
-    for rungs in ladder.fixed.values():
-        assert list(rungs) == sorted(rungs, reverse=True)
-        assert {panel.cell(entry.cell).control_period for entry in rungs.values()} == {PERIOD}
-    for rungs in ladder.following.values():
-        assert all(panel.cell(own.cell).control_period == dt for dt, own in rungs.items())
-    assert set(ladder.following) == {*SCHEMES} - {"implicit_midpoint"}
-
-
-def test_ladders_leave_out_engines_that_a_row_was_not_trained_on():
+def test_ladders_keep_control_periods_and_engines_apart():
+    """Of engines that a row was not trained on there is none."""
     raw = copy.deepcopy(raw_of("full"))
     for cell in raw["cells"]:
         if cell["integrator"] == "implicit_midpoint":
             cell["engine"] = "mujoco"
     panel = panel_from(raw)
-    assert "mujoco implicit_midpoint" in [group.label for group in panel.groups]
-    assert all("rk4" in ladder.fixed for ladder in ladders_of(panel))
-    assert not any("mujoco implicit_midpoint" in ladder.fixed for ladder in ladders_of(panel))
+    labels = [group.label for group in panel.groups]
+    assert labels[0] == "reference"
+    assert set(labels[1:]) == {*SCHEMES, "mujoco implicit_midpoint"} - {"implicit_midpoint"}
+    assert [cell.dt for cell in panel.groups[1].cells] == sorted(STEPS, reverse=True)
+    for ladder in ladders_of(panel):
+        assert "rk4" in ladder.fixed
+        assert "mujoco implicit_midpoint" not in ladder.fixed
+        for rungs in ladder.fixed.values():
+            assert list(rungs) == sorted(rungs, reverse=True)
+            assert {panel.cell(own.cell).control_period for own in rungs.values()} == {PERIOD}
+    following = ladders_of(panel)[0].following
+    assert set(following) == {*SCHEMES} - {"implicit_midpoint"}
+    for rungs in following.values():
+        assert all(panel.cell(own.cell).control_period == dt for dt, own in rungs.items())
 
 
 def test_checks_compare_the_same_discretization():
@@ -324,9 +308,8 @@ def test_checks_compare_the_same_discretization():
     checks = checks_of(panel)
     assert list(checks) == ["mass +20 %", "latency 50 ms"]
     for before, after in itertools.chain(*checks.values()):
-        assert before.row == after.row
         one, other = panel.cell(before.cell), panel.cell(after.cell)
-        assert (one.integrator, one.dt) == (other.integrator, other.dt)
+        assert (before.row, one.integrator, one.dt) == (after.row, other.integrator, other.dt)
 
 
 @pytest.fixture(scope="module")
@@ -363,9 +346,7 @@ def test_every_row_that_learned_has_a_curve_through_its_own_entries(swept):
 
 def test_a_sweep_is_shown_and_is_no_perturbation(swept):
     assert "action_latency=0.05" not in checks_of(swept)
-    page = render(swept)
-    assert 'id="sweeps"' in page
-    assert "action_latency, s" in page
+    assert 'id="sweeps"' in render(swept)
     assert 'id="sweeps"' not in render(panel_of("full"))
     describe, draws = FIGURES["sweeps"]
     for draw in draws:

@@ -576,11 +576,3 @@ def hostile_panel() -> dict[str, Any]:
         entry["labels"] = {HOSTILE: 3, **entry["labels"]}
     panel["spec"][HOSTILE] = HOSTILE
     return panel
-
-
-def large_panel() -> dict[str, Any]:
-    """Twenty rows and thirty-one columns."""
-    steps = (0.1, 0.05, 0.025, 0.0125, 0.00625, 0.003125)
-    rows = [line for dt in steps[:3] for line in trained(SCHEMES, 5, dt)]
-    rows += [row(f"given {number}", "given", "rk4", 1) for number in range(2)]
-    return base_panel([*rows, *baselines(5)], grid_cells(SCHEMES, steps), 3)

@@ -37,7 +37,6 @@ PANELS: dict[str, Callable[[], dict[str, Any]]] = {
     "nothing learned": example.nothing_learned_panel,
     "none": example.none_panel,
     "hostile": example.hostile_panel,
-    "large": example.large_panel,
 }
 SAMPLES = 241
 VOID = {"meta", "link", "br", "wbr", "hr", "img", "input"}

@@ -52,8 +52,16 @@ def test_a_record_with_a_trace_is_shown_as_it_was_recorded(panel_directory):
         assert episode.times[-1] == pytest.approx(3.0)
 
 
-@pytest.mark.parametrize("policy", ["%rk4%", "handmade", "random", "zero"])
-@pytest.mark.parametrize("perturbation", ["IS NULL", "LIKE '%mass%'", "LIKE '%latency%'"])
+@pytest.mark.parametrize(
+    ("policy", "perturbation"),
+    [
+        ("%rk4%", "IS NULL"),
+        ("%rk4%", "LIKE '%latency%'"),
+        ("handmade", "LIKE '%mass%'"),
+        ("random", "LIKE '%latency%'"),
+        ("zero", "IS NULL"),
+    ],
+)
 def test_what_is_played_again_is_what_was_recorded(panel_directory, policy, perturbation):
     """Trained policies to the last bits of their actions, baselines exactly."""
     record = record_where(
@@ -140,22 +148,14 @@ def test_code_that_a_record_names_is_not_run_unasked(diagnosis):
         of_record._check_code(of_theirs, own_code=False)
 
 
-def test_control_periods_that_differ_are_told_in_every_pane(panel_directory):
-    record = record_where(panel_directory, "control_period < 0.05 AND phase = 'evaluation'")
-    film = watch(panel_directory, record["record_id"])
-    told = [film._titles(episode.discretization)[1] for episode in film.episodes]
-    for episode, words in zip(film.episodes, told, strict=True):
-        assert f"a decision every {episode.discretization.control_period:g} s" in words
-    assert "a decision every" not in film._note
-
-
 def test_a_run_without_a_record_lists_a_few_that_are_worth_a_film(panel_directory, capsys):
     assert main(["watch", str(panel_directory)]) == 0
     printed = capsys.readouterr().out
     listed = re.findall(r"^([0-9a-f]{8})  (.+?)  ", printed, re.MULTILINE)
     assert 0 < len(listed) <= 10
-    for prefix, cell in listed:
-        record = open_run(panel_directory).find(prefix)
+    store = open_run(panel_directory)
+    for prefix, cell in listed[:2]:
+        record = store.find(prefix)
         assert (record["cell"], record["success"]) == (cell, False)
     labels = re.findall(r"(\w+_error|not_learned|unattributed|unachievable|too_slow) ", printed)
     caused = [label == "discretization_error" for label in labels]

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import json
 import re
+from functools import cache
 
 import pytest
-from engine_cases import COMPILING, FOREIGN, needs
+from engine_cases import needs
 
 from integ_gym.cli import main
 from integ_gym.envs import numerics
@@ -20,13 +21,7 @@ def _table(printed):
     return [dict(zip(headings, line, strict=True)) for line in lines if len(line) > 1]
 
 
-@pytest.mark.parametrize(
-    "engine",
-    [
-        pytest.param(engine, marks=pytest.mark.slow) if engine in COMPILING else engine
-        for engine in FOREIGN
-    ],
-)
+@pytest.mark.parametrize("engine", ["mujoco", "pybullet"])
 def test_every_integrator_of_an_engine_has_its_line(engine, capsys, monkeypatch):
     """With the map that it is declared to apply in the column of what it was found to apply."""
     needs(engine)
@@ -47,28 +42,33 @@ def test_every_integrator_of_an_engine_has_its_line(engine, capsys, monkeypatch)
         assert float(row["det J - 1"]) == pytest.approx(volume, rel=0.5)
 
 
-def test_a_narrow_terminal_is_told_the_same(capsys, monkeypatch):
+@pytest.fixture(scope="module")
+def of_native():
+    """Runs the command on the native engine, whose steps are measured once."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(numerics, "fingerprint", cache(fingerprint))
+        yield lambda *more: main(["engines", "--engine", "native", *more])
+
+
+def test_a_narrow_terminal_is_told_the_same(of_native, capsys, monkeypatch):
     """Each integrator as a list, where its line is too short for columns."""
-    given = ["engines", "--engine", "native"]
-    assert main(given) == 0
-    rows = _table(capsys.readouterr().out)
+    assert of_native() == 0
+    printed = capsys.readouterr().out
+    rows = _table(printed)
+    assert "not applicable: generalized coordinates" in printed
     monkeypatch.setenv("COLUMNS", "50")
-    assert main(given) == 0
+    assert of_native() == 0
     lists = capsys.readouterr().out.split("\n\n")
     assert max(map(len, "\n".join(lists).splitlines())) <= 50
     pairs = [[re.split(r" {2,}", x, maxsplit=1) for x in one.splitlines()] for one in lists]
     assert [dict(one) for one in pairs[: len(rows)]] == rows
 
 
-@pytest.mark.parametrize("given", [[], ["--json"]], ids=["table", "json"])
-def test_what_a_step_cannot_violate_is_said(given, capsys):
-    assert main(["engines", "--engine", "native", *given]) == 0
-    assert "not applicable: generalized coordinates" in capsys.readouterr().out
-
-
-def test_the_document_has_everything_measured(capsys):
-    assert main(["engines", "--engine", "native", "--json"]) == 0
-    document = json.loads(capsys.readouterr().out)
+def test_the_document_has_everything_measured(of_native, capsys):
+    assert of_native("--json") == 0
+    printed = capsys.readouterr().out
+    assert "not applicable: generalized coordinates" in printed
+    document = json.loads(printed)
     found = {entry["integrator"]: entry for entry in document["installed"]}
     assert found["rk4"]["map"] == "rk4"
     assert found["rk4"]["order"] == pytest.approx(4.0, abs=0.05)
@@ -77,9 +77,9 @@ def test_the_document_has_everything_measured(capsys):
     assert document["missing"] == {}
 
 
-def test_what_is_missing_is_named_with_its_remedy(capsys, monkeypatch):
+def test_what_is_missing_is_named_with_its_remedy(of_native, capsys, monkeypatch):
     monkeypatch.setattr(ENGINES.load("mujoco"), "modules", ("no_such_module",))
-    assert main(["engines", "--engine", "native", "mujoco"]) == 0
+    assert of_native("mujoco") == 0
     out = capsys.readouterr().out
     assert 'no_such_module); run: pip install -e ".[mujoco]"' in out
 

@@ -32,12 +32,16 @@ print(threads() - before)
 """
 
 
+def _run(spec, out, *more):
+    return main(["atlas", str(spec), "--out", str(out), "--workers", "1", *more])
+
+
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
-    """Every block of the small atlas."""
+    """Both blocks of a small atlas."""
     folder = tmp_path_factory.mktemp("atlas")
-    spec = written(folder)
-    assert main(["atlas", str(spec), "--out", str(folder / "runs"), "--no-progress"]) == 0
+    spec = written(folder, seeds_per_block="seeds_per_block = 2")
+    assert _run(spec, folder / "runs", "--no-progress") == 0
     return folder
 
 
@@ -61,49 +65,37 @@ def test_a_summary_has_a_row_for_every_policy_and_cell(run):
 
 @pytest.mark.slow
 def test_what_has_a_summary_is_not_run_again_even_without_its_evidence(run, capsys):
-    out = run / "elsewhere"
+    out, spec = run / "elsewhere", run / "small.toml"
     shutil.copytree(run / "runs" / "summaries", out / "summaries")
-    (out / "summaries" / "3-seed4.parquet").unlink()
-    atlas = read_atlas(run / "small.toml")
-    assert [block.name for block in missing(atlas, out / "summaries")] == ["3-seed4"]
-    assert main(["atlas", str(run / "small.toml"), "--out", str(out), "--no-progress"]) == 0
-    assert sorted(path.name for path in out.iterdir()) == ["3-seed4", "summaries"]
-    told = capsys.readouterr().out
-    assert "4 of 4 blocks" in told
-    first, second = (
-        read_summary(folder / "summaries" / "3-seed4.parquet") for folder in (run / "runs", out)
-    )
-    assert first.rows.equals(second.rows)
-    assert first.origin.weights == second.origin.weights
+    assert _run(spec, out, "--no-progress") == 0
+    assert [path.name for path in out.iterdir()] == ["summaries"]
+    assert "2 of 2 blocks" in capsys.readouterr().out
+    (out / "summaries" / "3-seed3.parquet").unlink()
+    assert [block.name for block in missing(read_atlas(spec), out / "summaries")] == ["3-seed3"]
 
 
 @pytest.mark.slow
 def test_a_block_run_again_agrees(run, capsys):
-    command = ["atlas", str(run / "small.toml"), "--out", str(run / "runs"), "--again", "3-seed3"]
-    assert main(command) == 0
-    assert "2 policies trained again in 3-seed3: all 4 outcomes are the same." in (
-        capsys.readouterr().out
-    )
+    assert _run(run / "small.toml", run / "runs", "--again", "3-seed3") == 0
+    told = capsys.readouterr().out
+    assert "2 policies trained again in 3-seed3: all 4 outcomes are the same." in told
     assert (run / "runs" / "summaries" / "agreements.json").exists()
 
 
 @pytest.mark.slow
 def test_where_the_first_seed_differs_the_whole_block_is_run_again(run, tmp_path, capsys):
-    spec = written(tmp_path, seeds_per_block="seeds_per_block = 2")
-    command = ["atlas", str(spec), "--out", str(tmp_path / "runs"), "--only", "3-seed3"]
-    assert main([*command, "--no-progress"]) == 0
-    path = tmp_path / "runs" / "summaries" / "3-seed3.parquet"
-    summary = read_summary(path)
+    path = tmp_path / "3-seed3.parquet"
+    given = (run / "small.toml", run / "runs", "--again", "3-seed3", "--summaries", str(tmp_path))
+    summary = read_summary(run / "runs" / "summaries" / path.name)
     assert summary.origin.instruction_sets
     rows = [{**row, "policy_hash": bytes(32)} for row in summary.rows.to_pylist()]
     here = replace(summary, rows=pa.Table.from_pylist(rows))
-    origin = msgspec.structs.replace(summary.origin, instruction_sets=("another",))
-    again = ["atlas", str(spec), "--out", str(tmp_path / "runs"), "--again", "3-seed3"]
     write_summary(here, path)
-    assert main(again) == 2
+    assert _run(*given) == 2
     assert "policy_hash differ between code" in capsys.readouterr().err
+    origin = msgspec.structs.replace(summary.origin, instruction_sets=("another",))
     write_summary(replace(here, origin=origin), path)
-    assert main(again) == 0
+    assert _run(*given) == 0
     told = " ".join(capsys.readouterr().out.split())
     assert "4 policies trained again in 3-seed3: other weights" in told
     assert "mean success differs by 0.000" in told
@@ -112,13 +104,13 @@ def test_where_the_first_seed_differs_the_whole_block_is_run_again(run, tmp_path
 @pytest.mark.slow
 def test_summaries_of_another_specification_are_refused(run, tmp_path, capsys):
     spec = written(tmp_path, total_steps="total_steps = 1024")
-    assert main(["atlas", str(spec), "--out", str(run / "runs")]) == 2
+    assert _run(spec, run / "runs") == 2
     assert "is of another specification than block 1.5-seed3" in capsys.readouterr().err
 
 
 def test_a_plan_runs_nothing(tmp_path, capsys):
     spec = written(tmp_path)
-    assert main(["atlas", str(spec), "--out", str(tmp_path / "runs"), "--plan"]) == 0
+    assert _run(spec, tmp_path / "runs", "--plan") == 0
     told = capsys.readouterr().out
     assert "4 blocks missing" in told
     assert not (tmp_path / "runs").exists()
@@ -126,8 +118,7 @@ def test_a_plan_runs_nothing(tmp_path, capsys):
 
 @pytest.mark.parametrize("extra", [["--only", "9-seed1"], ["--again", "9-seed1"]])
 def test_a_block_that_is_none_is_refused(tmp_path, capsys, extra):
-    command = ["atlas", str(written(tmp_path)), "--out", str(tmp_path / "runs"), *extra]
-    assert main(command) == 2
+    assert _run(written(tmp_path), tmp_path / "runs", *extra) == 2
     assert "there is no block '9-seed1'; --plan lists them" in capsys.readouterr().err
 
 
