@@ -181,6 +181,7 @@ def test_wrong_use_is_refused():
     with pytest.raises(ValueError, match="one per lane"):
         env.reset(seed=[1, 2, 3])
     env.reset(seed=[1, 2])
+    assert env.np_random_seed == (1, 2)
     with pytest.raises(ValueError, match="lane 1"):
         env.step(np.array([0, 7]))
     env.step(np.array([0, 1]))

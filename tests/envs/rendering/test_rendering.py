@@ -120,6 +120,7 @@ def test_vector_environment_gives_one_frame_per_lane():
     )
     envs.reset(options={"state": np.array([[x, 0.0, 0.0, 0.0] for x in (-1.0, 0.0, 1.0)])})
     positions = [_centroid(frame)[0] for frame in envs.render()]
+    envs.close()
     assert positions == pytest.approx([300.0 - 230.0 / 2.4, 300.0, 300.0 + 230.0 / 2.4], abs=2.0)
 
 

@@ -18,6 +18,7 @@ from integ_gym.envs.testbeds.making import (
     IntegTestbed,
     find_testbed,
     make_checked,
+    make_training_environments,
 )
 
 TASK = "InvertedPendulum-v5"
@@ -178,6 +179,17 @@ def test_unknown_ids_are_refused_with_what_is_possible(env_id, message):
     needs("mujoco")
     with pytest.raises(ValueError, match=message):
         _ = find_testbed(env_id, {}).home
+
+
+@pytest.mark.parametrize("env_id", ["IntegPendulum-v0", "CartPole-v1", TASK])
+def test_training_environments_have_what_is_stated_and_the_rest_from_home(env_id):
+    testbed = _testbed(env_id)
+    dt = testbed.home.dt / 2
+    stated = {"dt": dt, "control_period": testbed.home.control_period}
+    environments = make_training_environments(env_id, stated, 3)
+    assert testbed.applied(environments).discretization == replace(testbed.home, dt=dt)
+    assert environments.autoreset_mode is gym.vector.AutoresetMode.SAME_STEP
+    environments.close()
 
 
 class Raising(Silent):

@@ -48,3 +48,9 @@ def pairs(*axes: Iterable[Any], strength: int = 2) -> list[Any]:
     """Few combinations in which any two values of two axes meet, or every value occurs once."""
     whole = list(product(*axes))
     return [whole[place] for place in sorted(_chosen(whole, strength))]
+
+
+def in_turn(*axes: Iterable[Any]) -> list[tuple[Any, ...]]:
+    """Few combinations in which each value of each axis occurs: the n-th of all, in turn."""
+    values = [list(axis) for axis in axes]
+    return [tuple(own[n % len(own)] for own in values) for n in range(max(map(len, values)))]
