@@ -36,7 +36,7 @@ def test_reference_ledger_with_friction(friction_speed):
     env.reset(seed=0)
     env.action_space.seed(0)
     total = 0.0
-    for _ in range(30):
+    for _ in range(60):
         *_, info = env.step(env.action_space.sample())
         assert abs(info["energy_residual"]) < 1e-9
         assert info["dissipated"] >= 0.0
