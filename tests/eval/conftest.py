@@ -28,7 +28,7 @@ def panel_directory(made_once) -> Path:
     def make(folder: Path) -> None:
         spec, out = folder / "small.toml", folder / "out"
         spec.write_text(TOML, encoding="utf-8")
-        given = ["--out", str(out), "--workers", "1", "--no-progress"]
+        given = ["--out", str(out), "--workers", "2", "--no-progress"]
         assert main(["panel", str(spec), *given]) == 0
 
     return made_once("panel", make) / "out"
