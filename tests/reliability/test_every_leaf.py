@@ -1,6 +1,7 @@
 """Every leaf of finished runs is held against something, or listed as not proven.
 
-All leaves of records are changed in all ways, of files one of each kind in one way.
+All leaves of records are changed in all ways, of files one of each kind in one way;
+``python tests/helpers/reliability/sweep.py --every`` changes all in all ways.
 """
 
 from __future__ import annotations

@@ -73,14 +73,15 @@ def file_kind(path: str) -> str:
 # Files of JSON
 
 
-def json_leaves(run: Path, names: Sequence[str]) -> list[Leaf]:
-    """A leaf of each kind of all JSON of a run but its seal.
+def json_leaves(run: Path, names: Sequence[str], every: bool) -> list[Leaf]:
+    """The leaves of all JSON of a run but its seal.
 
     Args:
         run: the run.
         names: of rows, cells and policies, which stand for each other as keys.
+        every: all leaves; else one of each kind.
     """
-    found: dict[tuple[str, str], Leaf] = {}
+    found: dict[tuple[Any, ...], Leaf] = {}
     for file in sorted((*run.glob("*.json"), *run.glob("units/*"), *run.glob("policies/*/*.json"))):
         path = file.relative_to(run).as_posix()
         if path == "seal.json":
@@ -90,17 +91,25 @@ def json_leaves(run: Path, names: Sequence[str]) -> list[Leaf]:
             place = _place(keys, names)
             if place in _FITTED.get(file_kind(path), ("records",)):
                 continue
-            change, *_ = changes_of(value, keys)
-            leaf = Leaf(file_kind(path), place, change, path, keys)
-            found.setdefault(leaf.kind, leaf)
+            for change in changes_of(value, keys):
+                leaf = Leaf(file_kind(path), place, change, path, keys)
+                found.setdefault(
+                    (leaf.path, leaf.keys, change) if every else (*leaf.kind, change), leaf
+                )
     return list(found.values())
 
 
 def _walk(value: Any, keys: tuple[Any, ...] = ()) -> Iterator[tuple[tuple[Any, ...], Any]]:
     if keys:
         yield keys, value
-    own = value if isinstance(value, dict | list) else ()
-    for key, one in own.items() if isinstance(own, dict) else enumerate(own):
+    inner = (
+        value.items()
+        if isinstance(value, dict)
+        else enumerate(value)
+        if isinstance(value, list)
+        else ()
+    )
+    for key, one in inner:
         yield from _walk(one, (*keys, key))
 
 
@@ -177,8 +186,14 @@ def record_kind(row: Mapping[str, Any]) -> str:
     return f"records of {fleet}{row['phase']}, {trace}"
 
 
-def record_leaves(run: Path) -> list[Leaf]:
-    """The leaves of all records; each change is of a row of its own if there are enough."""
+def record_leaves(run: Path, every: bool) -> list[Leaf]:
+    """The leaves of all records; each change of a kind is of a row of its own if there are enough.
+
+    Args:
+        run: the run.
+        every: also each kind of change at home and abroad, perturbed and not, of policies and
+            baselines; else one of each.
+    """
     leaves: list[Leaf] = []
     rows: dict[str, list[tuple[str, int, dict[str, Any]]]] = {}
     nullable: set[str] = set()
@@ -187,7 +202,12 @@ def record_leaves(run: Path) -> list[Leaf]:
         table = pq.read_table(file)
         nullable.update(field.name for field in table.schema if field.nullable)
         for number, row in enumerate(table.to_pylist()):
-            rows.setdefault(record_kind(row), []).append((path, number, row))
+            kind = record_kind(row)
+            if every:
+                about = "perturbed" if row["perturbation"] else "plain"
+                about += ", trained" if row["training_discretization"] else ", not trained"
+                kind = f"{kind}; {about}"
+            rows.setdefault(kind, []).append((path, number, row))
     for kind, own in rows.items():
         count = 0
         columns = {name for *_, row in own for name in row}
@@ -199,7 +219,8 @@ def record_leaves(run: Path) -> list[Leaf]:
                 path, number, _ = fit[count % len(fit)]
                 count += 1
                 place = name if not keys else f"{name}:{_place(keys, ())}"
-                leaves.append(Leaf(kind, place, change, path, (number, name, *keys)))
+                file = kind.partition(";")[0]
+                leaves.append(Leaf(file, place, change, path, (number, name, *keys)))
     return leaves
 
 

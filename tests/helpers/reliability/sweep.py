@@ -1,11 +1,20 @@
-"""A sweep over every leaf of finished runs: what `verify` has to say when one is changed."""
+"""A sweep over every leaf of finished runs: what `verify` has to say when one is changed.
+
+``python tests/helpers/reliability/sweep.py --every`` changes all leaves in all ways and prints
+those of which `verify` says nothing.
+"""
 
 from __future__ import annotations
 
+import argparse
 import json
 import random
 import re
 import shutil
+import sys
+import tempfile
+import time
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from fnmatch import fnmatchcase
@@ -131,20 +140,31 @@ members = [
             shutil.rmtree(path) if path.is_dir() else path.unlink()
 
 
-def leaves_of(run: Path) -> list[Leaf]:
-    """The leaves of a run: one change of each kind of leaf of its files, and all of its records."""
+def leaves_of(run: Path, every: bool = False) -> list[Leaf]:
+    """The leaves of a run: one change of each kind of leaf of its files, and all of its records.
+
+    Args:
+        run: the run.
+        every: all changes of all leaves of its files, and more of its records.
+    """
     panel = json.loads((run / FILE_NAME).read_text(encoding="utf-8"))
     policies = [policy["id"] for row in panel["rows"] for policy in row["policies"]]
     names = [*policies, *(one["name"] for part in ("rows", "cells") for one in panel[part])]
-    files = [*json_leaves(run, names), *zip_leaves(run), *schema_leaves(run)]
-    return [*first_of_kind(files), *record_leaves(run)]
+    files = [*json_leaves(run, names, every), *zip_leaves(run), *schema_leaves(run)]
+    return [*(files if every else first_of_kind(files)), *record_leaves(run, every)]
 
 
-def others_of(run: Path, known: Sequence[Leaf]) -> list[Leaf]:
-    """The leaves of one of the other runs that are of another kind than those of the first."""
+def others_of(run: Path, known: Sequence[Leaf], every: bool = False) -> list[Leaf]:
+    """The leaves of one of the other runs that are of another kind than all those that are known.
+
+    Args:
+        run: the run.
+        known: leaves of the first run.
+        every: see :func:`leaves_of`.
+    """
     kinds = {leaf.kind for leaf in known}
     whole = WHOLE[run.name]
-    return [x for x in leaves_of(run) if x.file in whole or x.kind not in kinds]
+    return [x for x in leaves_of(run, every) if x.file in whole or x.kind not in kinds]
 
 
 def first_of_kind(leaves: Sequence[Leaf]) -> list[Leaf]:
@@ -200,12 +220,17 @@ class Sweep:
         self._acting = acting_in(EvidenceStore(work / "evidence"))
         self._rows = {path: table.to_pylist() for path, table in self._tables.items()}
 
-    def silent(self, leaves: Sequence[Leaf]) -> list[Leaf]:
+    def silent(self, leaves: Sequence[Leaf], every: bool = False) -> list[Leaf]:
         """Leaves that can be changed, each alone, without a word of `verify`.
 
-        Of the changes of a leaf of records one is tried that the record alone does not tell.
+        Args:
+            leaves: of the run.
+            every: all changes of a leaf of records, or one of those that the record alone does not
+                tell.
         """
-        records = first_of_kind(self.unrefuted([leaf for leaf in leaves if _is_record(leaf)]))
+        records = self.unrefuted([leaf for leaf in leaves if _is_record(leaf)])
+        if not every:
+            records = first_of_kind(records)
         records = [leaf for leaf in records if not self._is_denied_by_replay(leaf)]
         left = [leaf for leaf in leaves if not _is_record(leaf)]
         left += [leaf for leaf in records if leaf.keys[1] in _TOUCHING]
@@ -403,3 +428,41 @@ def remade(run: Path) -> Panel:
     plan = directory.manifest()["specification"]
     spec, called = planned_spec(plan), read_call(directory)
     return (given_panel if "policy" in plan else panel_of)(spec, directory, called)
+
+
+def main() -> int:
+    """Change all leaves and print those that nobody notices: 1 if one is not on the list."""
+    parser = argparse.ArgumentParser(description=main.__doc__)
+    parser.add_argument("--every", action="store_true", help="all leaves in all ways")
+    parser.add_argument("--only", default="*", help="pattern of kinds of files")
+    parser.add_argument("--runs", type=Path, help="folder of the runs, made if it is not there")
+    given = parser.parse_args()
+    patterns, wrong = listed(SECURITY.read_text(encoding="utf-8")), 0
+    with tempfile.TemporaryDirectory() as folder:
+        runs = given.runs or Path(folder) / "runs"
+        if not runs.exists():
+            runs.mkdir(parents=True)
+            make_runs(runs)
+        first = leaves_of(runs / "first", given.every)
+        for name, kinds in {"first": KINDS, **WHOLE}.items():
+            began, run = time.process_time(), runs / name
+            found = first if name == "first" else others_of(run, first, given.every)
+            leaves = [leaf for leaf in found if fnmatchcase(leaf.file, given.only)]
+            silent = Sweep(run, Path(folder) / name).silent(leaves, given.every)
+            for leaf in silent:
+                wrong += not is_listed(leaf, patterns)
+                print(name, leaf, "" if is_listed(leaf, patterns) else "NOT LISTED")
+            counts = Counter(leaf.file for leaf in leaves)
+            for kind in (one for one in kinds if not counts[one] and fnmatchcase(one, given.only)):
+                wrong += 1
+                print(f"{name}: {kind}: NO LEAVES")
+            for kind, count in counts.items():
+                own = sum(leaf.file == kind for leaf in silent)
+                print(f"{name}: {kind}: {count} changed, {own} silent")
+            print(f"{name}: {time.process_time() - began:.0f} s of one core", flush=True)
+    print(f"{wrong} are silent and not listed, or kinds without leaves")
+    return 1 if wrong else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
