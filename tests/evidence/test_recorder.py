@@ -16,7 +16,9 @@ from recording import CONTEXT, PENDULUM, made, play, recorded, run_out
 from integ_gym.envs.catalogue.pendulum import IntegPendulumEnv
 from integ_gym.envs.environment import environment_setup
 from integ_gym.envs.registries import ENVIRONMENTS
+from integ_gym.evidence import recorder as recorder_module
 from integ_gym.evidence.episodes import EpisodeHead, EpisodeHeads, EpisodeLog, Layout
+from integ_gym.evidence.fields import PHASES
 from integ_gym.evidence.labels import EpisodeContext, Replays
 from integ_gym.evidence.recorder import RecordEvidence
 from integ_gym.evidence.schema import BatchExistsError
@@ -243,6 +245,15 @@ def test_keys_count_the_episodes_since_seeding(tmp_path):
     assert again.unwrapped.state.tolist() == records[0]["initial_state"]
 
 
+def test_many_episodes_pass_through_a_small_buffer(tmp_path, monkeypatch):
+    hashes = []
+    for rows in (1, 4096):
+        monkeypatch.setattr(recorder_module, "_FEWEST_ROWS", rows)
+        records = recorded(tmp_path / str(rows), range(20), CONTEXT, "IntegCartPole-v0").records()
+        hashes.append([record["content_hash"] for record in records])
+    assert hashes[0] == hashes[1]
+
+
 def test_records_are_committed_in_batches_or_taken(tmp_path):
     env = made(tmp_path)
     assert env.commit() is None
@@ -300,6 +311,11 @@ def test_what_changes_what_would_be_recorded_is_refused(tmp_path):
 def test_impossible_contexts_are_refused(arguments, message):
     with pytest.raises(ValueError, match=message):
         EpisodeContext("run", "cell", **arguments)
+
+
+def test_records_of_another_phase_than_training_and_evaluation_have_ids_of_their_own():
+    ids = {EpisodeContext("run", "cell", phase=phase).record_id(0) for phase in PHASES}
+    assert len(ids) == len(PHASES) - 1
 
 
 def test_no_zero_is_negative():

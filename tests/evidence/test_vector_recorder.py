@@ -11,6 +11,7 @@ from gymnasium.vector import AutoresetMode
 from pairing import in_turn
 from recording import CONTEXT
 
+from integ_gym.evidence.episodes import EpisodeHeads
 from integ_gym.evidence.fields import VOLATILE_NAMES
 from integ_gym.evidence.labels import EpisodeContext, Replays
 from integ_gym.evidence.recorder import RecordEvidence
@@ -219,7 +220,8 @@ def test_reset_forgets_unfinished_episodes(tmp_path):
     assert (second["seed"], second["rng_key"], second["length"]) == (9, "9/0", 10)
 
 
-def test_long_runs_fit_a_bounded_buffer(tmp_path):
+def test_long_runs_fit_a_bounded_buffer(tmp_path, monkeypatch):
+    monkeypatch.setattr("integ_gym.evidence.vector_recorder._ROWS_AT_ONCE", 500)
     context = EpisodeContext("run", "cell", phase="training", trace_every=10)
     env = _made(tmp_path, context, duration=2.0, theta_threshold=0.3)
     env.reset(seed=0)
@@ -338,3 +340,15 @@ def test_records_are_the_same_whatever_they_are_written_with(tmp_path, monkeypat
         assert records.keys() == written["singly"].keys(), name
         for record_id, record in records.items():
             _assert_same(record, written["singly"][record_id], ())
+
+
+def test_what_waits_is_never_written_over():
+    buffer, lane = LaneBuffer(3, 1, 30), np.arange(1)
+    buffer.begin(lane, np.zeros((3, 1)), np.ones(1, dtype=bool))
+    buffer.add(np.ones((3, 1)))
+    buffer.end(lane, EpisodeHeads([0], [None], [""], [0], [0], [0], [0]))
+    while not buffer.full:
+        buffer.add(np.full((3, 1), 2.0))
+    with pytest.raises(BufferError, match="gather them first"):
+        buffer.add(np.full((3, 1), 3.0))
+    assert buffer.gathered()[0].tolist() == [[0.0, 1.0]] * 3

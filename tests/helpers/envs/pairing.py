@@ -44,6 +44,12 @@ def _axes(count: int, strength: int) -> Iterable[tuple[int, ...]]:
     return combinations(range(count), strength)
 
 
+def pairs(*axes: Iterable[Any], strength: int = 2) -> list[Any]:
+    """Few combinations in which any two values of two axes meet, or every value occurs once."""
+    whole = list(product(*axes))
+    return [whole[place] for place in sorted(_chosen(whole, strength))]
+
+
 def in_turn(*axes: Iterable[Any]) -> list[tuple[Any, ...]]:
     """Few combinations in which each value of each axis occurs: the n-th of all, in turn."""
     values = [list(axis) for axis in axes]

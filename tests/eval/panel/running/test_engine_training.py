@@ -26,7 +26,7 @@ name = "mujoco"
 env_id = "IntegPendulum-v0"
 control_period = 0.05
 seeds = [0]
-episodes = 3
+episodes = 2
 trainer = "sb3"
 baselines = ["zero"]
 perturbations = []
@@ -36,11 +36,14 @@ family = [["mujoco Euler dt=0.05", "reference dt=0.05"]]
 [environment]
 start = "hanging"
 max_torque = 1.0
-duration = 3.0
+duration = 2.0
 
 [training]
-total_steps = 1024
-n_steps = 64
+total_steps = 256
+n_envs = 4
+n_steps = 32
+batch_size = 64
+n_epochs = 1
 
 [[train]]
 engine = "mujoco"
@@ -50,7 +53,7 @@ dt = 0.05
 [[evaluate]]
 engine = "mujoco"
 integrator = ["Euler", "RK4"]
-dt = [0.05, 0.025]
+dt = 0.05
 """
 
 

@@ -83,43 +83,6 @@ def test_the_page_says_on_which_engines_policies_do_the_same(alike):
         assert panel["versions"][ENGINES.load(engine).package]
 
 
-@pytest.mark.slow
-def test_policies_of_a_finished_panel_are_used_again(alike, tmp_path, capsys):
-    """With their training evidence and nothing trained; the results are the same."""
-    spec = tmp_path / "again.toml"
-    spec.write_text(
-        engines_panel.TOML.replace('name = "alike"', 'name = "again"'), encoding="utf-8"
-    )
-    out = tmp_path / "out"
-    command = ["panel", str(spec), "--out", str(out), "--no-progress", "--policies", str(alike)]
-    assert main(command) == 0
-    kept = [p.relative_to(out) for p in (out / "policies").rglob("*") if p.is_file()]
-    kept += [p.relative_to(out) for p in out.glob("evidence/train-*")]
-    assert len(kept) >= 4
-    assert all((out / name).read_bytes() == (alike / name).read_bytes() for name in kept)
-    markers = [*out.glob("units/train-*")]
-    assert markers
-    for marker in markers:
-        held = json.loads((alike / "units" / marker.name).read_text())
-        assert json.loads(marker.read_text()) == {**held, "adopted": True}
-    assert EvidenceStore(out / "evidence").verify() == []
-    assert "--policies" in _panel(out)["command"]
-    cost = _panel(out)["cost"]
-    assert cost["train_seconds"] == 0.0 < cost["evaluate_seconds"]
-    page = (out / "report.html").read_text(encoding="utf-8")
-    assert "to evaluate policies that another run trained" in page
-    assert [e["success_by_seed"] for e in _panel(out)["matrix"]] == [
-        e["success_by_seed"] for e in _panel(alike)["matrix"]
-    ]
-    times = {p: p.stat().st_mtime_ns for p in (out / "units").glob("*")}
-    assert main(command) == 0
-    assert times == {p: p.stat().st_mtime_ns for p in times}
-    (out / "policies" / kept[0].parts[1] / "policy.zip").unlink()
-    assert main(command) == 0
-    assert (out / "policies" / kept[0].parts[1] / "policy.zip").exists()
-    capsys.readouterr()
-
-
 def _refused(capsys, folder, toml, policies, *more):
     spec = folder / "wanted.toml"
     spec.write_text(toml, encoding="utf-8")

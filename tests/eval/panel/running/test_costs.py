@@ -1,4 +1,4 @@
-"""What a panel is told to cost, before anything runs."""
+"""What a panel is told to cost and how it is divided, before anything runs."""
 
 from __future__ import annotations
 
@@ -7,8 +7,13 @@ from shared_panel import specification
 
 from integ_gym.cli import main
 from integ_gym.eval.panel.costs import fixed_cost, policy_costs, total_cost
+from integ_gym.eval.panel.plan import with_seed_count
 from integ_gym.eval.panel.run import specified
+from integ_gym.eval.panel.run_directory import RunDirectory
+from integ_gym.eval.panel.spec import read_spec
+from integ_gym.eval.panel.training import waiting_chunks
 from integ_gym.eval.panel.units import trained_units
+from integ_gym.train.fleet.worker import Workers
 
 
 def test_every_policy_is_counted_with_its_evaluation(tmp_path):
@@ -52,3 +57,26 @@ def _hours(told: str) -> list[float]:
     """Core hours of training, of evaluation and together, of the panel itself."""
     (line,) = (line for line in told.splitlines() if "(this panel)" in line)
     return [float(cell) for cell in line.partition("(this panel)")[2].split()[:3]]
+
+
+TWO, MANY = Workers(2, "cpu"), Workers(64, "cpu")
+
+
+def _names(chunks):
+    return [[unit.policy for unit in chunk] for chunk in chunks]
+
+
+def test_who_is_trained_together_stays_whoever_goes_on(tmp_path):
+    """Growing adds to it; another number of workers changes nothing."""
+    spec = read_spec(specification(tmp_path))
+    directory = RunDirectory(tmp_path / "run", spec.to_json())
+    with directory.opened():
+        first = _names(waiting_chunks(spec, directory, TWO, 3.0))
+        assert _names(waiting_chunks(spec, directory, MANY, 96.0)) == first
+        more = with_seed_count(spec, 4)
+        assert _names(waiting_chunks(more, directory, MANY, 96.0))[: len(first)] == first
+        assert sorted(p for chunk in first for p in chunk) == sorted(
+            unit.policy for unit in trained_units(spec)
+        )
+        directory.finish_work()
+        assert _names(waiting_chunks(spec, directory, MANY, 96.0)) != first

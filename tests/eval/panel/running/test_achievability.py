@@ -72,7 +72,9 @@ def test_the_bar_counts_cells_that_are_tried_one_by_one(tmp_path, monkeypatch, c
     told = []
     monkeypatch.setenv("COLUMNS", "80")
     monkeypatch.setattr(achievability, "report_work", told.append)
-    spec = parse_spec(small_data(), "test")
+    few = {"evaluate": [{"integrator": ["explicit_euler", "rk4"], "dt": 0.05}], "ladder": False}
+    few |= {"compare": [], "perturbations": [], "environment": {"duration": 1.0}}
+    spec = parse_spec(small_data(**few), "test")
     directory = RunDirectory(tmp_path / "run", spec.to_json())
     with directory.opened():
         whole, left = expected_seconds(spec, directory, [], [])

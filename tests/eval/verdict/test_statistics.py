@@ -1,7 +1,9 @@
-"""Intervals and tests over training seeds: exact laws, and families."""
+"""Intervals and tests over training seeds, of returns, paired episodes and rankings: exact laws."""
 
 from __future__ import annotations
 
+import itertools
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -16,6 +18,7 @@ from integ_gym.eval.statistics import (
     SHOWN,
     Difference,
     Estimate,
+    draws_for,
     holm,
     iqm,
     iqm_interval,
@@ -23,6 +26,11 @@ from integ_gym.eval.statistics import (
     p_equivalent,
     paired_difference,
     paired_posterior,
+    paired_return,
+    paired_success,
+    pearson,
+    rank_violation,
+    ranking_intervals,
     rate_interval,
     rate_posterior,
     unpaired_difference,
@@ -50,8 +58,7 @@ def imhof(atoms: Array, weights: Array, at: float) -> float:
     return 0.5 - float(value) / np.pi
 
 
-@pytest.mark.parametrize("level", [0.95, 0.8])
-@pytest.mark.parametrize("seeds", [3, 5, 10])
+@pytest.mark.parametrize(("seeds", "level"), [(3, 0.95), (10, 0.8)])
 def test_all_or_nothing_seeds_give_the_jeffreys_interval(seeds: int, level: float) -> None:
     for k, rates in enumerate(lattice(seeds)):
         law = stats.beta(k + 0.5, seeds - k + 0.5)
@@ -63,7 +70,7 @@ def test_all_or_nothing_seeds_give_the_jeffreys_interval(seeds: int, level: floa
         )
 
 
-@pytest.mark.parametrize("at", [0.55, 0.7, 0.8])
+@pytest.mark.parametrize("at", [0.7, 0.8])
 def test_rate_posterior_agrees_with_exact_inversion(at: float) -> None:
     rates = np.array([0.55, 0.6, 0.8, 0.95, 1.0])
     exact = imhof(np.append(rates, [0.0, 1.0]), np.array([1, 1, 1, 1, 1, 0.5, 0.5]), at)
@@ -71,7 +78,7 @@ def test_rate_posterior_agrees_with_exact_inversion(at: float) -> None:
     assert (rate_posterior(rates) <= at).mean() == pytest.approx(exact, abs=4e-3)
 
 
-@pytest.mark.parametrize("at", [0.0, 0.2, 0.35])
+@pytest.mark.parametrize("at", [0.0, 0.35])
 def test_paired_posterior_has_a_quarter_at_each_corner(at: float) -> None:
     home, away = np.array(HOME), np.array(AWAY)
     corners = np.array([0.0 - 0.0, 0.0 - 1.0, 1.0 - 0.0, 1.0 - 1.0])
@@ -83,7 +90,7 @@ def test_paired_posterior_has_a_quarter_at_each_corner(at: float) -> None:
     assert difference.interval.estimate == pytest.approx(np.mean(home - away), abs=1e-15)
 
 
-@pytest.mark.parametrize("at", [0.0, 0.2, 0.35])
+@pytest.mark.parametrize("at", [0.0, 0.35])
 def test_paired_tests_have_one_pair_that_speaks_against_the_claim(at: float) -> None:
     drop, weights = np.array(HOME) - np.array(AWAY), np.array([1.0] * 6 + [SHOWN])
     difference = paired_difference(HOME, AWAY)
@@ -94,7 +101,7 @@ def test_paired_tests_have_one_pair_that_speaks_against_the_claim(at: float) -> 
     assert exceeds + less > 1.0
 
 
-@pytest.mark.parametrize(("k", "other", "size"), [(10, 5, 8), (9, 5, 8), (7, 4, 10), (9, 7, 10)])
+@pytest.mark.parametrize(("k", "other", "size"), [(10, 5, 8), (7, 4, 10)])
 def test_unpaired_groups_are_independent(k: int, other: int, size: int) -> None:
     many, few = lattice(10)[k], lattice(size)[other]
     middle = (np.arange(4000) + 0.5) / 4000
@@ -111,7 +118,7 @@ def test_unpaired_groups_are_independent(k: int, other: int, size: int) -> None:
     assert difference.interval.estimate == pytest.approx(k / 10 - other / size)
 
 
-@pytest.mark.parametrize("seeds", [5, 10, 40])
+@pytest.mark.parametrize("seeds", [5, 40])
 def test_equivalence_of_all_or_nothing_seeds_is_tested_exactly(seeds: int) -> None:
     """Against a perfect side, the p-value is the binomial tail of Clopper and Pearson."""
     for k, away in enumerate(lattice(seeds)):
@@ -244,3 +251,164 @@ def test_holm_properties(p: list[float], data: st.DataObject) -> None:
     assert np.all(adjusted <= np.minimum(1.0, len(p) * np.array(p)))
     shuffle = data.draw(st.permutations(range(len(p))))
     assert holm([p[i] for i in shuffle]).tolist() == [adjusted[i] for i in shuffle]
+
+
+def test_iqm_deletes_total_failures() -> None:
+    assert iqm([1.0] * 6 + [0.0] * 2) == 1.0
+
+
+def test_iqm_interval_agrees_with_all_resamples() -> None:
+    values = np.array([[0.0, 1.0], [4.0, 6.0], [10.0, 11.0]])
+    every = [iqm(values[list(rows)]) for rows in itertools.product(range(3), repeat=3)]
+    found = iqm_interval(values, 0.8)
+    assert found is not None
+    assert found.estimate == iqm(values)
+    assert found.low == pytest.approx(np.quantile(every, 0.1, method="inverted_cdf"))
+    assert found.high == pytest.approx(np.quantile(every, 0.9, method="inverted_cdf"))
+
+
+def test_iqm_interval_resamples_whole_seeds() -> None:
+    rng = np.random.default_rng(5)
+    values = rng.normal(size=(10, 1)) + 0.01 * rng.normal(size=(10, 50))
+    whole, scattered = iqm_interval(values), iqm_interval(rng.permuted(values.ravel())[:, None])
+    assert whole is not None
+    assert scattered is not None
+    assert whole.high - whole.low > 3.0 * (scattered.high - scattered.low)
+
+
+def test_iqm_interval_does_not_depend_on_seed_order() -> None:
+    values = np.random.default_rng(6).normal(size=(7, 300))
+    assert iqm_interval(values[::-1]) == iqm_interval(values)
+    assert iqm_interval(values[:1]) is None
+
+
+@pytest.mark.parametrize("size", [2, 30])
+def test_mean_interval_is_student_t(size: int) -> None:
+    values = np.concatenate((np.random.default_rng(size).normal(size=size), [np.nan, np.inf]))
+    finite = values[:size]
+    found = mean_interval(values, 0.9)
+    low, high = stats.t.interval(0.9, size - 1, finite.mean(), stats.sem(finite))
+    assert found is not None
+    assert (found.estimate, found.low, found.high) == pytest.approx((finite.mean(), low, high))
+
+
+def test_mean_interval_needs_two_finite_seeds() -> None:
+    assert mean_interval([]) is None
+    assert mean_interval([3.0, float("nan"), float("inf")]) is None
+    assert mean_interval([3.0, 3.0]) == Estimate(3.0, 3.0, 3.0, 0.95)
+
+
+flags = st.lists(st.tuples(st.booleans(), st.booleans()), min_size=1, max_size=60)
+
+
+@given(flags)
+@settings(fast, max_examples=25)
+def test_success_is_tested_exactly_and_the_interval_holds_the_difference(pairs):
+    one, other = np.array(pairs, dtype=float).T
+    interval, p = paired_success(one, other)
+    assert interval.low <= interval.estimate <= interval.high
+    assert interval.estimate == pytest.approx(one.mean() - other.mean())
+    more, less = int((one > other).sum()), int((one < other).sum())
+    exact = stats.binomtest(more, more + less).pvalue if more + less else 1.0
+    assert p == pytest.approx(exact)
+
+
+def test_one_policy_that_fails_elsewhere_is_shown_to():
+    """0.975 at home and 0.10 elsewhere over 40 starts: no doubt about this policy."""
+    home = np.array([1.0] * 39 + [0.0])
+    away = np.array([1.0] * 4 + [0.0] * 36)
+    interval, p = paired_success(home, away)
+    assert 0.7 < interval.low < 0.875 < interval.high < 0.96
+    assert p < 1e-6
+
+
+def test_returns_are_compared_start_by_start():
+    random = np.random.default_rng(0)
+    starts = 100.0 * random.normal(size=30)
+    interval, p = paired_return(starts + 1.0, starts + 0.1 * random.normal(size=30))
+    assert interval is not None
+    assert 0.9 < interval.low < interval.high < 1.1
+    assert p == pytest.approx(1e-4, rel=0.01)
+    same, p = paired_return(starts, starts)
+    assert same is not None
+    assert (same.low, same.high, p) == (0.0, 0.0, 1.0)
+    assert paired_return([1.0], [0.0])[0] is None
+
+
+@pytest.mark.parametrize("wrong", [([1.0, 2.0], [1.0]), ([np.nan], [1.0]), ([], [])])
+def test_returns_that_cannot_be_paired_are_refused(wrong):
+    with pytest.raises(ValueError):
+        paired_return(*wrong)
+
+
+def test_the_random_signs_keep_their_level():
+    random = np.random.default_rng(1)
+    values = [paired_return(random.normal(size=12), np.zeros(12))[1] for _ in range(300)]
+    assert np.mean(np.array(values) < 0.05) < 0.09
+
+
+def test_draws_fit_the_memory():
+    assert draws_for(10) == 200_000
+    assert draws_for(10_000) == 1000
+    assert draws_for(0) == 200_000
+
+
+some_rates = st.lists(st.tuples(st.floats(0.0, 1.0), st.floats(0.0, 1.0)), min_size=2, max_size=12)
+
+
+def _violation_by_loops(judged, true):
+    worst = []
+    for i in range(len(judged)):
+        mistaken = [
+            abs(true[i] - true[j])
+            for j in range(len(judged))
+            if (judged[i] < judged[j]) != (true[i] < true[j])
+        ]
+        worst.append(max(mistaken, default=0.0))
+    return sum(worst) / len(worst)
+
+
+@given(some_rates)
+@settings(fast, max_examples=25)
+def test_violation_is_what_loops_say(pairs):
+    judged, true = np.array(pairs).T
+    assert rank_violation(judged, true) == pytest.approx(_violation_by_loops(judged, true))
+
+
+@given(some_rates, st.randoms(use_true_random=False))
+@fast
+def test_order_of_policies_does_not_matter(pairs, random):
+    shuffled = random.sample(pairs, len(pairs))
+    for measure in (rank_violation, pearson):
+        one, other = (measure(*np.array(given_pairs).T) for given_pairs in (pairs, shuffled))
+        assert one == pytest.approx(other, nan_ok=True, abs=1e-6)
+
+
+def test_extremes():
+    rates = np.array([0.1, 0.4, 0.9])
+    assert rank_violation(rates, rates) == 0.0
+    assert rank_violation(rates, rates**2) == 0.0
+    assert rank_violation(rates, rates[::-1]) == pytest.approx((0.8 + 0.5 + 0.8) / 3)
+    assert pearson(rates, 1.0 - rates) == pytest.approx(-1.0)
+    assert math.isnan(pearson(np.ones(3), rates))
+
+
+def test_intervals_hold_the_estimate_and_narrow_with_seeds():
+    rng = np.random.default_rng(0)
+    lengths = []
+    for seeds in (8, 80):
+        quality = rng.random(seeds)
+        judged, true = (np.clip(quality + 0.1 * rng.standard_normal(seeds), 0, 1) for _ in "ab")
+        correlation, violation = ranking_intervals(judged, true, np.arange(seeds))
+        assert correlation is not None
+        assert correlation.low <= correlation.estimate <= correlation.high
+        assert correlation.estimate == pytest.approx(np.corrcoef(judged, true)[0, 1])
+        assert 0.0 <= violation.low <= violation.estimate <= violation.high <= 1.0
+        lengths.append(correlation.high - correlation.low)
+    assert lengths[1] < lengths[0]
+
+
+def test_policies_that_are_all_alike_have_no_correlation():
+    correlation, violation = ranking_intervals(np.ones(6), np.linspace(0, 1, 6), np.arange(6) // 2)
+    assert correlation is None
+    assert violation.estimate > 0.0

@@ -60,12 +60,10 @@ def test_simulated_tests_are_those_of_single_panels() -> None:
         np.testing.assert_allclose(p, exact, atol=0.015)
 
 
-@pytest.mark.parametrize("seeds", [5, 10])
-@pytest.mark.parametrize(("mean", "sd"), [(0.5, 0.22), (0.8, 0.16), (0.8, 0.12), (0.9, 0.07)])
+@pytest.mark.parametrize(("mean", "sd", "seeds"), [(0.5, 0.22, 5), (0.8, 0.16, 10), (0.9, 0.07, 5)])
 def test_coverage_with_smooth_seeds(mean: float, sd: float, seeds: int) -> None:
     """With many more repeats these are 0.96 to 1.00."""
     found = coverage(smooth(mean, sd), mean, seeds)
-    print(f"coverage, smooth, mean {mean} sd {sd}, {seeds} seeds: {found:.3f}")
     assert found >= 0.93
 
 
@@ -74,11 +72,10 @@ def test_coverage_with_bimodal_seeds(seeds: int) -> None:
     """Held on average over the true rate, as Jeffreys' interval does; single rates may dip.
 
     Rates below one half mirror those above. With many more repeats the average is 0.95 and the
-    lowest of these rates 0.93, for 5 seeds and for 10.
+    lowest of such rates 0.93, for 5 seeds and for 10.
     """
-    means = (0.5, 0.6, 0.7, 0.8, 0.9)
+    means = (0.5, 0.7, 0.9)
     found = [coverage(bimodal(mean), mean, seeds) for mean in means]
-    print(f"coverage, bimodal, {seeds} seeds: {dict(zip(means, found, strict=True))}")
     assert np.mean(found) >= 0.93
     assert min(found) >= 0.90
 
@@ -93,25 +90,21 @@ def test_coverage_with_all_or_nothing_seeds(seeds: int, average: float, worst: f
     assert np.min(cover) == pytest.approx(worst, abs=0.015)
 
 
-@pytest.mark.parametrize("seeds", [5, 10])
 @pytest.mark.parametrize(
-    ("native", "transferred"),
+    ("native", "transferred", "seeds"),
     [
-        (smooth(0.9, 0.07), smooth(0.7, 0.14)),
-        (smooth(0.8, 0.16), smooth(0.6, 0.2)),
-        (smooth(0.6, 0.3), smooth(0.4, 0.3)),
-        (bimodal(0.95), bimodal(0.75)),
-        (bimodal(0.8), bimodal(0.6)),
-        (bimodal(0.65), bimodal(0.45)),
+        (smooth(0.9, 0.07), smooth(0.7, 0.14), 10),
+        (smooth(0.6, 0.3), smooth(0.4, 0.3), 5),
+        (bimodal(0.95), bimodal(0.75), 10),
+        (bimodal(0.65), bimodal(0.45), 5),
     ],
-    ids=["smooth-.9", "smooth-.8", "smooth-.6", "bimodal-.95", "bimodal-.8", "bimodal-.65"],
+    ids=["smooth-.9", "smooth-.6", "bimodal-.95", "bimodal-.65"],
 )
 def test_type_one_error_of_the_gap(native: Law, transferred: Law, seeds: int) -> None:
     """A true gap of exactly 0.2 is called larger in about 5 % of panels or less."""
     rng = np.random.default_rng([12, seeds])
     shape = (REPEATS, seeds)
     found = rejection("unpaired", native(rng, shape), transferred(rng, shape), 0.2)
-    print(f"type I, gap 0.2, {seeds} seeds: {found:.4f}")
     assert found <= 0.05
 
 
@@ -124,12 +117,10 @@ def test_type_one_error_of_the_gap_with_all_or_nothing_seeds(seeds: int) -> None
     errors = [
         chance(seeds, rate) @ (p < 0.05) @ chance(seeds, rate - 0.2) for rate in GRID[GRID >= 0.2]
     ]
-    print(f"type I, all or nothing, {seeds} seeds: worst {max(errors):.4f}")
     assert 0.002 < max(errors) <= 0.05
 
 
-@pytest.mark.parametrize("seeds", [5, 10])
-@pytest.mark.parametrize("kind", ["smooth", "bimodal", "all or nothing"])
+@pytest.mark.parametrize(("kind", "seeds"), [("smooth", 5), ("bimodal", 10), ("all or nothing", 5)])
 def test_type_one_error_of_the_drop(kind: str, seeds: int) -> None:
     """The same for pairs whose true drop is exactly 0.2, some of them rising."""
     rng = np.random.default_rng([13, seeds])
@@ -142,11 +133,10 @@ def test_type_one_error_of_the_drop(kind: str, seeds: int) -> None:
         drop = rng.choice([1.0, 0.0, -1.0], p=[0.4, 0.4, 0.2], size=shape)
     home = np.where(drop < 0.0, 0.0, 1.0)
     found = rejection("paired", home, home - drop, 0.2)
-    print(f"type I, drop 0.2, {kind}, {seeds} seeds: {found:.4f}")
     assert found <= 0.05
 
 
-@pytest.mark.parametrize("seeds", [15, 30, 48])
+@pytest.mark.parametrize("seeds", [15, 48])
 def test_equivalence_keeps_its_level_with_rare_total_failures(seeds: int) -> None:
     """Exact: one seed in ten fails outright, so the true gap is 0.1."""
     claimed = [p_equivalent([1.0] * seeds, rates, 0.1) < 0.05 for rates in lattice(seeds)]
@@ -157,16 +147,14 @@ def test_equivalence_keeps_its_level_with_rare_total_failures(seeds: int) -> Non
 @pytest.mark.parametrize(
     ("kind", "first", "second", "least"),
     [
-        ("unpaired", smooth(0.75, 0.25), smooth(0.25, 0.25), 0.3),
         ("unpaired", smooth(0.9, 0.1), smooth(0.4, 0.25), 0.4),
         ("paired", lambda _, shape: np.ones(shape), smooth(0.5, 0.25), 0.35),
     ],
-    ids=["both-spread", "good-natives", "paired"],
+    ids=["unpaired", "paired"],
 )
 def test_power_with_ten_seeds(kind: str, first: Law, second: Law, least: float) -> None:
     """A true loss of 0.5 (standard deviation 0.25) is mostly shown to exceed 0.2."""
     rng = np.random.default_rng(15)
     shape = (REPEATS, 10)
     found = rejection(kind, first(rng, shape), second(rng, shape), 0.2)
-    print(f"power, loss 0.5, 10 seeds, {kind}: {found:.3f}")
     assert found >= least

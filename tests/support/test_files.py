@@ -1,21 +1,28 @@
-"""Files that are damaged, endless or made to harm are refused in one sentence."""
+"""Files and words of commands: read whole or refused in one sentence, and told without paths."""
 
 from __future__ import annotations
 
 import os
+from argparse import ArgumentTypeError
 from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from integ_gym.support.files import DEEPEST, check_regular, read_bounded, read_object
+from integ_gym.support.files import (
+    DEEPEST,
+    check_regular,
+    display_path,
+    read_bounded,
+    read_object,
+)
+from integ_gym.support.options import display_command, named_value, whole_number
 
 KINDS = {"name": str, "seconds": float, "parts": (list, type(None))}
 WHOLE = '{"name": "a", "seconds": 1, "parts": null}'
 
 DAMAGED = {
-    "nothing": ("", "Expecting value"),
     "cut": (WHOLE[:20], "is damaged"),
     "list": ("[1]", "a list where an object was expected"),
     "empty": ("{}", "it lacks 'name'"),
@@ -31,16 +38,12 @@ DAMAGED = {
 }
 
 
-def test_what_is_whole_is_read(tmp_path):
+@pytest.mark.parametrize("fault", DAMAGED)
+def test_what_is_damaged_is_named_with_the_remedy(tmp_path, fault):
     file = tmp_path / "a.json"
     file.write_text(WHOLE)
     assert read_object(file, KINDS, "") == {"name": "a", "seconds": 1, "parts": None}
-
-
-@pytest.mark.parametrize("fault", DAMAGED)
-def test_what_is_damaged_is_named_with_the_remedy(tmp_path, fault):
     content, message = DAMAGED[fault]
-    file = tmp_path / "a.json"
     file.write_bytes(content if isinstance(content, bytes) else content.encode())
     with pytest.raises(ValueError) as refused:
         read_object(file, KINDS, "restore it")
@@ -50,7 +53,7 @@ def test_what_is_damaged_is_named_with_the_remedy(tmp_path, fault):
     assert told.endswith("; restore it")
 
 
-@settings(deadline=None)
+@settings(deadline=None, max_examples=50)
 @given(content=st.binary(max_size=200))
 def test_any_bytes_are_read_or_refused(tmp_path_factory, content):
     file = tmp_path_factory.mktemp("any") / "a.json"
@@ -59,20 +62,13 @@ def test_any_bytes_are_read_or_refused(tmp_path_factory, content):
         read_object(file, KINDS, "restore it")
 
 
-def test_what_is_missing_is_named(tmp_path):
+def test_what_is_missing_too_long_or_endless_is_named(tmp_path):
     with pytest.raises(ValueError, match=r"cannot read .*: No such file .*; restore it"):
         read_object(tmp_path / "a.json", {}, "restore it")
-
-
-def test_a_long_file_is_not_read_to_its_end(tmp_path):
-    file = tmp_path / "long"
-    with file.open("wb") as sparse:
+    with (tmp_path / "long").open("wb") as sparse:
         sparse.truncate(1 << 40)
     with pytest.raises(ValueError, match="has more than 1000 bytes"):
-        read_bounded(file, 1000)
-
-
-def test_what_has_no_end_is_not_opened(tmp_path):
+        read_bounded(tmp_path / "long", 1000)
     pipe = tmp_path / "pipe.json"
     os.mkfifo(pipe)
     for path in (Path("/dev/zero"), pipe):
@@ -82,3 +78,20 @@ def test_what_has_no_end_is_not_opened(tmp_path):
             read_object(path, {}, "restore it")
     with pytest.raises(IsADirectoryError):
         check_regular(tmp_path)
+
+
+def test_paths_and_commands_are_told_from_here_or_by_their_name(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert display_path("runs/panel") == "runs/panel"
+    assert display_path(tmp_path / "runs" / "panel") == "runs/panel"
+    assert display_path(Path("/home/somebody/runs/panel")) == "panel"
+    words = ["integ-gym", "panel", "/a/b.toml", f"--out={tmp_path}/one two", "--home", "dt=1,x=/y"]
+    assert display_command(words) == "integ-gym panel b.toml '--out=one two' --home dt=1,x=/y"
+
+
+@pytest.mark.parametrize("word", ["1.5", "1e-3", "many", "nan", "1e999"])
+def test_what_is_no_whole_number_is_refused(word):
+    assert whole_number("2.5e3") == 2500
+    with pytest.raises(ArgumentTypeError, match=f"expected a whole number.*{word}"):
+        whole_number(word)
+    assert named_value("a=" + "[" * 100_000)[1].startswith("[[")

@@ -40,10 +40,8 @@ def _twin(engine, integrator, resisted, plant=FREE):
         ("mujoco", "RK4", "rk4", None),
         ("mujoco", "Euler", "symplectic_euler", "symplectic_euler"),
         ("drake", "radau1", "implicit_euler", None),
-        ("drake", "explicit_euler", "explicit_euler", "explicit_euler"),
         ("drake", "runge_kutta5", None, None),
         ("casadi", "rk", "rk4", "rk4"),
-        ("pinocchio", "implicit_euler", "implicit_euler", "implicit_euler"),
     ],
 )
 def test_a_cell_whose_stops_act_otherwise_has_no_twin(engine, integrator, free, resisted):
