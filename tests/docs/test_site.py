@@ -20,17 +20,6 @@ PAGES = (
     "reference/api/training.html", "reference/api/catalogue.html", "explanation/trust.html",
 )  # fmt: skip
 
-WIDE = """[...document.querySelectorAll(".md-typeset__scrollwrap, pre > code")]
-    .filter((box) => box.scrollWidth > box.clientWidth)"""
-FADES = f"{WIDE}.map((box) => parseFloat(getComputedStyle(box).getPropertyValue('--more')))"
-CELLS = "td:not(:has(.long)), table code:not(.long)"
-BROKEN = f"""[...document.querySelectorAll("{CELLS}")].filter((cell) => {{
-    const range = document.createRange();
-    range.selectNodeContents(cell);
-    return /^[^ \\n]+$/.test(cell.innerText) && range.getBoundingClientRect().height > 30;
-}}).map((cell) => cell.innerText)"""
-"""Words and numbers of tables that take more than a line."""
-
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory) -> Path:
@@ -85,18 +74,6 @@ def test_pages_are_as_wide_as_the_screen(site, page, width):
     for name in PAGES:
         page.open((site / name).as_uri())
         assert page.value("document.documentElement.scrollWidth") == width, name
-
-
-def test_what_is_wider_than_a_phone_is_scrolled_and_no_word_is_broken(site, page):
-    page.size(390, 900, phone=True)
-    for name in ("explanation/performance.html", "reference/commands.html"):
-        page.open((site / name).as_uri())
-        page.until(f"{WIDE}.length > 2")
-        assert page.value(BROKEN) == [], name
-        if page.value("CSS.supports('animation-timeline: scroll(self inline)')"):
-            page.until(f"{FADES}.every((fade) => fade > 20)")
-            page.value(f"{WIDE}.forEach((box) => box.scrollTo(box.scrollWidth, 0))")
-            page.until(f"{FADES}.every((fade) => fade === 0)")
 
 
 def test_it_is_searched_from_a_file(site, page):

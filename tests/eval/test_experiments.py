@@ -70,11 +70,11 @@ def test_every_arm_trains(experiment, monkeypatch):
     script, trained = experiment
     monkeypatch.setattr(trained, "TOGETHER", 2)
     if script.__name__ == "curriculum":
-        monkeypatch.setitem(script.TRAINING, "total_steps", 8_192)
+        monkeypatch.setitem(script.TRAINING, "total_steps", 16_384)
     elif script.__name__ == "fresh_points":
-        monkeypatch.setitem(script._atlas().panel.training, "total_steps", 8_192)
+        monkeypatch.setitem(script._atlas().panel.training, "total_steps", 16_384)
     else:
-        monkeypatch.setattr(script, "SECONDS", min(script.SECONDS / 20.0, 400.0))
+        monkeypatch.setattr(script, "SECONDS", min(script.SECONDS / 10.0, 800.0))
     for arm in script.EXPERIMENT.arms:
         found = script.run(trained.Unit(script.EXPERIMENT.values[-2], arm, 1900))
         assert len(found) == 2

@@ -15,6 +15,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from house import ROOT
 
 import integ_gym
 from integ_gym.cli import main
@@ -97,7 +98,7 @@ WHOLE: dict[tuple[str, str], tuple[tuple[str, ...], tuple[str, ...]]] = {
     ("evaluate", "file"): (EVALUATE, ("evaluate", "other.zip", *EVALUATE[2:])),
     ("evaluate", "policy"): (EVALUATE, ("evaluate", "--policy", "a:b", *EVALUATE[2:])),
     ("evaluate", "success_return"): (HOPPER, (*HOPPER, "--success-return", "5")),
-    ("panel", "spec"): (PANEL, (*PANEL, "engines", "--policies", "x")),
+    ("panel", "spec"): (PANEL, (*PANEL, str(ROOT / "specs" / "cart_pole_swing_up.toml"))),
     ("panel", "plan"): (PANEL, ("panel", "--plan")),
     ("panel", "trainer"): (PANEL, (*PANEL, "--trainer", "sb3")),
     ("train", "engine"): (TRAIN, (*TRAIN, "--engine", "mujoco", "--integrator", "RK4")),

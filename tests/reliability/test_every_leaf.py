@@ -66,10 +66,6 @@ def test_a_place_is_listed_with_all_that_is_in_it():
         assert is_listed(Leaf(file, place, "changed", "", ()), patterns) is expected
 
 
-def test_the_list_is_read():
-    assert ("policies/*/policy.json", "platform") in PATTERNS
-
-
 @pytest.mark.slow
 def test_every_kind_of_file_and_all_that_is_listed_is_swept(leaves):
     assert {leaf.file for leaf in leaves["first"]} == set(KINDS)

@@ -49,19 +49,15 @@ def test_slurm_is_refused_where_there_is_none(tmp_path, monkeypatch):
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("wanted", [{"cores": 2}, {"gpus": 1.0}])
-def test_this_machine_sets_nothing_aside(wanted):
-    with (
-        pytest.raises(ClusterError, match="give --workers"),
-        open_cluster("local", resources=Resources(**wanted)),
-    ):
-        pass
-
-
-@pytest.mark.parametrize("wanted", [{"cores": 0}, {"gpus": -1.0}])
-def test_what_no_worker_has_is_refused(wanted):
-    with pytest.raises(ClusterError, match="or more"):
-        Resources(**wanted)
+def test_what_cannot_be_set_aside_is_refused():
+    for wanted in ({"cores": 2}, {"gpus": 1.0}):
+        resources = Resources(**wanted)
+        refused = pytest.raises(ClusterError, match="give --workers")
+        with refused, open_cluster("local", resources=resources):
+            pass
+    for wanted in ({"cores": 0}, {"gpus": -1.0}):
+        with pytest.raises(ClusterError, match="or more"):
+            Resources(**wanted)
 
 
 def test_a_task_reports_and_prints_as_one_of_this_machine_does(capsys):

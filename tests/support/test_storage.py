@@ -18,6 +18,7 @@ from integ_gym.support.files import display_path
 from integ_gym.support.storage import (
     LOCK,
     BusyError,
+    FileLock,
     Storage,
     StorageError,
     is_remote,
@@ -26,37 +27,22 @@ from integ_gym.support.storage import (
 )
 
 
-@pytest.mark.parametrize("url", ["s3://bucket/run", "gs://bucket/a/run/", "az://box/run"])
-def test_places_in_object_stores(url):
-    assert is_remote(url)
-    assert resolve_place(url) == url.rstrip("/")
-    assert display_path(url) == url
-
-
-@pytest.mark.parametrize(
-    ("named", "path"),
-    [
+def test_places_are_folders_or_in_object_stores(tmp_path):
+    for url in ("s3://bucket/run", "gs://bucket/a/run/", "az://box/run"):
+        assert is_remote(url)
+        assert resolve_place(url) == url.rstrip("/")
+        assert display_path(url) == url
+    for named, path in (
         ("runs/panel", "runs/panel"),
         ("file:///shared/a%20run", "/shared/a run"),
         (Path("/shared/run"), "/shared/run"),
         ("odd:name", "odd:name"),
-    ],
-)
-def test_folders(named, path):
-    assert not is_remote(named)
-    assert resolve_place(named) == Path(path)
-
-
-@pytest.mark.parametrize(
-    "url", ["s3://bucket", "s3:/bucket/run", "ftp://host/run", "file://host/x"]
-)
-def test_other_urls_are_refused(url):
-    with pytest.raises(ValueError, match="is no place for a run; give a folder") as refused:
-        resolve_place(url)
-    assert url in str(refused.value)
-
-
-def test_a_folder_is_worked_on_where_it_is(tmp_path):
+    ):
+        assert not is_remote(named)
+        assert resolve_place(named) == Path(path)
+    for url in ("s3://bucket", "s3:/bucket/run", "ftp://host/run", "file://host/x"):
+        with pytest.raises(ValueError, match=f"{url}.* is no place for a run; give a folder"):
+            resolve_place(url)
     with open_storage(tmp_path) as place:
         assert (place.path, place.remote, str(place)) == (tmp_path, False, str(tmp_path))
 
@@ -88,6 +74,33 @@ def test_no_plain_endpoint_is_asked_unless_it_was_named(monkeypatch):
     assert storage._client_options() == {}
     monkeypatch.setenv("AWS_ENDPOINT_URL", "http://localhost:9000")
     assert storage._client_options() == {"client_options": {"allow_http": True}}
+
+
+HOLDER = """
+import sys, time
+from pathlib import Path
+from integ_gym.support.storage import FileLock
+assert FileLock(Path(sys.argv[1])).acquire()
+print("held", flush=True)
+time.sleep(600.0)
+"""
+
+
+def test_a_file_has_one_holder_at_a_time_and_a_killed_one_holds_nothing(tmp_path):
+    one, other = FileLock(tmp_path / "lock"), FileLock(tmp_path / "lock")
+    assert one.acquire()
+    assert not other.acquire()
+    other.release()
+    assert not other.acquire()
+    one.release()
+    assert list(tmp_path.iterdir()) == []
+    command = [sys.executable, "-c", HOLDER, str(tmp_path / "lock")]
+    with subprocess.Popen(command, stdout=subprocess.PIPE) as holder:
+        assert holder.stdout.readline() == b"held\n"
+        assert not other.acquire()
+        holder.kill()
+    assert other.acquire()
+    other.release()
 
 
 @pytest.fixture

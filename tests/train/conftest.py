@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 from small_ppo import SMALL, trained
 
-from integ_gym.train.policy_files.sidecar import TrainedPolicy
-
 
 @pytest.fixture(scope="session")
-def pendulum_zip(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def pendulum_zip(tmp_path_factory):
     """Zip of an untrained default policy on Pendulum-v1: observations (3,), actions [-2, 2]."""
     sb3 = pytest.importorskip("stable_baselines3")
     path = tmp_path_factory.mktemp("template") / "pendulum.zip"
@@ -20,11 +16,11 @@ def pendulum_zip(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def scratch(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def scratch(tmp_path_factory):
     return tmp_path_factory.mktemp("scratch")
 
 
 @pytest.fixture(scope="session")
-def small(tmp_path_factory: pytest.TempPathFactory) -> TrainedPolicy:
+def small(tmp_path_factory):
     """A policy after a short run."""
     return trained(SMALL, tmp_path_factory.mktemp("small"), tensorboard=True)

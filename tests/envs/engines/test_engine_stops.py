@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from dataclasses import replace
 
 import gymnasium as gym
 import numpy as np
 import pytest
 from engine_cases import (
+    COMPILING,
     EVERY,
     FIRST,
     STOPPED,
     TOLERANCE,
     lighter,
     mapped,
-    native_name,
     needs,
     one_step,
     setup_of,
@@ -26,14 +26,18 @@ import integ_gym  # noqa: F401
 from integ_gym.envs.engines.maps import one_step_map
 from integ_gym.envs.engines.newton import FEATHERSTONE
 from integ_gym.envs.engines.rigid import HeldForce
-from integ_gym.envs.environment import environment_setup
+from integ_gym.envs.functional import params_of, setup_with_params
+from integ_gym.envs.lanes import setup_of_lanes
 from integ_gym.envs.ops.ops import SCALAR
+from integ_gym.envs.registries import ENGINES
 
 SWING_UP = "IntegCartPoleSwingUp-v0"
-DOCS = (Path(__file__).parents[3] / "docs" / "reference" / "engines.md").read_text(encoding="utf-8")
-STEPS = (0.004, 0.002, 0.001, 0.0005)
-COAST = 0.12
-"""Time of a motion into a stop and back, s."""
+
+
+def _few(cases):
+    """Of engines that compile, the first integrator that is among the cases."""
+    first = dict(reversed(cases))
+    return [case for case in cases if case[0] not in COMPILING or case[1] == first[case[0]]]
 
 
 @pytest.mark.parametrize(("engine", "integrator"), lighter(FIRST))
@@ -53,22 +57,52 @@ def test_our_stops_act_in_every_engine(engine, integrator):
     assert abs(sum(info["energy_residual"] for info in told)) < 0.05
 
 
-@pytest.mark.parametrize(("engine", "integrator"), lighter(STOPPED))
-def test_stops_of_the_engines_own_leave_the_ledger_open(engine, integrator):
+SOLVERS = {
+    "mujoco": (1e-8, 100),
+    "mujoco_warp": (1e-6, 100),
+    "newton": (1e-6, 100),
+    "pybullet": (1e-7, 50),
+}
+"""Tolerance and cap of the constraint solvers that tell of themselves."""
+
+
+@pytest.mark.parametrize(("engine", "integrator"), lighter(_few(STOPPED)))
+def test_stops_of_the_engines_own_leave_the_ledger_open_and_tell_of_their_solver(
+    engine, integrator
+):
+    """In single and in vector environments."""
     needs(engine)
-    env = gym.make(
-        "IntegCartPoleSwingUp-v0", engine=engine, integrator=integrator, dt=0.001,
-        control_period=0.02, contact="engine",
-    )  # fmt: skip
-    env.reset(seed=0, options={"state": (2.35, 2.0, np.pi, 0.0)})
-    told = [env.step(np.zeros(1, np.float32))[4] for _ in range(12)]
+    given = {
+        "id": SWING_UP, "engine": engine, "integrator": integrator, "dt": 0.001,
+        "control_period": 0.02, "contact": "engine",
+    }  # fmt: skip
+    start = (2.35, 2.0, np.pi, 0.0)
+    single, many = gym.make(**given), gym.make_vec(**given, num_envs=2)
+    single.reset(seed=0, options={"state": start})
+    many.reset(seed=0, options={"state": np.array([start] * 2)})
+    told = [single.step(np.zeros(1, np.float32))[4] for _ in range(12)]
+    for one in told[:4]:
+        both = many.step(np.zeros((2, 1), np.float32))[4]
+        for name in ("solver_iterations", "solver_residual", "solver_status"):
+            assert (both[name] == one[name]).all()
     touched = [info for info in told if info["contact_force"]]
+    free = [info for info in told if not info["contact_force"]]
     assert touched
     assert all(np.isnan([i["energy_residual"], i["contact_loss"]]).all() for i in touched)
-    free = [info for info in told if not info["contact_force"]]
     assert all(abs(info["energy_residual"]) < 1e-2 for info in free)
-    assert env.unwrapped.state[0] < 2.4 + 0.02
-    assert env.unwrapped.setup.engine.describe()["stops"]
+    assert single.unwrapped.state[0] < 2.4 + 0.02
+    made = single.unwrapped.setup.engine
+    assert made.describe()["stops"]
+    solver = None if integrator == FEATHERSTONE else SOLVERS.get(engine)
+    if solver is None:
+        assert {info["solver_status"] for info in told} == {"not_reported"}
+        assert not any(info["solver_iterations"] for info in told)
+        assert made.solver()["solver_cap"] is None
+    else:
+        tolerance, cap = solver
+        assert {info["solver_status"] for info in told} == {"ok"}
+        assert all(0 < info["solver_iterations"] < cap for info in touched)
+        assert made.solver() == {"solver_tolerance": pytest.approx(tolerance), "solver_cap": cap}
 
 
 def _told(motion):
@@ -77,7 +111,7 @@ def _told(motion):
     return [float(x) for x in (*motion.q, *motion.v, *motion.losses, *reported)]
 
 
-@pytest.mark.parametrize(("engine", "integrator"), lighter(STOPPED))
+@pytest.mark.parametrize(("engine", "integrator"), lighter(_few(STOPPED)))
 def test_a_step_against_the_stop_depends_on_nothing_that_went_before(engine, integrator):
     """To the last bit, in any order, and after motions that diverge."""
     needs(engine)
@@ -94,50 +128,9 @@ def test_a_step_against_the_stop_depends_on_nothing_that_went_before(engine, int
     other = new_setup(engine, integrator, SWING_UP, **given)
     for k in np.random.default_rng(2).integers(0, len(cases), 20):
         told(other, violent)
+        if engine != "pybullet":  # whose stops are lost for good where a state is not a number
+            other.engine.run(1)(*[np.nan] * 6)
         np.testing.assert_array_equal(told(other, cases[k]), expected[k])
-
-
-SOLVERS = {
-    "mujoco": (1e-8, 100),
-    "mujoco_warp": (1e-6, 100),
-    "newton": (1e-6, 100),
-    "pybullet": (1e-7, 50),
-}
-"""Tolerance and cap of the constraint solvers that tell of themselves."""
-
-
-def _solver_of(engine, integrator):
-    return None if integrator == FEATHERSTONE else SOLVERS.get(engine)
-
-
-@pytest.mark.parametrize(("engine", "integrator"), lighter(STOPPED))
-def test_what_the_constraint_solver_does_is_reported_where_it_is_told(engine, integrator):
-    """In single and in vector environments; a cart starts 5 mm before its stop."""
-    needs(engine)
-    given = {
-        "id": SWING_UP, "engine": engine, "integrator": integrator, "dt": 0.001,
-        "control_period": 0.02, "contact": "engine",
-    }  # fmt: skip
-    start = (2.395, 2.0, np.pi, 0.0)
-    single, many = gym.make(**given), gym.make_vec(**given, num_envs=2)
-    single.reset(seed=0, options={"state": start})
-    many.reset(seed=0, options={"state": np.array([start] * 2)})
-    told = [single.step(np.zeros(1, np.float32))[4] for _ in range(3)]
-    side_by_side = [many.step(np.zeros((2, 1), np.float32))[4] for _ in range(3)]
-    names = ("solver_iterations", "solver_residual", "solver_status")
-    for one, both in zip(told, side_by_side, strict=True):
-        assert all((both[name] == one[name]).all() for name in names)
-    tolerance, cap = _solver_of(engine, integrator) or (None, None)
-    known = single.unwrapped.setup.engine.solver()
-    assert any(info["contact_force"] for info in told)
-    if cap is None:
-        assert {info["solver_status"] for info in told} == {"not_reported"}
-        assert not any(info["solver_iterations"] for info in told)
-        assert known["solver_cap"] is None
-    else:
-        assert {info["solver_status"] for info in told} == {"ok"}
-        assert all(0 < i["solver_iterations"] < cap for i in told if i["contact_force"])
-        assert known == {"solver_tolerance": pytest.approx(tolerance), "solver_cap": cap}
 
 
 def _held(setup, name, q, v, control):
@@ -165,7 +158,7 @@ def _against_the_stop():
     ]
 
 
-@pytest.mark.parametrize(("engine", "integrator"), lighter(EVERY))
+@pytest.mark.parametrize(("engine", "integrator"), lighter(_few(EVERY)))
 def test_a_step_in_contact_is_what_the_engine_says(engine, integrator):
     """Of its map, with the force of stops and friction held over the step or within the stages."""
     setup = setup_of(engine, integrator, SWING_UP, dt=0.004, cart_friction=0.5)
@@ -183,35 +176,18 @@ def test_a_step_in_contact_is_what_the_engine_says(engine, integrator):
         assert error.max() <= TOLERANCE[setup.engine.width]
 
 
-def _coasted(name, dt, held):
-    """(q, v) of a cart that runs into its stop and back, by a map."""
-    arguments = {"integrator": native_name(name), "dt": dt}
-    setup = environment_setup(SWING_UP, arguments)
-    state = ((2.35, np.pi), (2.0, 0.0), 0.0)
-    for _ in range(round(COAST / dt)):
-        known = one_step_map(name)
-        end = _held(setup, name, *state) if held else mapped(known, setup, *state)
-        state = (tuple(end[:2]), tuple(end[2:]), 0.0)
-    return end
-
-
-@pytest.fixture(scope="module")
-def truth():
-    return _coasted("reference", STEPS[-1], held=False)
-
-
-@pytest.mark.parametrize(
-    ("name", "held"),
-    [
-        ("symplectic_euler", True), ("symplectic_euler", False), ("rk4", True), ("rk4", False),
-        ("dormand_prince5", True), ("implicit_euler", True), ("implicit_euler", False),
-        ("reference", True),
-    ],
-)  # fmt: skip
-def test_the_documented_errors_are_those_of_the_maps(name, held, truth):
-    """The largest error of a component of the state at the end, at each step."""
-    where = "held over the step" if held else "within the stages"
-    errors = [np.abs(_coasted(name, dt, held) - truth).max() for dt in STEPS]
-    (row,) = [line for line in DOCS.splitlines() if line.startswith(f"| `{name}` | {where} |")]
-    said = [float(cell) for cell in row.strip("| ").split(" | ")[2:]]
-    assert said == pytest.approx(errors, rel=0.06)
+@pytest.mark.parametrize(("engine", "integrator"), lighter([("mujoco", "Euler"), ("mjx", "Euler")]))
+def test_a_setup_with_other_values_keeps_the_stops_of_the_engines_own(engine, integrator):
+    setup = new_setup(engine, integrator, SWING_UP, dt=0.001, contact="engine")
+    heavier = replace(setup.plant, cart_mass=2.0)
+    made = [
+        setup.with_values(heavier, setup.task, setup.timing, 5.0),
+        setup_of_lanes(setup, np.arange(2)),
+    ]
+    if ENGINES.load(engine).batched:
+        made.append(setup_with_params(setup, params_of(setup, "float64")))
+    for other in made:
+        assert other.system.stops is None
+        assert other.system.engine_stops == other.plant.stops
+        assert other.engine.system.engine_stops == other.plant.stops
+        assert type(other.engine) is type(setup.engine)

@@ -6,7 +6,8 @@ import subprocess
 import sys
 
 import pytest
-from engine_cases import COMPILING, EVERY, FIRST, IDS
+from engine_cases import COMPILING, FIRST, IDS, lighter, needs
+from engine_checks import told_by_an_episode
 
 from integ_gym.envs.engines.stepping import missing_modules
 
@@ -34,13 +35,13 @@ assert {{env.unwrapped.setup.settings.engine for env in envs}} == {{engine for e
 
 @pytest.mark.parametrize(
     "cases",
-    [pytest.param(EVERY, marks=pytest.mark.slow), [x for x in FIRST if x[0] not in COMPILING]],
-    ids=["every", "light"],
+    [pytest.param(FIRST, marks=pytest.mark.slow), [x for x in FIRST if x[0] not in COMPILING]],
+    ids=["all", "light"],
 )
 def test_every_engine_steps_both_plants_in_one_process(cases, tmp_path):
     """Built one after another, then stepped in turn: silently, and to the end.
 
-    One integrator of each engine that compiles nothing; every one of all in `make test-slow`.
+    Engines that compile nothing; all of them in `make test-slow`.
     """
     installed = [case for case in cases if not missing_modules(case[0])]
     if not installed:
@@ -51,3 +52,17 @@ def test_every_engine_steps_both_plants_in_one_process(cases, tmp_path):
     )
     assert (done.returncode, done.stdout + done.stderr) == (0, "")
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("engine", "integrator", "steps"),
+    lighter([
+        ("mujoco", "Euler", 20), ("mujoco", "RK4", 1), ("pybullet", "semi_implicit_euler", 1),
+        ("sapien", "tgs", 1), ("mujoco_warp", "Euler", 1), ("newton", "mujoco_euler", 1),
+    ]),
+)  # fmt: skip
+def test_of_a_divergence_nothing_is_printed_and_nothing_written(
+    engine, integrator, steps, tmp_path
+):
+    needs(engine)
+    assert told_by_an_episode(engine, integrator, tmp_path, steps) == (0, "")

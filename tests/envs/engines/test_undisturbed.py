@@ -18,30 +18,17 @@ warnings.warn("look out")
 """
 
 
-@pytest.fixture
-def noisy(tmp_path, monkeypatch):
-    """Name of a module that is noisy when it is imported."""
+def test_an_import_writes_nothing_and_leaves_the_environment_as_it_was(
+    tmp_path, monkeypatch, capfd
+):
     (tmp_path / "noisy_simulator.py").write_text(NOISY)
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setenv("KEPT", "1")
-    yield "noisy_simulator"
-    sys.modules.pop("noisy_simulator", None)
-
-
-def test_what_an_import_writes_is_not_shown(noisy, capfd):
-    module = load_undisturbed(noisy, "mujoco")
-    assert module is sys.modules[noisy]
-    assert capfd.readouterr() == ("", "")
-
-
-def test_environment_variables_stay_as_they_were(noisy):
     before = dict(os.environ)
-    load_undisturbed(noisy, "mujoco")
+    assert load_undisturbed("noisy_simulator", "mujoco") is sys.modules.pop("noisy_simulator")
     assert dict(os.environ) == before
-
-
-def test_standard_error_is_whole_again_after_a_failed_import(capfd):
     with pytest.raises(ModuleNotFoundError, match=r'pip install -e "\.\[mujoco\]"'):
         load_undisturbed("no_such_simulator", "mujoco")
+    assert capfd.readouterr() == ("", "")
     os.write(2, b"banner\n")
     assert capfd.readouterr().err == "banner\n"

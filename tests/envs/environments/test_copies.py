@@ -9,7 +9,8 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from engine_cases import FIRST, lighter
-from pairing import covering
+from pairing import pairs
+from sameness import assert_same
 
 from integ_gym import along
 from integ_gym.envs.integrators.interface import Step
@@ -40,31 +41,21 @@ def _rollout(env, actions):
     return told
 
 
-def _assert_same(found, expected):
-    if isinstance(expected, dict):
-        assert found.keys() == expected.keys()
-        found, expected = found.values(), expected.values()
-    elif not isinstance(expected, (tuple, list)):
-        np.testing.assert_array_equal(found, expected)
-        if isinstance(expected, np.ndarray):
-            assert found.flags.writeable == expected.flags.writeable
-        return
-    for one, other in zip(found, expected, strict=True):
-        _assert_same(one, other)
-
-
 def _goes_on_alike(env, before, steps, copied):
     env.reset(seed=1)
     env.action_space.seed(1)
     actions = [env.action_space.sample() for _ in range(steps)]
     _rollout(env, actions[:before])
     other = copied(env)
-    _assert_same(_rollout(other, actions), _rollout(env, actions))
+    assert_same(_rollout(other, actions), _rollout(env, actions))
 
 
 @pytest.mark.parametrize(
     ("env_id", "kind", "before", "way"),
-    covering(ENVIRONMENTS, ("single", "vector", "compiled"), (1, WARM_UP + 1), WAYS),
+    [
+        *pairs(ENVIRONMENTS, ("single", "vector"), (1, WARM_UP + 1), WAYS),
+        ("IntegPendulum-v0", "compiled", WARM_UP + 1, "pickled"),
+    ],
 )
 def test_a_copy_goes_on_alike(env_id, kind, before, way):
     if kind == "single":
@@ -75,29 +66,20 @@ def test_a_copy_goes_on_alike(env_id, kind, before, way):
 
 
 @pytest.mark.parametrize("way", WAYS)
-@pytest.mark.parametrize("compiled", [False, True])
-def test_what_all_lanes_have_in_common_stays_theirs(compiled, way):
+def test_what_all_lanes_have_in_common_stays_theirs(way):
     """The iterations of a step that are the same in all lanes, where some have just been reset."""
     integrator = f"{__name__}:Iterating"
-    env = gym.make_vec("IntegCartPole-v0", 3, integrator=integrator, compiled=compiled)
+    env = gym.make_vec("IntegCartPole-v0", 3, integrator=integrator)
     _goes_on_alike(env, WARM_UP + 1, STEPS, WAYS[way])
 
 
-@pytest.mark.parametrize("way", WAYS)
-@pytest.mark.parametrize(("engine", "integrator"), lighter(FIRST))
+@pytest.mark.parametrize(
+    ("engine", "integrator", "way"),
+    lighter([(*case, way) for case, way in pairs(FIRST, WAYS, strength=1)]),
+)
 def test_simulators_are_made_anew(engine, integrator, way):
     env = gym.make("IntegPendulum-v0", engine=engine, integrator=integrator)
     _goes_on_alike(env, 2, 5, WAYS[way])
-
-
-@pytest.mark.parametrize("way", WAYS)
-@pytest.mark.parametrize("vector", [False, True])
-def test_pictures_are_drawn_by_each(vector, way):
-    make = gym.make_vec if vector else gym.make
-    env = make("IntegPendulum-v0", render_mode="rgb_array")
-    env.reset(seed=1)
-    drawn = env.render()
-    np.testing.assert_array_equal(WAYS[way](env).render(), drawn)
 
 
 def test_a_shallow_copy_is_traced_on_its_own():

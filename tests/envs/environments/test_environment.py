@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import re
 from math import inf, nan, pi
 
 import gymnasium as gym
@@ -11,6 +9,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 from motions import ALL
+from pairing import pairs
 
 import integ_gym
 from integ_gym.envs.catalogue.pendulum import IntegPendulumEnv
@@ -24,16 +23,13 @@ STOCK_ADVICE = (
 )
 
 
-@pytest.mark.parametrize("env_id", IDS)
-@pytest.mark.parametrize("integrator", ALL)
 @pytest.mark.parametrize(
-    "arguments",
-    [{}, {"dt": 0.01, "control_period": 0.04, "action_latency": 0.01, "observation_noise": 0.1}],
-    ids=["default", "delayed and noisy"],
+    ("integrator", "env_id", "late"), pairs(ALL, IDS, (False, True), strength=1)
 )
 @pytest.mark.filterwarnings(*STOCK_ADVICE)
-def test_check_env(env_id, integrator, arguments):
-    env = gym.make(env_id, integrator=integrator, **arguments).unwrapped
+def test_check_env(env_id, integrator, late):
+    noisy = {"dt": 0.01, "control_period": 0.04, "action_latency": 0.01, "observation_noise": 0.1}
+    env = gym.make(env_id, integrator=integrator, **(noisy if late else {})).unwrapped
     check_env(env, skip_render_check=True)
 
 
@@ -62,6 +58,11 @@ def test_check_env(env_id, integrator, arguments):
         ({"max_speed": 1e9}, ValueError, ["`max_speed`", "diverged"]),
         ({"mass_distribution": "cube"}, ValueError, ["'uniform'", "'point'"]),
         ({"render_mode": "ascii"}, ValueError, ["render_mode"]),
+        ({"dt": 1e-320}, ValueError, ["`dt` must be 1e-30 or above"]),
+        ({"dt": 1e-20}, ValueError, ["more than 1e+09"]),
+        ({"mass": 10**400}, ValueError, ["`mass` must be a finite number above 0"]),
+        ({"mass": 1e308}, ValueError, ["`mass` must be a finite number above 0"]),
+        ({"duration": 1e20}, ValueError, ["more than 1e+09 control periods"]),
     ],
 )
 def test_impossible_arguments_name_the_remedy(arguments, error, fragments):
@@ -82,47 +83,6 @@ def test_a_diverged_motion_that_goes_on_pays_the_least_of_a_step():
     assert env.step([2.0])[1] == env.unwrapped.setup.task.worst_return(SCALAR, 1, 0.5, 1000.0)
 
 
-@pytest.mark.parametrize("env_id", IDS)
-def test_spec_round_trips_through_json(env_id):
-    env = gym.make(env_id, integrator="rk4", dt=0.01, control_period=0.05, damping=0.1, mass=2.0)
-    text = env.spec.to_json()
-    again = gym.make(gym.envs.registration.EnvSpec.from_json(text))
-    assert again.unwrapped.setup.arguments() == env.unwrapped.setup.arguments()
-    json.dumps(env.unwrapped.setup.arguments())
-
-
-class LeapFrog:
-    """A user's own integrator: drift with the old velocity, kick at the new position."""
-
-    def step(self, ops, system, q, v, losses, control, dt):
-        from integ_gym.envs.integrators.interface import Step
-        from integ_gym.envs.ops.ops import along
-
-        moved = along(q, dt, v)
-        acceleration, loss_rates = system.rates(ops, moved, v, control)
-        return Step(moved, along(v, dt, acceleration), along(losses, dt, loss_rates))
-
-
-def test_own_integrator_by_reference():
-    env = gym.make("IntegPendulum-v0", integrator=f"{__name__}:LeapFrog", dt=0.01)
-    env.reset(options={"state": (1.0, 0.5)})
-    env.step(np.zeros(1))
-    theta = 1.0 + 0.01 * 0.5
-    expected = (theta, 0.5 + 0.01 * 15.0 * np.sin(theta))
-    np.testing.assert_allclose(env.unwrapped.state, expected, rtol=1e-14)
-
-
-@pytest.mark.parametrize(
-    ("duration", "period", "steps"), [(10.0, 0.05, 200), (1.0, 0.3, 4), (10.0, 0.02, 500)]
-)
-def test_horizon_is_in_seconds(duration, period, steps):
-    env = gym.make("IntegPendulum-v0", dt=period, duration=duration)
-    env.reset(seed=0)
-    for _ in range(steps - 1):
-        assert env.step(np.zeros(1))[3] is False
-    assert env.step(np.zeros(1))[3] is True
-
-
 def test_return_does_not_depend_on_the_control_period():
     returns = []
     for period in (0.05, 0.01, 0.002):
@@ -137,9 +97,7 @@ def test_return_does_not_depend_on_the_control_period():
     assert returns[1] == pytest.approx(returns[2], rel=5e-4)
 
 
-@pytest.mark.parametrize(
-    ("latency", "delay"), [(0.0, 0), (0.02, 2), (0.05, 5), (0.07, 7), (0.1, 10)]
-)
+@pytest.mark.parametrize(("latency", "delay"), [(0.0, 0), (0.05, 5), (0.07, 7)])
 def test_commands_act_after_the_latency(latency, delay):
     """Equal to stepping at dt with the command sequence shifted by the latency."""
     rng = np.random.default_rng(0)
@@ -193,7 +151,7 @@ def test_noise_is_drawn_once_per_sample_and_stays_in_the_space():
     assert not np.array_equal(groups[0][0], groups[1][0])
 
 
-@pytest.mark.parametrize("bad", [nan, inf, -inf])
+@pytest.mark.parametrize("bad", [nan, -inf])
 @pytest.mark.parametrize(("fallback", "expected"), [("hold", 1.5), ("zero", 0.0)])
 def test_fallback_acts_on_non_finite_actions(bad, fallback, expected):
     env = gym.make("IntegPendulum-v0", fallback=fallback)
@@ -218,16 +176,16 @@ def test_zero_fallback_is_zero_newton_for_discrete_actions():
             env.step(wrong)
 
 
-@pytest.mark.parametrize("limit", [0.1, 0.8, 0.9, 1.0, 2.0])
-def test_saturation_is_counted(limit):
-    env = gym.make("IntegPendulum-v0", max_torque=limit)
-    env.reset(seed=0)
-    for action, saturated in ((3.0 * limit, True), (0.999 * limit, False)):
-        *_, info = env.step(np.array([action]))
-        assert info["control"] == pytest.approx(min(action, limit))
-        assert info["saturated"] is saturated
-    *_, info = env.step(env.action_space.high)
-    assert info["saturated"] is True
+def test_saturation_is_counted():
+    for limit in (0.1, 0.8, 0.9, 1.0, 2.0):
+        env = gym.make("IntegPendulum-v0", max_torque=limit)
+        env.reset(seed=0)
+        for action, saturated in ((3.0 * limit, True), (0.999 * limit, False)):
+            *_, info = env.step(np.array([action]))
+            assert info["control"] == pytest.approx(min(action, limit))
+            assert info["saturated"] is saturated
+        *_, info = env.step(env.action_space.high)
+        assert info["saturated"] is True
 
 
 def test_ledger_explains_a_clipped_step():
@@ -236,18 +194,6 @@ def test_ledger_explains_a_clipped_step():
     *_, info = env.step(np.array([2.0]))
     assert info["clip_loss"] > 0.1
     assert abs(info["energy_residual"]) < 1e-9
-
-
-def test_energy_is_zero_at_rest_hanging():
-    for env_id, state in (
-        ("IntegPendulum-v0", (pi, 0)),
-        ("IntegCartPole-v0", (0.3, 0, pi, 0)),
-        ("IntegCartPoleSwingUp-v0", (0.3, 0, pi, 0)),
-        ("IntegElasticPendulum-v0", (0, 0, 0, 0)),
-    ):
-        env = gym.make(env_id).unwrapped
-        _, info = env.reset(options={"state": state})
-        assert info["energy"] == pytest.approx(0.0, abs=1e-12)
 
 
 def _swing(states_inside: list[bool]):
@@ -340,54 +286,10 @@ class NeverConverging:
         return Step(q, v, losses, 9, 0.5, False)
 
 
-@pytest.mark.parametrize("state", [(1.0,), (nan, 0.0), (0.0, 2e3), (inf, 0.0), (0, 0, 0), "a"])
-def test_impossible_start_states_are_refused(state):
-    env = gym.make("IntegPendulum-v0")
-    with pytest.raises(ValueError, match=r"state.* must be"):
-        env.reset(options={"state": state})
-
-
-@pytest.mark.parametrize(
-    ("env_id", "options"),
-    [
-        ("IntegPendulum-v0", {"x_init": "wide"}),
-        ("IntegPendulum-v0", {"y_init": -1.0}),
-        ("IntegCartPole-v0", {"low": 0.1, "high": -0.1}),
-        ("IntegCartPole-v0", {"low": nan}),
-    ],
-)
-def test_impossible_reset_bounds_are_refused(env_id, options):
-    with pytest.raises(ValueError, match="reset option"):
-        gym.make(env_id).reset(options=options)
-
-
 def test_step_before_reset_is_refused():
     env = IntegPendulumEnv()
     with pytest.raises(gym.error.ResetNeeded):
         env.step(np.zeros(1))
-
-
-def test_registration_is_idempotent_and_by_module_prefix():
-    from integ_gym.envs.registries import register_environments
-
-    register_environments()
-    env = gym.make("integ_gym:IntegPendulum-v0")
-    assert env.spec.id == "IntegPendulum-v0"
-
-
-@pytest.mark.parametrize(
-    ("arguments", "fragment"),
-    [
-        ({"dt": 1e-320}, "`dt` must be 1e-30 or above"),
-        ({"dt": 1e-20}, "more than 1e+09"),
-        ({"mass": 10**400}, "`mass` must be a finite number above 0"),
-        ({"mass": 1e308}, "`mass` must be a finite number above 0"),
-        ({"duration": 1e20}, "more than 1e+09 control periods"),
-    ],
-)
-def test_extreme_values_are_refused(arguments, fragment):
-    with pytest.raises(ValueError, match=re.escape(fragment)):
-        gym.make("IntegPendulum-v0", **arguments)
 
 
 def test_a_start_above_the_speed_limit_is_refused():
@@ -396,9 +298,3 @@ def test_a_start_above_the_speed_limit_is_refused():
     env.reset(options={"state": (0.0, 8.0)})
     with pytest.raises(ValueError, match="speeds up to 8, got"):
         env.reset(options={"state": (0.0, 8.1)})
-
-
-def test_an_unknown_reset_option_is_refused():
-    env = gym.make("IntegPendulum-v0")
-    with pytest.raises(ValueError, match=r"unknown reset option 'sate'.*Did you mean 'state'"):
-        env.reset(options={"sate": (0.0, 0.0)})

@@ -13,7 +13,7 @@ from gymnasium.envs.classic_control.pendulum import PendulumEnv
 from integ_gym.envs.catalogue.cart_pole import IntegCartPoleEnv
 from integ_gym.envs.catalogue.pendulum import IntegPendulumEnv
 
-STEPS = 1000
+STEPS = 300
 ULP_BELOW_8 = float(np.spacing(np.nextafter(np.float32(8), np.float32(0))))
 """One float32 ulp of an angular velocity at the stock speed limit."""
 

@@ -69,7 +69,7 @@ def test_no_nan_leaves_step_and_the_ledger_is_what_it_says(env_id, integrator):
         dt=st.floats(1e-4, 0.02 if adaptive else 1.0),
         max_speed=st.one_of(st.none(), st.floats(FASTEST_START, DIVERGENCE_SPEED)),
     )
-    @settings(max_examples=15 if adaptive else 80, deadline=None)
+    @settings(max_examples=3 if adaptive else 10, deadline=None)
     def check(parameters, state, actions, dt, max_speed):
         env = gym.make(
             env_id, integrator=integrator, dt=dt, max_speed=max_speed, duration=1e3,
@@ -114,7 +114,7 @@ def test_residual_falls_with_dt(name, integrator):
         controls=st.lists(st.floats(-3.0, 3.0), min_size=4, max_size=8),
         shift=st.floats(-0.5, 0.5),
     )
-    @settings(max_examples=25, deadline=None)
+    @settings(max_examples=5, deadline=None)
     def check(parameters, controls, shift):
         plant = owner(**parameters)
         state = probe_state(plant) + shift

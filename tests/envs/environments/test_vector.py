@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from math import pi
-
 import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from motions import ALL
+from pairing import pairs
 from sameness import assert_same
 
 import integ_gym
@@ -31,6 +30,7 @@ CASES = {
         {"action_latency": 0.05, "sensor_period": 0.03, "dt": 0.01, "control_period": 0.02,
          "duration": 0.4},
     ),
+    "stopped": ("IntegPendulum-v0", {"joint_limit": 1.0, "start": "uniform", "duration": 1.0}),
     "diverging": (
         "IntegPendulum-v0",
         {"integrator": "explicit_euler", "dt": 0.5, "gravity": 500.0, "duration": 8.0},
@@ -53,31 +53,37 @@ def _states(env):
     return env.state
 
 
-@pytest.mark.parametrize("case", CASES)
-@pytest.mark.parametrize("mode", list(AutoresetMode))
+@pytest.mark.parametrize(
+    ("case", "mode"),
+    [
+        *(("everything", mode) for mode in AutoresetMode),
+        ("pendulum", AutoresetMode.NEXT_STEP),
+        ("cart_pole", AutoresetMode.SAME_STEP),
+        ("late", AutoresetMode.DISABLED),
+        ("stopped", AutoresetMode.NEXT_STEP),
+        ("diverging", AutoresetMode.SAME_STEP),
+    ],
+)
 @pytest.mark.filterwarnings("ignore:.*is not within the observation space:UserWarning")
 def test_equals_sync_vector_env(case, mode):
     ours, sync = _pair(case, mode)
     assert ours.observation_space == sync.observation_space
     assert ours.action_space == sync.action_space
-    for a, b in zip(ours.reset(seed=3), sync.reset(seed=3), strict=True):
-        assert_same(a, b)
+    assert_same(ours.reset(seed=3), sync.reset(seed=3), 1e-12)
     ours.action_space.seed(0)
     ended = 0
-    for _ in range(120):
+    for _ in range(70):
         actions = ours.action_space.sample()
         ours_step, sync_step = ours.step(actions), sync.step(actions)
-        for a, b in zip(ours_step, sync_step, strict=True):
-            assert_same(a, b)
+        assert_same(ours_step, sync_step, 1e-12)
         np.testing.assert_allclose(_states(ours), _states(sync), rtol=1e-12, atol=1e-12)
         _copy_states(ours, sync)
         done = ours_step[2] | ours_step[3]
         ended += int(done.sum())
         if mode is AutoresetMode.DISABLED and done.any():
             resets = [env.reset(options={"reset_mask": done.copy()}) for env in (ours, sync)]
-            for a, b in zip(*resets, strict=True):
-                assert_same(a, b)
-    assert ended > 2 * LANES
+            assert_same(*resets, 1e-12)
+    assert ended > LANES
 
 
 def _copy_states(ours, sync):
@@ -92,8 +98,7 @@ def _copy_states(ours, sync):
         )
 
 
-@pytest.mark.parametrize("env_id", integ_gym.ENVIRONMENTS)
-@pytest.mark.parametrize("integrator", ALL)
+@pytest.mark.parametrize(("integrator", "env_id"), pairs(ALL, integ_gym.ENVIRONMENTS, strength=1))
 def test_every_integrator_equals_sync_vector_env(env_id, integrator):
     arguments = {"integrator": integrator, "dt": 0.01, "control_period": 0.02, "damping": 0.05}
     ours = gym.make_vec(env_id, num_envs=LANES, **arguments)
@@ -102,8 +107,7 @@ def test_every_integrator_equals_sync_vector_env(env_id, integrator):
     ours.action_space.seed(1)
     for _ in range(25):
         actions = ours.action_space.sample()
-        for a, b in zip(ours.step(actions), sync.step(actions), strict=True):
-            assert_same(a, b)
+        assert_same(ours.step(actions), sync.step(actions), 1e-12)
         _copy_states(ours, sync)
 
 
@@ -177,6 +181,7 @@ def test_wrong_use_is_refused():
     with pytest.raises(ValueError, match="one per lane"):
         env.reset(seed=[1, 2, 3])
     env.reset(seed=[1, 2])
+    assert env.np_random_seed == (1, 2)
     with pytest.raises(ValueError, match="lane 1"):
         env.step(np.array([0, 7]))
     env.step(np.array([0, 1]))
@@ -189,15 +194,6 @@ def test_wrong_use_is_refused():
         env.reset(options={"state": np.zeros((3, 4))})
 
 
-def test_reset_state_and_seeds():
-    env = gym.make_vec("IntegPendulum-v0", num_envs=2)
-    start = np.array([[pi, 0.0], [1.0, 2.0]])
-    env.reset(seed=5, options={"state": start})
-    np.testing.assert_array_equal(env.state, start)
-    assert env.np_random_seed == (5, 6)
-    assert len(env.np_random) == 2
-
-
 def test_actions_of_lanes_that_are_being_reset_are_not_looked_at():
     envs = gym.make_vec("IntegCartPole-v0", num_envs=2, duration=0.02)
     envs.reset(seed=0)
@@ -207,23 +203,13 @@ def test_actions_of_lanes_that_are_being_reset_are_not_looked_at():
         envs.step(np.array([7, 1]))
 
 
-@pytest.mark.parametrize("order", [1, -1])
-def test_lanes_of_a_mixture_begin_with_their_own_engines_status(order):
+def test_lanes_of_a_mixture_begin_with_their_own_engines_status():
     mixture = [
-        {"engine": "native", "integrator": "rk4"},
         {"engine": "mujoco", "integrator": "RK4"},
-    ][::order]
+        {"engine": "native", "integrator": "rk4"},
+    ]
     env = gym.make_vec("IntegPendulum-v0", num_envs=2, control_period=0.05, mixture=mixture)
     options = {"mixture_index": np.array([0, 1])}
-    expected = ["ok", "not_reported"][::order]
+    expected = ["not_reported", "ok"]
     assert env.reset(seed=0, options=options)[1]["solver_status"].tolist() == expected
     assert env.step(env.action_space.sample())[4]["solver_status"].tolist() == expected
-
-
-def test_a_divergence_after_the_end_of_an_episode_does_not_pay():
-    env = gym.make("IntegPendulum-v0", integrator="explicit_euler", dt=1.0, duration=2.0,
-                   max_torque=500.0).unwrapped  # fmt: skip
-    env.reset(seed=0)
-    with pytest.warns(UserWarning, match="the episode has terminated"):
-        rewards = [env.step(np.array([500.0]))[1] for _ in range(6)]
-    assert max(rewards[1:]) < 0.0

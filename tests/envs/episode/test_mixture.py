@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import gymnasium as gym
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
-from gymnasium.vector import AutoresetMode
+from functional_checks import compare, vector_of
 from motions import ALL
 
 from integ_gym.envs import functional
 from integ_gym.envs.environment import environment_mixture
-from integ_gym.envs.registries import ENVIRONMENTS
 
 PERIOD = 0.04
 EVERYTHING = [
@@ -25,96 +23,17 @@ WEIGHTED = [
     {"integrator": "rk4", "dt": 0.02},
     {"integrator": "explicit_euler", "dt": 0.04, "weight": 4},
 ]
+PARTS = {"mixture": WEIGHTED, "control_period": PERIOD}
 
 
-def _vector(env_id, lanes, mixture, **arguments):
-    return gym.make_vec(
-        env_id,
-        num_envs=lanes,
-        vectorization_mode="vector_entry_point",
-        autoreset_mode=AutoresetMode.DISABLED.value,
-        mixture=mixture,
-        control_period=PERIOD,
-        **arguments,
-    ).unwrapped
-
-
-def _actions(space, rng, lanes):
-    if isinstance(space, gym.spaces.Discrete):
-        return rng.integers(space.n, size=lanes)
-    return rng.uniform(1.2 * space.low, 1.2 * space.high, (lanes, 1)).astype(np.float32)
-
-
-def _reset_as_drawn(vector, state, mask):
-    """Begin in the vector environment what the functional one has drawn, in some lanes."""
-    components = zip(state.env.q, state.env.v, strict=True)
-    starts = np.stack([np.asarray(x) for pair in components for x in pair], axis=1)
-    drawn = np.asarray(state.member[0])
-    options = {"state": starts, "mixture_index": drawn, "reset_mask": mask}
-    _, info = vector.reset(seed=0, options=options)
-    np.testing.assert_array_equal(info["mixture_index"][mask], drawn[mask])
-
-
-def _compare(env_id, mixture, lanes, steps, **arguments):
-    """Step both under the same draws, starts and actions, in float64; counts the resets."""
-    env = functional.make(
-        env_id, dtype="float64", mixture=mixture, control_period=PERIOD, **arguments
+def test_every_integrator_and_step_equals_the_vector_environment():
+    """With stops."""
+    compare(
+        "IntegCartPoleSwingUp-v0",
+        {"mixture": EVERYTHING, "control_period": PERIOD},
+        5,
+        3 * len(ALL),
     )
-    vector = _vector(env_id, lanes, mixture, **arguments)
-    transition, initial = (
-        jax.jit(env.transition),
-        jax.jit(lambda key: env.initial(key, None, (lanes,))),
-    )
-    rng, resets = np.random.default_rng(0), 0
-    state = initial(jax.random.key(0))
-    _reset_as_drawn(vector, state, np.ones(lanes, dtype=bool))
-    for step in range(steps):
-        action = _actions(vector.single_action_space, rng, lanes)
-        observation, reward, terminated, truncated, info = vector.step(action)
-        state = transition(state, action, jax.random.key(step), env.default_params)
-        _assert_same(state, vector._state, info)
-        np.testing.assert_allclose(env.observation(state), observation, rtol=1e-6, atol=1e-6)
-        np.testing.assert_allclose(state.outcome.reward, reward, rtol=1e-12, atol=1e-12)
-        np.testing.assert_array_equal(state.outcome.terminated, terminated)
-        np.testing.assert_array_equal(state.outcome.truncated, truncated)
-        done = terminated | truncated
-        if done.any():
-            begun = initial(jax.random.key(1000 + step))
-            state = jax.tree.map(lambda a, b, d=done: jnp.where(d, a, b), begun, state)
-            _reset_as_drawn(vector, state, done)
-            resets += int(done.sum())
-    return resets
-
-
-def _assert_same(state, expected, info):
-    for name in expected._fields:
-        values = jax.tree.leaves(getattr(expected, name))
-        for a, b in zip(jax.tree.leaves(getattr(state.env, name)), values, strict=True):
-            np.testing.assert_allclose(
-                np.asarray(a, float), np.asarray(b, float), rtol=1e-12, atol=1e-12, err_msg=name
-            )
-    told = {
-        "energy_residual": state.outcome.residual_energy,
-        "mixture_index": state.member[0],
-    }
-    for name, values in told.items():
-        np.testing.assert_allclose(values, info[name], rtol=1e-12, atol=1e-12, err_msg=name)
-
-
-WITH_STOPS = "IntegCartPoleSwingUp-v0"
-
-
-@pytest.mark.parametrize(
-    "env_id",
-    [
-        WITH_STOPS,
-        *(pytest.param(x, marks=pytest.mark.slow) for x in ENVIRONMENTS if x != WITH_STOPS),
-    ],
-)
-def test_every_integrator_and_step_equals_the_vector_environment(env_id):
-    """With stops; the other plants, whose programs take as long to compile, in `make test-slow`."""
-    with jax.enable_x64(True):
-        _compare(env_id, EVERYTHING, 3 * len(ALL), steps=5)
 
 
 @pytest.mark.parametrize(
@@ -128,8 +47,7 @@ def test_every_integrator_and_step_equals_the_vector_environment(env_id):
     ids=["resets", "latency", "sensor", "speed limit"],
 )
 def test_draws_anew_at_every_reset_as_the_vector_environment(arguments):
-    with jax.enable_x64(True):
-        assert _compare("IntegPendulum-v0", WEIGHTED, 16, steps=16, **arguments) == 48
+    assert compare("IntegPendulum-v0", {**PARTS, **arguments}, 16, 16) == 48
 
 
 def test_shares_of_a_functional_mixture():
@@ -177,9 +95,6 @@ def test_one_program_serves_other_values():
         env.params(max_speed=8.0)
 
 
-PARTS = {"mixture": WEIGHTED, "control_period": PERIOD}
-
-
 @pytest.mark.parametrize(
     ("changed", "error", "fragments"),
     [
@@ -220,7 +135,7 @@ def test_lanes_that_cannot_be_shared_out_are_refused():
 
 @pytest.mark.parametrize("given", [[0, 1], [0, 1, 3], [0, -1, 0], [0.0, 1.0, 0.0], "rk4"])
 def test_members_that_are_none_are_refused(given):
-    vector = _vector("IntegPendulum-v0", 3, WEIGHTED)
+    vector = vector_of("IntegPendulum-v0", 3, **PARTS)
     with pytest.raises(ValueError, match="whole numbers from 0 to 2, shape"):
         vector.reset(seed=0, options={"mixture_index": given})
     single = gym.make_vec("IntegPendulum-v0", num_envs=3)

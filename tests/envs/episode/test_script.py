@@ -10,6 +10,7 @@ from functools import partial
 import numpy as np
 import pytest
 from driving import Browser, driven
+from pairing import pairs
 from variants import VARIANTS
 
 from integ_gym.envs.environment import environment_setup
@@ -58,8 +59,7 @@ def _played(setup, q, v, actions):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("variant", VARIANTS)
-@pytest.mark.parametrize("env_id", ENVIRONMENTS)
+@pytest.mark.parametrize(("env_id", "variant"), pairs(ENVIRONMENTS, VARIANTS, strength=1))
 def test_a_browser_gets_where_python_gets(env_id, variant, browser):
     for integrator in INTEGRATORS.names():
         setup = environment_setup(env_id, {"integrator": integrator, **VARIANTS[variant]})

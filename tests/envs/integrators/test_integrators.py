@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import product
 
 import gymnasium as gym
 import numpy as np
@@ -24,7 +25,9 @@ from checks import (
     elliptic_pendulum,
     registered_plants,
 )
-from own_plants import PolarElasticPendulum
+from motions import DRIVEN_PLANTS
+from own_plants import CentralSpring, PolarElasticPendulum
+from pairing import pairs
 from stated import stated
 
 from integ_gym.envs.integrators import newton as _newton
@@ -33,13 +36,22 @@ from integ_gym.envs.numerics.accuracy import (
     symplecticity_defect,
     volume_defect,
 )
+from integ_gym.envs.numerics.identity import declared
 from integ_gym.envs.numerics.stepping import advance, linear_map, stability_limit
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.plants.elastic_pendulum import ElasticPendulum
-from integ_gym.envs.registries import INTEGRATORS
+from integ_gym.envs.registries import INTEGRATORS, MAPS
+
+OF_ENGINES = [f"{owner.__module__}:{owner.__name__}" for owner in map(MAPS.load, MAPS.names())]
+"""Maps beside the integrators, which engines apply."""
+MEASURED = [name for name in OF_ENGINES if declared(name).order < 5]
+"""Above order 4, rounding hides the errors before their slope has settled."""
+DECLARED = [*APPROXIMATE, *(name for name in OF_ENGINES if declared(name).symplectic is not None)]
 
 CART_POLE_STATE = (0.1, 0.3, 2.0, 3.0)
 """(x, ẋ, θ, θ̇) at which the failures on the cart-pole were recorded, h = 0.02."""
+
+DAMPED_PLANTS = [*DRIVEN_PLANTS.values(), CentralSpring(damping=0.3)]
 
 POLAR_STATE = (1.2, 0.5, 0.8, 2.0)
 """(r, ṙ, φ, φ̇), h = 0.05."""
@@ -92,18 +104,16 @@ def test_one_step_on_the_oscillator(integrator):
     check_linear_map(integrator, LINEAR_MAPS[integrator])
 
 
-@pytest.mark.parametrize("state", [(0.3, -1.0), (2.0, 1.5), (-4.0, 6.0)])
-@pytest.mark.parametrize("dt", [0.05, 0.01])
-@pytest.mark.parametrize("integrator", ALL)
-def test_one_step_on_the_pendulum(integrator, dt, state):
-    found = advance(integrator, ROD, state, dt)
-    if integrator in EXPLICIT_STEPS:
-        expected = EXPLICIT_STEPS[integrator](*state, dt)
-        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13)
-    elif integrator in IMPLICIT_STEPS:
-        np.testing.assert_allclose(
-            IMPLICIT_STEPS[integrator](*state, *found, dt), 0.0, rtol=0, atol=1e-13
-        )
+@pytest.mark.parametrize("integrator", [*EXPLICIT_STEPS, *IMPLICIT_STEPS])
+def test_one_step_on_the_pendulum(integrator):
+    for state in ((0.3, -1.0), (2.0, 1.5), (-4.0, 6.0)):
+        for dt in (0.05, 0.01):
+            found = advance(integrator, ROD, state, dt)
+            if integrator in EXPLICIT_STEPS:
+                defect = np.subtract(found, EXPLICIT_STEPS[integrator](*state, dt))
+            else:
+                defect = IMPLICIT_STEPS[integrator](*state, *found, dt)
+            np.testing.assert_allclose(defect, 0.0, rtol=0, atol=1e-13)
 
 
 @pytest.mark.parametrize("amplitude", [0.5, 1.5, 3.0])
@@ -113,25 +123,27 @@ def test_reference_is_the_elliptic_solution(amplitude):
     np.testing.assert_allclose(found, truth, rtol=0, atol=1e-10)
 
 
-@pytest.mark.parametrize("integrator", APPROXIMATE)
+@pytest.mark.parametrize("integrator", [*APPROXIMATE, *MEASURED])
 def test_order_against_the_elliptic_solution(integrator):
     check_order_on_the_pendulum(integrator)
 
 
-@pytest.mark.parametrize("plant", registered_plants(), ids=lambda p: p.name)
-@pytest.mark.parametrize("integrator", APPROXIMATE)
+@pytest.mark.parametrize(
+    ("integrator", "plant"),
+    [
+        *product(APPROXIMATE, DAMPED_PLANTS),
+        *((name, DRIVEN_PLANTS["cart_pole"]) for name in MEASURED),
+    ],
+)
 def test_order_on_every_plant(integrator, plant):
+    """Driven and damped, with Coriolis terms where the plant has them."""
     check_order_on(integrator, plant, control=0.7)
 
 
-@pytest.mark.parametrize("integrator", APPROXIMATE)
-def test_order_with_damping_and_coriolis_terms(integrator):
-    check_order_on(integrator, CartPole(mass=0.5, damping=0.05, cart_damping=0.4))
-
-
-@pytest.mark.parametrize("integrator", APPROXIMATE)
-def test_phase_space(integrator):
+@pytest.mark.parametrize("integrator", DECLARED)
+def test_phase_space_and_reversibility(integrator):
     check_phase_space(integrator)
+    check_reversibility(integrator)
 
 
 @pytest.mark.parametrize("integrator", ["explicit_euler", "implicit_euler", "rk4"])
@@ -170,11 +182,6 @@ def test_the_reference_is_symplectic_to_rounding_whatever_the_mass_matrix(plant,
     assert symplecticity_defect("reference", plant, state, dt) < 1e-10
 
 
-@pytest.mark.parametrize("integrator", APPROXIMATE)
-def test_reversibility(integrator):
-    check_reversibility(integrator)
-
-
 def test_symplectic_euler_does_not_come_back():
     defect = reversibility_errors("symplectic_euler", POINT, (math.pi / 2, 0.0), 0.05).max()
     assert defect == stated("0.337")
@@ -184,13 +191,6 @@ def test_symplectic_euler_does_not_come_back():
 def test_reversible_on_the_cart_pole_too(integrator):
     start = (0.0, 0.0, math.pi - 0.5, 0.0)
     assert reversibility_errors(integrator, CartPole(), start, 0.02).max() < 1e-13
-
-
-def test_all_explicit_verlet_is_neither_second_order_nor_reversible_there():
-    start = (0.0, 0.0, math.pi - 0.5, 0.0)
-    assert reversibility_errors("mutants:ExplicitVerlet", CartPole(), start, 0.02).max() > 1e-4
-    with pytest.raises(AssertionError, match=r"order=1\.0"):
-        check_order_on("mutants:ExplicitVerlet", CartPole())
 
 
 @pytest.mark.parametrize("h", [0.01, 0.3, 1.5])
@@ -256,8 +256,13 @@ def test_solver_at_its_cap(integrator, monkeypatch):
     assert list(infos["solver_status"]) == ["not_converged"] * 2
 
 
-@pytest.mark.parametrize("plant", registered_plants(damping=0.3), ids=lambda p: p.name)
-@pytest.mark.parametrize("integrator", APPROXIMATE)
+@pytest.mark.parametrize(
+    ("integrator", "plant"),
+    [
+        *product(APPROXIMATE, registered_plants(damping=0.3)),
+        *pairs(OF_ENGINES, registered_plants(damping=0.3), strength=1),
+    ],
+)
 def test_ledger(integrator, plant):
     check_ledger(integrator, plant)
 

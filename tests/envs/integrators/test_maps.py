@@ -4,45 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from checks import (
-    check_ledger,
-    check_order_on,
-    check_order_on_the_pendulum,
-    check_phase_space,
-    check_reversibility,
-    registered_plants,
-)
+from pairing import pairs
 
 from integ_gym.envs.engines.maps import Tableau, map_names, one_step_map
 from integ_gym.envs.engines.stepping import PlantSystem
-from integ_gym.envs.numerics.identity import declared
 from integ_gym.envs.ops.ops import SCALAR
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.registries import MAPS
 
-
-def _reference(name: str) -> str:
-    owner = MAPS.load(name)
-    return f"{owner.__module__}:{owner.__name__}"
-
-
-ALL = [pytest.param(_reference(name), id=name) for name in MAPS.names()]
-DECLARED = [p for p in ALL if declared(p.values[0]).symplectic is not None]
-MEASURED = [p for p in ALL if declared(p.values[0]).order < 5]
-"""Above order 4, rounding hides the errors before their slope has settled."""
-
 TABLEAUX = [name for name in MAPS.names() if hasattr(MAPS.load(name), "tableau")]
-
-
-@pytest.mark.parametrize("one_step_map", MEASURED)
-def test_order_against_the_elliptic_solution(one_step_map):
-    check_order_on_the_pendulum(one_step_map)
-
-
-@pytest.mark.parametrize("one_step_map", MEASURED)
-def test_order_with_damping_and_coriolis_terms(one_step_map):
-    plant = CartPole(mass=0.5, damping=0.05, cart_damping=0.4)
-    check_order_on(one_step_map, plant, control=0.7)
 
 
 def _trees(order: int) -> set[tuple]:
@@ -95,18 +65,6 @@ def test_a_tableau_is_of_its_order_and_of_no_higher(name):
     assert max(_defects(owner.tableau, owner.order + 1)) > 1e-5
 
 
-@pytest.mark.parametrize("one_step_map", DECLARED)
-def test_phase_space_and_reversibility(one_step_map):
-    check_phase_space(one_step_map)
-    check_reversibility(one_step_map)
-
-
-@pytest.mark.parametrize("plant", registered_plants(damping=0.3), ids=lambda p: p.name)
-@pytest.mark.parametrize("one_step_map", ALL)
-def test_ledger(one_step_map, plant):
-    check_ledger(one_step_map, plant)
-
-
 OF_ONE_END = [n for n in map_names() if getattr(one_step_map(n), "losses_of", None)]
 
 
@@ -132,8 +90,7 @@ class _RoughTrack(CartPole):
         return (1.0 + q[0] * q[0]) * super().dissipation(ops, q, v)
 
 
-@pytest.mark.parametrize("name", OF_BOTH_ENDS)
-@pytest.mark.parametrize("dt", [1e-4, 0.02, 0.1])
+@pytest.mark.parametrize(("name", "dt"), pairs(OF_BOTH_ENDS, (1e-4, 0.02, 0.1), strength=1))
 def test_losses_follow_from_both_ends(name, dt):
     known, rng = one_step_map(name), np.random.default_rng(5)
     system = PlantSystem(_RoughTrack(mass=0.5, damping=0.05, cart_damping=0.4))

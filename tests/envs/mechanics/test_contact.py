@@ -2,33 +2,25 @@
 
 from __future__ import annotations
 
+from functools import cache
 from math import log, pi
 
 import gymnasium as gym
-import jax
 import numpy as np
 import pytest
-from gymnasium.vector import AutoresetMode
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from motions import ALL
+from pairing import pairs
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 from integ_gym.envs.engines.stepping import NativeEngine, PlantSystem
 from integ_gym.envs.mechanics import Stops
-from integ_gym.envs.numerics.energy import ledger
 from integ_gym.envs.numerics.identity import declared
-from integ_gym.envs.ops.jax_ops import JaxOps
 from integ_gym.envs.ops.ops import ARRAY, SCALAR
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.plants.pendulum import Pendulum
-from integ_gym.envs.transition import transition
-
-STOPPED = {
-    "pendulum": ("IntegPendulum-v0", {"joint_limit": 1.0, "start": "uniform"}),
-    "cart_pole": ("IntegCartPoleSwingUp-v0", {"track_limit": 0.05, "stop_stiffness": 500.0}),
-}
 
 speeds = st.floats(-50.0, 50.0)
 angles = st.floats(-3.0, 3.0)
@@ -47,7 +39,7 @@ def departure(arrival: float, damping: float) -> float:
 
 
 @given(x=angles, v=speeds, d=st.floats(0.0, 5.0))
-@settings(max_examples=300)
+@settings(max_examples=100)
 def test_a_stop_pushes_inwards_and_only_takes_energy(x, v, d):
     stops = Stops(0, 1.0, 200.0, d)
     contact = stops.contact(SCALAR, (x,), (v,))
@@ -87,8 +79,7 @@ def test_slopes_are_those_of_the_accelerations(plant):
         assert by_v[0][0] == pytest.approx(expected_v, rel=1e-6, abs=1e-5)
 
 
-@pytest.mark.parametrize("arrival", [0.5, 2.0, 8.0])
-@pytest.mark.parametrize("damping", [0.05, 0.4, 2.0])
+@pytest.mark.parametrize(("arrival", "damping"), [(0.5, 0.4), (2.0, 0.05), (2.0, 2.0), (8.0, 0.4)])
 def test_rebound_has_the_analytic_speed(arrival, damping):
     """The reference's rebound and its loss against g(arrival) = g(-departure)."""
     plant = Pendulum(gravity=0.0, joint_limit=1.0, stop_stiffness=1e3, stop_damping=damping)
@@ -155,8 +146,9 @@ def test_reference_through_a_stop_agrees_with_dop853(plant, q, v, control):
     np.testing.assert_allclose(got, truth, rtol=0, atol=1e-8)
 
 
-@pytest.mark.parametrize("depth", [-1e-7, 1e-7, 1e-5, 1e-4])
-@pytest.mark.parametrize("when", [0.013, 0.05, 0.087])
+@pytest.mark.parametrize(
+    ("depth", "when"), pairs((-1e-7, 1e-7, 1e-5, 1e-4), (0.013, 0.05, 0.087), strength=1)
+)
 def test_reference_sees_a_grazing_touch(depth, when):
     """A free body that turns back just beyond the limit, at any moment within the step."""
     plant = Pendulum(gravity=0.0, joint_limit=1.0, stop_stiffness=1e5)
@@ -168,82 +160,6 @@ def test_reference_sees_a_grazing_touch(depth, when):
     truth = exact(plant, (q,), (arrival,), pull, 0.1)
     got = np.array([*motion.q, *motion.v, *motion.losses])
     np.testing.assert_allclose(got, truth, rtol=0, atol=1e-9)
-
-
-def _bounces(integrator: str, substeps: int) -> tuple[np.ndarray, float]:
-    """States and Σ|residual| after 1 s between soft stops, from 8 places; shape (2, 8) and J."""
-    plant = Pendulum(gravity=0.0, joint_limit=0.5, stop_stiffness=20.0, stop_damping=0.3)
-    system = PlantSystem(plant)
-    engine = NativeEngine(system, integrator, 0.05 / substeps)
-    q, v, residual = (np.linspace(-0.4, 0.4, 8),), (np.full(8, 2.0),), 0.0
-    for _ in range(20):
-        before = system.energy(ARRAY, q, v)
-        motion = engine.advance(ARRAY, q, v, ((0.0, substeps),), None)
-        q, v = motion.q, motion.v
-        change = system.energy(ARRAY, q, v) - before
-        residual += float(np.abs(change + sum(motion.losses)).sum())
-    return np.array([*q, *v]), residual
-
-
-@pytest.mark.parametrize("integrator", [name for name in ALL if name != "reference"])
-def test_contact_converges_as_far_as_it_is_smooth(integrator):
-    """The force has a kink, so no method is better than order 2 across it."""
-    order = 1 if integrator.endswith("euler") else 2
-    truth, exactly = _bounces("reference", 1)
-    assert exactly < 1e-9
-    runs = [_bounces(integrator, n) for n in (8, 16, 32, 64)]
-    errors = [float(np.abs(state - truth).sum()) for state, _ in runs]
-    residuals = [residual for _, residual in runs]
-    for values in (errors, residuals):
-        assert values[-1] < values[0] / 2 ** (3 * (order - 0.3))
-
-
-@pytest.mark.parametrize(
-    ("case", "integrator"),
-    [*(("pendulum", name) for name in ALL), ("cart_pole", "rk4"), ("cart_pole", "implicit_euler")],
-)
-def test_three_worlds_agree_in_contact(case, integrator):
-    env_id, arguments = STOPPED[case]
-    arguments = {"integrator": integrator, "dt": 0.01, **arguments}
-    tolerance = 1e-9 if integrator == "reference" else 1e-12
-    lanes = 5
-    ours = gym.make_vec(env_id, num_envs=lanes, autoreset_mode=AutoresetMode.DISABLED, **arguments)
-    singles = [gym.make(env_id, **arguments).unwrapped for _ in range(lanes)]
-    ours.reset(seed=0)
-    for lane, env in enumerate(singles):
-        env.reset(seed=lane)
-    setup = singles[0].setup
-    rng = np.random.default_rng(0)
-    touched = False
-    with jax.enable_x64(True):
-        ops = JaxOps("float64")
-        advance = jax.jit(lambda state, action: transition(ops, setup, state, action))
-        for _ in range(15):
-            actions = rng.uniform(-10.0, 10.0, (lanes, 1))
-            state, outcome = advance(ours._state, actions[:, 0])
-            _, _, _, _, info = ours.step(actions)
-            for lane, env in enumerate(singles):
-                *_, single = env.step(actions[lane])
-                for name in ("penetration", "contact_force", "contact_loss", "energy_residual"):
-                    assert info[name][lane] == pytest.approx(
-                        single[name], rel=tolerance, abs=tolerance
-                    ), name
-                current = env._state
-                env._state = current._replace(
-                    q=tuple(float(x[lane]) for x in ours._state.q),
-                    v=tuple(float(x[lane]) for x in ours._state.v),
-                    energy=float(ours._state.energy[lane]),
-                )
-            for got, expected in (
-                (outcome.penetration, info["penetration"]),
-                (outcome.contact_force, info["contact_force"]),
-                (outcome.contact_loss, info["contact_loss"]),
-                (state.q[0], ours._state.q[0]),
-                (state.v[0], ours._state.v[0]),
-            ):
-                np.testing.assert_allclose(got, expected, rtol=tolerance, atol=tolerance)
-            touched |= bool((info["penetration"] > 0.0).any())
-    assert touched
 
 
 def test_a_given_state_may_be_beyond_a_stop_and_a_drawn_one_not():
@@ -318,24 +234,9 @@ def test_energy_that_a_rebound_leaves(integrator, left, made_up):
 DRIVEN = CartPole(
     damping=0.02, cart_damping=0.4, track_limit=0.3, stop_stiffness=500.0, stop_damping=0.5
 )
-CONTROLS = np.random.default_rng(4).uniform(-8.0, 8.0, 30)
-START = (0.0, 3.0, pi - 0.3, 0.0)
-"""Thrown from stop to stop by random controls."""
 
 
-def test_the_reference_books_contact_as_an_independent_integral_does():
-    state, touched = START, 0
-    for control in CONTROLS:
-        truth = exact(DRIVEN, state[0::2], state[1::2], control, 0.05)
-        found = ledger("reference", DRIVEN, state, [control], 0.05, 1)
-        state = tuple(truth[[0, 2, 1, 3]])
-        np.testing.assert_allclose(found.state, state, rtol=0, atol=1e-8)
-        assert found.losses_j == pytest.approx(truth[4] + truth[5], abs=1e-8)
-        assert found.total_residual_j < 1e-9
-        touched += truth[5] > 1e-6
-    assert touched > 3
-
-
+@cache
 def _driven(integrator: str, substeps: int) -> dict[str, np.ndarray]:
     """What 64 random starts book in 0.5 s of random controls between the stops, J, shape (64,)."""
     rng, lanes = np.random.default_rng(4), 64
@@ -359,14 +260,14 @@ def _driven(integrator: str, substeps: int) -> dict[str, np.ndarray]:
 
 
 def _orders(integrator: str) -> dict[str, float]:
-    """Order of the mean error of all that is booked, over a sixteenfold refinement."""
+    """Order of the mean error of all that is booked, over an eightfold refinement."""
     truth = _driven("reference", 1)
-    coarse, fine = (_driven(integrator, substeps) for substeps in (8, 128))
+    coarse, fine = (_driven(integrator, substeps) for substeps in (8, 64))
     return {
         name: log(
             np.abs(coarse[name] - truth[name]).mean() / np.abs(fine[name] - truth[name]).mean()
         )
-        / log(16.0)
+        / log(8.0)
         for name in ("residual", "damping", "contact", "work")
     }
 

@@ -41,13 +41,8 @@ def test_critical_steps(plant, dt, state_cost, control_cost, expected):
     assert tuple(_next_millisecond(step) for step in found.values()) == expected
     truth = found["reference"]
     assert found["explicit_euler"] > truth > found["symplectic_euler"] > found["implicit_euler"]
-
-
-def test_explicit_euler_overstates_the_margin_up_to_1_9_times():
-    plant = CartPole()
-    gain = _gain(plant, 0.02, (10, 1, 100, 1), 0.1)
-    ratio = critical_step("explicit_euler", plant, gain) / critical_step("reference", plant, gain)
-    assert ratio == pytest.approx(1.9, abs=0.02)
+    if isinstance(plant, CartPole):
+        assert found["explicit_euler"] / truth == pytest.approx(1.9, abs=0.02)
 
 
 def test_ends_of_the_scan():

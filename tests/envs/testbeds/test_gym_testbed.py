@@ -18,9 +18,6 @@ from integ_gym.envs.foreign import Repeated, StatedEnv, time_limit, wrappers_of
 from integ_gym.envs.settings import Discretization
 from integ_gym.envs.testbeds.gym_testbed import CLASSIC, GymTestbed
 from integ_gym.envs.testbeds.making import find_testbed, make_checked
-from integ_gym.evidence.labels import EpisodeContext
-from integ_gym.evidence.store import EvidenceStore
-from integ_gym.evidence.vector_recorder import RecordVectorEvidence
 
 PAGE = (ROOT / "docs" / "how-to" / "testbeds.md").read_text(encoding="utf-8")
 
@@ -98,27 +95,6 @@ def test_at_home_it_is_the_library_s_own(env_id):
         assert ended[0] == terminated
         if terminated:
             break
-
-
-def test_what_is_not_known_is_null_in_records(tmp_path):
-    testbed = find_testbed("CartPole-v1", {})
-    environments = make_checked(testbed, replace(testbed.home, dt=0.01), 2)
-    recorder = RecordVectorEvidence(environments, tmp_path, EpisodeContext("run", "cell"))
-    recorder.reset(seed=[1, 2])
-    for _ in range(60):
-        recorder.step(np.ones(2, int))
-    recorder.close()
-    records = list(EvidenceStore(tmp_path).records())
-    assert EvidenceStore(tmp_path).verify() == []
-    assert records
-    for record in records:
-        assert (record["engine"], record["integrator"], record["dt"]) == (
-            "gymnasium", "explicit_euler", 0.01,
-        )  # fmt: skip
-        assert record["control_period"] == 0.02
-        assert record["success"] is False
-        for name in ("energy_residual_total", "solver_iterations_max", "work_total"):
-            assert record[name] is None, name
 
 
 @pytest.mark.parametrize("action", [np.nan, np.inf, 10**400], ids=["nan", "inf", "huge"])
@@ -237,13 +213,9 @@ def test_wrappers_stay_and_act_in_every_step():
 @pytest.mark.parametrize(
     ("wrapper", "arguments"),
     [
-        (wrappers.TimeAwareObservation, {}),
         (wrappers.FrameStackObservation, {"stack_size": 2}),
-        (wrappers.DelayObservation, {"delay": 2}),
         (wrappers.StickyAction, {"repeat_action_probability": 0.2}),
-        (wrappers.RepeatAction, {"num_repeats": 2}),
         (wrappers.MaxAndSkipObservation, {"skip": 2}),
-        (wrappers.NormalizeObservation, {}),
         (wrappers.NormalizeReward, {}),
         (wrappers.Autoreset, {}),
     ],

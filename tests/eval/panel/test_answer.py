@@ -2,27 +2,32 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
-from dataclasses import replace
+from typing import Any
 
 import msgspec
 import numpy as np
 import pytest
+import report_example
+from report_example import IMPOSSIBLE, SLOW, UNKNOWN
 
 from integ_gym.envs.settings import Discretization
 from integ_gym.eval.panel.achieve import Tried
 from integ_gym.eval.panel.artefact import build_artefact
 from integ_gym.eval.panel.cells import Cell, Perturbation
 from integ_gym.eval.panel.conclusions import (
-    Finding,
+    NextStep,
     answer_lines,
+    comparison_reason,
     finding_of,
     next_step,
+    remedy_summary,
+    solvable_reason,
+    verdict_reason,
 )
 from integ_gym.eval.panel.matrix import Matrix, PanelLayout
 from integ_gym.eval.panel.result import Cost, Look, Panel, Policy, Row
-from integ_gym.eval.report.forests import paired_success
-from integ_gym.eval.report.page import _headline
 from integ_gym.eval.verdict import Search
 
 HOME = Discretization("symplectic_euler", 0.05, 0.05)
@@ -87,21 +92,21 @@ def judged(
     )  # fmt: skip
 
 
-def found(panel: Panel) -> Finding:
-    finding = finding_of(panel)
-    assert finding is not None
-    return finding
+def step_of(panel: Panel) -> NextStep:
+    step = next_step(panel)
+    assert step is not None
+    return step
 
 
 def test_a_clean_result_leads_with_that() -> None:
     """Nothing is lost on the truth: what is lost on other cells and perturbations comes later."""
     panel = judged({HOME.name: 1.0, RK4.name: 0.2, f"{HOME.name}, {HEAVY}": 0.1})
     first, *rest = panel.answer.splitlines()
-    assert first == (
-        "Success at home 1.00, on the truth 1.00, lost 0.00 (95 % interval −0.03 to 0.03): "
-        "practically equal (within ±0.1), dt is not the cause."
-    )
-    assert found(panel).status == "not_cause"
+    assert first == panel.headline
+    assert tuple(panel.answer.splitlines()) == answer_lines(panel)
+    assert "the reference" not in panel.answer
+    assert panel.truth is not None
+    assert panel.truth.name == TRUTH.name
     others, perturbed = (next(x for x in rest if noun in x) for noun in ("discretiz", "perturb"))
     assert others.startswith("2 other discretizations against home: 1 lower, 1 practically equal")
     assert f"Largest: {RK4.name} lost 0.80 (0.66 to 0.89)." in others
@@ -110,151 +115,104 @@ def test_a_clean_result_leads_with_that() -> None:
     assert f"{HEAVY} lost 0.90" in perturbed
 
 
-def test_a_loss_on_the_truth_is_put_down_to_dt() -> None:
-    panel = judged({HOME.name: 1.0, TRUTH.name: 0.4}, {TRUTH.name: -60.0})
-    assert panel.headline == (
-        "Success at home 1.00, on the truth 0.40, lost 0.60 (95 % interval 0.45 to 0.72): dt is "
-        "the cause."
-    )
-    assert any(
-        line.startswith("Mean return at home −10.00, on the truth −60.00, lost 50.00")
-        and "50 % of its lead over random" in line
-        for line in answer_lines(panel)
-    )
+FINEST = f"at the finest step ({FINER.name})"
+CLOSED = "the truth cannot be solved in time"
 
 
 @pytest.mark.parametrize(
-    ("tried", "end"),
+    ("there", "returned", "told", "status", "said"),
     [
-        (UNREACHED, "the truth cannot be solved in time, so the loss says nothing about dt."),
-        (Tried((0.0,), (1.0,)),
-         "the truth cannot be solved in time, so the loss says nothing about dt."),
-        (Tried(), "whether the truth can be solved in time is not known, so the loss says nothing "
-         "about dt."),
+        (1.0, -10.0, {}, "not_cause",
+         "on the truth 1.00, lost 0.00 (95 % interval −0.03 to 0.03): practically equal"),
+        (0.4, -60.0, {}, "cause", "the truth 0.40, lost 0.60 (95 % interval 0.45 to 0.72): dt is"),
+        (0.1, -10.0, {"tried": UNREACHED}, "closed", CLOSED),
+        (0.1, -10.0, {"tried": Tried((0.0,), (1.0,))}, "closed", CLOSED),
+        (0.1, -10.0, {"tried": Tried()}, "closed", "can be solved in time is not known"),
+        (0.0, -60.0, {"here": 0.0, "tried": Tried()}, "cause",
+         "return at home −10.00, on the truth −60.00, lost 50.00"),
+        (0.0, -60.0, {"here": 0.0, "tried": UNREACHED}, "closed", CLOSED),
+        (0.98, -10.0, {"starts": 400}, "not_cause", "practically equal"),
+        (0.67, -10.0, {"starts": 3}, "undecided", "3 starts do not show whether dt is the cause."),
+        (0.9, -10.0, {"here": 0.4}, "gained", "gained 0.50 (95 % interval 0.35 to 0.63)"),
+        (0.4, -10.0, {"home": None}, "home_unknown",
+         "on the truth 0.40 (0.27 to 0.54); home unknown"),
+        (1.0, -10.0, {"home": TRUTH}, "home_decides", "home is the truth: dt is not the cause."),
+        (1.0, -40.0, {"truth": False}, "cause", f"{FINEST} −40.00, lost 30.00 (95 %"),
+        (1.0, -10.5, {"truth": False}, "not_cause", "within 10 % of its lead over random"),
+        (1.0, -10.0, {"truth": False, "home": FINER}, "home_decides",
+         "home is the finest step here"),
     ],
 )  # fmt: skip
-def test_a_loss_on_a_truth_that_nobody_solves_says_nothing_about_dt(tried: Tried, end: str) -> None:
-    panel = judged({HOME.name: 1.0, TRUTH.name: 0.1}, tried=tried)
-    assert found(panel).status == "closed"
-    assert panel.headline.startswith("Success at home 1.00, on the truth 0.10, lost 0.90 (95 %")
-    assert _headline(panel)[1] == end
-    assert "No conclusion is drawn from some cells" in panel.answer.splitlines()[-1]
-    assert next_step(panel) is None
+def test_the_headline_says_home_truth_loss_and_cause(
+    there: float, returned: float, told: dict[str, Any], status: str, said: str
+) -> None:
+    told = dict(told)
+    where = TRUTH.name if told.get("truth", True) else FINER.name
+    panel = judged({HOME.name: told.pop("here", 1.0), where: there}, {where: returned}, **told)
+    assert said in panel.headline
+    found = finding_of(panel)
+    assert found is not None
+    assert (found.status, found.cell) == (status, where)
+    if status == "closed":
+        assert next_step(panel) is None
 
 
-def test_a_loss_of_return_needs_no_success_on_the_truth() -> None:
-    """But none is put down to dt where a search rules the goal out."""
-    lost = {TRUTH.name: -60.0}
-    assert found(judged({HOME.name: 0.0}, lost, tried=Tried())).status == "cause"
-    assert found(judged({HOME.name: 0.0}, lost, tried=UNREACHED)).status == "closed"
-
-
-def test_a_small_loss_that_is_shown_is_practically_equal() -> None:
-    panel = judged({HOME.name: 1.0, TRUTH.name: 0.98}, starts=400)
-    assert found(panel).status == "not_cause"
-
-
-def test_few_starts_show_nothing_either_way() -> None:
-    panel = judged({HOME.name: 1.0, TRUTH.name: 0.67}, starts=3)
-    assert panel.headline.endswith("3 starts do not show whether dt is the cause.")
-    step = next_step(panel)
-    assert step is not None
-    assert step.command == (
-        "integ-gym evaluate mine.zip --env IntegPendulum-v0 --out runs/mine --episodes 12"
-    ), "in the same directory, which counts its looks"
-    told = f"{panel.command} --episodes 3 --no-progress"
-    step = next_step(judged({HOME.name: 1.0, TRUTH.name: 0.67}, starts=3, command=told))
-    assert step is not None
-    assert step.command == f"{panel.command} --no-progress --episodes 12"
-
-
-def test_what_is_gained_on_the_truth_is_no_loss() -> None:
-    panel = judged({HOME.name: 0.4, TRUTH.name: 0.9})
-    assert "gained 0.50 (95 % interval 0.35 to 0.63)" in panel.headline
-    assert panel.headline.endswith("nothing is lost, and dt makes it look worse at home.")
-
-
-def test_an_unknown_home_is_said_first_and_asked_for() -> None:
-    panel = judged({HOME.name: 1.0, TRUTH.name: 0.4}, home=None)
-    first, second, *_ = panel.answer.splitlines()
-    assert first.startswith("Success on the truth 0.40 (0.27 to 0.54); home unknown, so what is")
-    assert first.endswith("lost is unknown, and so is whether dt is the cause.")
-    assert second.startswith("Success is from 0.40 (the truth) to 1.00 (")
-    step = next_step(panel)
-    assert step is not None
-    assert step.command.endswith("runs/mine-home --home integrator=…,dt=…,control_period=…")
-    assert step.purpose == "Say what it was trained on"
+def test_the_next_command_checks_the_step_or_asks_for_what_is_missing() -> None:
+    """Half the step where success is lost; the same with other seeds where none is."""
+    for there, dt in ((0.4, "0.025"), (1.0, "0.05")):
+        assert step_of(judged({HOME.name: 1.0, TRUTH.name: there})).command == (
+            "integ-gym check --env IntegPendulum-v0 --integrator symplectic_euler "
+            f"--dt {dt} --control-period 0.05 --env-arg max_torque=0.7"
+        )
+    few = {HOME.name: 1.0, TRUTH.name: 0.67}
+    panel = judged(few, starts=3)
+    assert step_of(panel).command == f"{panel.command} --episodes 12", "which counts its looks"
+    again = judged(few, starts=3, command=f"{panel.command} --episodes 3 --no-progress")
+    assert step_of(again).command == f"{panel.command} --no-progress --episodes 12"
+    python = judged(few, starts=3, command="integ_gym.evaluate")
+    assert step_of(python).command == "integ_gym.evaluate(…, episodes=12)"
+    finest = judged({HOME.name: 1.0}, truth=False, home=FINER)
+    assert step_of(finest).command.endswith("--out runs/mine --dt 0.05 --dt 0.025 --dt 0.0125")
+    unknown = judged({HOME.name: 1.0, TRUTH.name: 0.4}, home=None)
+    assert step_of(unknown).command.endswith("--home integrator=…,dt=…,control_period=…")
     look = Look(seeds=1, episodes=50, natives=0, level_exceeds=0.0, level_equivalent=0.0)
-    step = next_step(msgspec.structs.replace(panel, looks=(look, look)))
-    assert step is not None
+    step = step_of(msgspec.structs.replace(unknown, looks=(look, look)))
     assert step.purpose.endswith("; this was look 2, and all of them count there too")
 
 
-def test_a_home_that_is_the_truth_needs_no_comparison() -> None:
-    panel = judged({HOME.name: 1.0}, home=TRUTH)
-    assert panel.headline == "Success at home 1.00, and home is the truth: dt is not the cause."
+def test_reasons_have_the_numbers_that_the_panel_stores() -> None:
+    panel = msgspec.json.decode(json.dumps(report_example.full_panel()), type=Panel)
+    for cell, words in (
+        ("explicit_euler dt=0.05", "Policies trained there: success from 100 % of the starts"),
+        (IMPOSSIBLE, "energy of 19.6 J from 0 % of the starts within 20 s (at most 15.1 J)"),
+        (SLOW, "The hand-made controller: success from 52 % of the starts within two horizons"),
+        (UNKNOWN, "at most 26 %, by the hand-made controller; no search rules the goal out"),
+    ):
+        assert words in solvable_reason(panel, panel.cell(cell))
+    truth = "reference dt=0.05"
+    reasons = {(one.row, one.cell): verdict_reason(panel, one) for one in panel.verdicts}
+    for words in ("5 seeds and 5 native", "at least 33 seeds", "1.00 at home and 0.35 there"):
+        assert words in reasons["explicit_euler dt=0.05", truth]
+    assert "0.00 is below 0.5" in reasons["implicit_euler dt=0.05", truth]
+    many = msgspec.json.decode(json.dumps(report_example.every_verdict_panel()), type=Panel)
+    words = {one.verdict: verdict_reason(many, one) for one in many.verdicts}
+    assert words["fails"].startswith("Overfitting is above 0.2 (adjusted p < 0.001, 48 seeds")
+    assert words["transfers"].startswith("Overfitting is within ±0.1 (adjusted p = 0.0")
+    lost, won = (comparison_reason(panel, one) for one in panel.policy_comparisons)
+    assert lost.startswith("The win is not significant on rk4 dt=0.0125")
+    assert won.startswith("A wins on rk4 dt=0.0125: A − B is 0.86")
+    (remedy,) = panel.remedies
+    assert "On the truth they succeed in 94 %" in remedy_summary(panel, remedy)
+    nowhere = msgspec.structs.replace(remedy, cells=())
+    assert "nothing for mixed steps to remedy" in remedy_summary(panel, nowhere)
+    raw = report_example.full_panel()
+    next(row for row in raw["rows"] if row["name"] == remedy.row)["learned"] = False
+    other = msgspec.json.decode(json.dumps(raw), type=Panel)
+    assert "did not learn" in remedy_summary(other, remedy)
 
 
-def test_without_a_truth_the_finest_step_stands_in_by_its_own_name() -> None:
-    panel = judged({HOME.name: 1.0}, {FINER.name: -40.0}, truth=False)
-    assert panel.headline.startswith(
-        f"Mean return at home −10.00, at the finest step ({FINER.name}) −40.00, lost 30.00 (95 %"
-    )
-    assert panel.headline.endswith("30 % of its lead over random): dt is the cause.")
-    assert "This task has no truth" in panel.answer
-    same = judged({HOME.name: 1.0}, {FINER.name: -10.5}, truth=False)
-    assert same.headline.endswith(
-        "practically equal (within 10 % of its lead over random), dt is not the cause."
-    )
-
-
-def test_a_home_at_the_finest_step_asks_for_a_finer_one() -> None:
-    panel = judged({HOME.name: 1.0}, truth=False, home=FINER)
-    assert "home is the finest step here" in panel.headline
-    step = next_step(panel)
-    assert step is not None
-    assert step.command.endswith("--out runs/mine --dt 0.05 --dt 0.025 --dt 0.0125")
-
-
-def test_a_policy_that_never_succeeds_is_compared_by_its_return() -> None:
-    panel = judged({HOME.name: 0.0}, {TRUTH.name: -60.0})
-    assert panel.headline.startswith("Mean return at home −10.00, on the truth −60.00, lost 50.00")
-    assert "It never succeeds, so returns are compared." in panel.answer
-
-
-@pytest.mark.parametrize(("there", "step"), [(0.4, "0.025"), (1.0, "0.05")])
-def test_the_next_command_checks_the_step(there: float, step: str) -> None:
-    """Half of it where success is lost; the same with other seeds where none is."""
-    following = next_step(judged({HOME.name: 1.0, TRUTH.name: there}))
-    assert following is not None
-    assert following.command == (
-        "integ-gym check --env IntegPendulum-v0 --integrator symplectic_euler "
-        f"--dt {step} --control-period 0.05 --env-arg max_torque=0.7"
-    )
-
-
-def test_from_python_the_next_call_is_named() -> None:
-    panel = judged({HOME.name: 1.0, TRUTH.name: 0.67}, starts=3, command="integ_gym.evaluate")
-    step = next_step(panel)
-    assert step is not None
-    assert step.command == "integ_gym.evaluate(…, episodes=12)"
-
-
-def test_the_file_and_the_page_say_the_same() -> None:
-    panel = judged({HOME.name: 1.0, TRUTH.name: 0.4})
-    assert tuple(panel.answer.splitlines()) == answer_lines(panel)
-    assert panel.headline in repr(panel)
-    assert replace(found(panel)).cell == TRUTH.name
-
-
-def test_the_page_has_perturbations_apart_and_marks_what_is_practically_equal() -> None:
-    panel = judged({HOME.name: 1.0, RK4.name: 0.2, f"{HOME.name}, {HEAVY}": 0.1})
-    forest = paired_success(panel)
-    assert forest is not None
-    cells, perturbed = forest.blocks
-    assert cells.title.endswith("discretizations against what it does at home")
-    assert perturbed.title.endswith("perturbations against what it does at home")
-    assert [line.cell for line in perturbed.lines] == [f"{HOME.name}, {HEAVY}"]
-    tones = {line.cell: line.marks[0].tone for line in cells.lines}
-    assert tones == {FINER.name: "transfers", RK4.name: "accent", "truth": "transfers"}
-    assert "green: practically equal (within ±0.1)" in forest.about
+def test_until_all_seeds_are_here_nothing_is_decided() -> None:
+    raw = {**report_example.full_panel(), "stage": {"seeds": 1, "of": 3}}
+    early = msgspec.json.decode(json.dumps(raw), type=Panel)
+    for said in (verdict_reason(early, early.verdicts[0]), early.headline, early.warnings[-1]):
+        assert "1 of 3 training seeds" in said

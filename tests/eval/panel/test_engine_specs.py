@@ -73,13 +73,6 @@ def test_the_engine_that_is_named_as_missing_applies_what_was_asked(monkeypatch)
         parse_spec(data, "test")
 
 
-def test_one_engine_of_its_own_is_enough_for_a_panel_about_engines(monkeypatch):
-    monkeypatch.setattr(engines, "missing_modules", lambda name: [name] * (name != "native"))
-    data = tomllib.loads(engines_panel.TOML)
-    data["evaluate"].append({"engine": "mujoco", "integrator": "Euler", "dt": 0.05})
-    assert "mujoco" in {d.engine for d in parse_spec(data, "test").grid}
-
-
 @pytest.mark.parametrize("engine", FOREIGN)
 def test_a_missing_extra_is_one_line(engine, monkeypatch, tmp_path, capsys):
     """Of an engine that the specification names."""

@@ -27,11 +27,6 @@ from integ_gym.evidence.sealing import seal
 from integ_gym.train.policy_files.card import card_hash, hashed
 
 
-@pytest.fixture
-def run(panel_directory, tmp_path):
-    return shutil.copytree(panel_directory, tmp_path / "run")
-
-
 def _rewrite(file, change):
     """Records changed, with hashes that fit."""
     table = change(pq.read_table(file))
@@ -61,14 +56,21 @@ def _another_policy(run):
         shutil.copy(other / name, one / name)
 
 
+def _mark(run, file, change=lambda held: None):
+    """Let a unit's marker, changed otherwise too, and the seal fit its records."""
+    marker = run / "units" / f"{file.stem}.json"
+    held = json.loads(marker.read_text())
+    held["records"] = hashlib.sha256(file.read_bytes()).hexdigest()
+    change(held)
+    marker.write_text(json.dumps(held))
+    seal(run)
+
+
 def _marker_too(run):
     """A forger who mends the marker as well."""
     file = next(run.glob("evidence/evaluate-*.parquet"))
     _rewrite(file, _flipped)
-    marker = run / "units" / f"{file.stem}.json"
-    held = json.loads(marker.read_text())
-    held["records"] = hashlib.sha256(file.read_bytes()).hexdigest()
-    marker.write_text(json.dumps(held))
+    _mark(run, file)
 
 
 def _edited(run, mend=lambda card: card):
@@ -110,22 +112,30 @@ ATTACKS = {
     "edited home, hash removed": (lambda run: _edited(run, _unhashed), "is not the policy that"),
     "flipped byte": (_byte, ""),
 }  # fmt: skip
-FIRST, *OTHERS = ATTACKS
-SOME = [FIRST, *(pytest.param(name, marks=pytest.mark.slow) for name in OTHERS)]
-"""All are found in one way by `make test`; that they are in the other ways, by `make test-slow`."""
 
 
-def test_a_finished_run_is_whole_sealed_and_replayed(run, capsys):
-    assert main(["evidence", "verify", str(run), "--all", "--exact"]) == 0
-    told = capsys.readouterr().out
-    for depth in ("whole: ", "sealed: ", "replayed: "):
-        assert depth in told
-    assert main(["report", str(run)]) == 0
+def _verify(run, capsys, *words):
+    """Exit code of verifying a run up to its seal, and what was told."""
+    given = words or ("--depth", "sealed")
+    return main(["evidence", "verify", str(run), "--no-progress", *given]), capsys.readouterr().out
 
 
-def test_policies_of_a_run_decide_again_as_they_did(run, capsys):
-    assert main(["evidence", "verify", str(run), "--all", "--exact", "--policy"]) == 0
-    told = capsys.readouterr().out
+@pytest.mark.parametrize("attack", ATTACKS)
+def test_what_was_touched_is_named_and_not_told_and_no_new_seal_hides_it(run, attack, capsys):
+    change, message = ATTACKS[attack]
+    change(run)
+    assert main(["report", str(run)]) == 2
+    assert "run the panel's command again" in capsys.readouterr().err
+    for _ in range(2):
+        code, told = _verify(run, capsys)
+        assert code == 1
+        assert message in told
+        seal(run)
+
+
+def test_a_finished_run_is_whole_sealed_and_replayed_by_its_policies(run, capsys):
+    code, told = _verify(run, capsys, "--all", "--exact", "--policy")
+    assert code == 0
     (line,) = (line for line in told.splitlines() if line.startswith("replayed: "))
     files = [*run.glob("evidence/evaluate-*.parquet"), *run.glob("evidence/achieve-*.parquet")]
     evaluated = sum(pq.read_metadata(file).num_rows for file in files)
@@ -137,54 +147,32 @@ def test_policies_of_a_run_decide_again_as_they_did(run, capsys):
 def test_the_page_quotes_the_seal_while_it_holds(run, capsys):
     pinned = json.loads((run / "seal.json").read_text())["seal"]
     assert pinned in (run / "report.html").read_text()
-    assert main(["report", str(run)]) == 0
-    assert pinned in (run / "report.html").read_text()
     (run / "seal.json").unlink()
     assert main(["report", str(run)]) == 0
     assert pinned not in (run / "report.html").read_text()
+    code, told = _verify(run, capsys, "--sample", "0")
+    assert code == 1
+    assert "seal.json: is missing: the run is not finished, or" in told
+    assert _verify(run, capsys, "--depth", "whole")[0] == 0
+    assert main(["evidence", "verify", str(run), "--depth", "sealed"]) == 2
+    assert "has no seal.json" in capsys.readouterr().err
 
 
-def test_a_panel_is_signed_at_its_end(run, panel_directory, tmp_path, capsys):
+def test_a_panel_is_signed_at_its_end_and_stays_so_when_it_is_run_again(
+    run, again, tmp_path, capsys
+):
     key = tmp_path / "key"
     subprocess.run(["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-f", str(key)], check=True)
-    assert _panel(run, panel_directory, "--sign", str(key)) == 0
+    assert again(run, "--sign", str(key)) == 0
     assert "Signed by SHA256:" in capsys.readouterr().out
-    verify = ["evidence", "verify", str(run), "--depth", "sealed"]
-    assert main([*verify, "--public-key", str(key.with_suffix(".pub"))]) == 0
-    assert _panel(run, panel_directory, "--sign", str(tmp_path / "none")) == 2
-
-
-@pytest.mark.parametrize("attack", ATTACKS)
-def test_what_was_touched_is_named(run, attack, capsys):
-    change, message = ATTACKS[attack]
-    change(run)
-    assert main(["evidence", "verify", str(run)]) == 1
-    assert message in capsys.readouterr().out
-
-
-@pytest.mark.parametrize("attack", SOME)
-def test_a_new_seal_hides_nothing_that_whole_checks(run, attack, capsys):
-    change, message = ATTACKS[attack]
-    change(run)
-    seal(run)
-    assert main(["evidence", "verify", str(run)]) == 1
-    assert message in capsys.readouterr().out
-
-
-@pytest.mark.parametrize("attack", SOME)
-def test_no_page_is_made_of_what_was_touched(run, attack, capsys):
-    ATTACKS[attack][0](run)
-    assert main(["report", str(run)]) == 2
-    assert "run the panel's command again" in capsys.readouterr().err
-
-
-def _told(run, change):
-    """``panel.json`` changed, and sealed anew."""
-    file = run / "panel.json"
-    panel = json.loads(file.read_text())
-    change(panel)
-    file.write_text(json.dumps(panel))
-    seal(run)
+    public = ("--depth", "sealed", "--public-key", str(key.with_suffix(".pub")))
+    assert _verify(run, capsys, *public)[0] == 0
+    names = ("seal.json", "seal.json.sig", "panel.json", "run.json")
+    before = {name: (run / name).read_bytes() for name in names}
+    assert again(run) == 0
+    assert {name: (run / name).read_bytes() for name in names} == before
+    assert not list(run.glob(".*"))
+    assert again(run, "--sign", str(tmp_path / "none")) == 2
 
 
 def _interval(panel):
@@ -212,21 +200,36 @@ NUMBERS = {
 }
 
 
+def test_numbers_that_the_records_do_not_come_to_are_named(run, capsys):
+    file = run / "panel.json"
+    panel = json.loads(file.read_text())
+    for change, _ in NUMBERS.values():
+        change(panel)
+    file.write_text(json.dumps(panel))
+    seal(run)
+    code, told = _verify(run, capsys)
+    assert code == 1
+    assert all(line.startswith("panel.json: `") for line in told.splitlines()[:-1])
+    for _, message in NUMBERS.values():
+        assert message in told
+    assert main(["report", str(run)]) == 2
+    assert "comes out as" in capsys.readouterr().err
+
+
 def test_a_unit_that_is_gone_with_its_marker_and_file_is_named(run, capsys):
-    gone = ["evaluate-random*", "achieve-rk4-dt-0.05*"]
+    gone = ["evaluate-random*", "achieve-explicit_euler-dt-0.05*"]
     for file in (x for name in gone for x in [*run.glob(f"*/{name}.json"), *run.glob(f"*/{name}")]):
         file.unlink(missing_ok=True)
     (run / "seal.json").unlink()
     seal(run)
-    assert main(["evidence", "verify", str(run), "--depth", "sealed"]) == 1
-    told = capsys.readouterr().out
+    code, told = _verify(run, capsys)
+    assert code == 1
     assert "units: policy 'random', which the plan has, is not evaluated" in told
-    assert "units: achieve-rk4-dt-0.05.json is missing, which the plan has" in told
+    assert "units: achieve-explicit_euler-dt-0.05.json is missing, which the plan has" in told
     assert "no episode is missing" not in told
-    assert main(["report", str(run)]) == 2
 
 
-@pytest.mark.parametrize("version", [1, 2, 3])
+@pytest.mark.parametrize("version", [1, 3])
 def test_records_of_an_earlier_schema_are_no_way_round_what_is_asked_now(run, version, capsys):
     """Earlier versions kept less, so that less is asked of them: the run is not one of theirs."""
     for file in run.glob("evidence/*.parquet"):
@@ -244,45 +247,60 @@ def test_records_of_an_earlier_schema_are_no_way_round_what_is_asked_now(run, ve
     make_fit(run, panel=False)
     seal(run)
     words = f"records of schema version {version} in a run of the version that writes 5"
-    assert main(["evidence", "verify", str(run), "--depth", "sealed"]) == 1
-    assert words in capsys.readouterr().out
+    code, told = _verify(run, capsys)
+    assert (code, words in told) == (1, True)
     manifest = run / "run.json"
     held = json.loads(manifest.read_text())
     held["versions"]["integ-gym"] = "0.9.0"  # the page tells
     manifest.write_text(json.dumps(held))
     seal(run)
-    assert main(["evidence", "verify", str(run), "--depth", "sealed"]) == 1
-    assert words in capsys.readouterr().out
+    code, told = _verify(run, capsys)
+    assert (code, words in told) == (1, True)
 
 
 def test_no_look_is_dropped_by_units_that_do_not_say_after_which_they_were_finished(run, capsys):
     """Nor does it help that all of them are silent."""
-    assert main(["evidence", "verify", str(run), "--depth", "sealed"]) == 0
     for marker in run.glob("units/*.json"):
         held = json.loads(marker.read_text())
         del held["after"]
         marker.write_text(json.dumps(held))
     seal(run)
-    assert main(["evidence", "verify", str(run), "--depth", "sealed"]) == 1
-    assert capsys.readouterr().out.count("`looks` are not those after which unit") > 3
+    code, told = _verify(run, capsys)
+    assert code == 1
+    assert told.count("`looks` are not those after which unit") > 3
     assert main(["report", str(run)]) == 2
 
 
-def test_a_panel_with_policies_of_another_inherits_its_looks(run, panel_directory, tmp_path):
+def test_a_panel_with_policies_of_another_inherits_its_looks(run, again, tmp_path, capsys):
     """Whoever looks at policies again pays for the looks of before."""
     other = tmp_path / "other"
-    assert _panel(other, panel_directory, "--policies", str(run)) == 0
+    assert again(other, "--policies", str(run)) == 0
     seen = json.loads((run / "run.json").read_text())["looks"]
     (before, now) = json.loads((other / "run.json").read_text())["looks"]
     assert [{k: x for k, x in before.items() if k != "spent"}] == seen == [now]
     looks = json.loads((other / "panel.json").read_text())["looks"]
     assert [look["adopted"] for look in looks] == [True, False]
-    assert main(["evidence", "verify", str(other), "--depth", "sealed"]) == 0
-    assert _panel(other, panel_directory, "--policies", str(run)) == 0
+    assert _verify(other, capsys)[0] == 0
+    kept = [file for file in run.glob("policies/*/*") if file.is_file()]
+    for file in [*kept, *run.glob("evidence/train-*")]:
+        assert (other / file.relative_to(run)).read_bytes() == file.read_bytes()
+    for marker in run.glob("units/train-*"):
+        held = json.loads(marker.read_text())
+        assert json.loads((other / "units" / marker.name).read_text()) == {**held, "adopted": True}
+    ours, theirs = (json.loads((one / "panel.json").read_text()) for one in (other, run))
+    assert "--policies" in ours["command"]
+    assert ours["cost"]["train_seconds"] == 0.0 < ours["cost"]["evaluate_seconds"]
+    assert [e["success_by_seed"] for e in ours["matrix"]] == [
+        e["success_by_seed"] for e in theirs["matrix"]
+    ]
+    gone = other / "policies" / "explicit_euler-dt-0.05-seed1" / "policy.zip"
+    gone.unlink()
+    assert again(other, "--policies", str(run)) == 0
+    assert gone.exists()
     assert json.loads((other / "run.json").read_text())["looks"] == [before, now]
     RunDirectory(other, {}).note(looks=[now])
     seal(other)
-    assert main(["evidence", "verify", str(other), "--depth", "sealed"]) == 1
+    assert _verify(other, capsys)[0] == 1
 
 
 def test_what_looks_spent_goes_with_their_policies(tmp_path):
@@ -319,8 +337,8 @@ def test_a_look_that_is_dropped_is_named(run, capsys):
     directory.note(looks=looks[1:])
     (run / "seal.json").unlink()
     seal(run)
-    assert main(["evidence", "verify", str(run), "--depth", "sealed"]) == 1
-    told = capsys.readouterr().out
+    code, told = _verify(run, capsys)
+    assert code == 1
     assert f"run.json: `looks` are not those after which unit {marker.stem} says" in told
 
 
@@ -346,7 +364,7 @@ def _column(phase, name, value):
 
 def _attempts(run):
     """Outcomes of attempts turned round in a marker: a cell that is solved where it is not."""
-    file = run / "units" / "achieve-rk4-dt-0.05.json"
+    file = run / TRIED
     held = json.loads(file.read_text())
     held["success"] = held["recovered"] = [1.0 - x for x in held["success"]]
     file.write_text(json.dumps(held))
@@ -354,7 +372,7 @@ def _attempts(run):
 
 def _search(run):
     """A search that finds no way to the goal."""
-    file = run / "units" / "achieve-rk4-dt-0.05.json"
+    file = run / TRIED
     held = json.loads(file.read_text())
     held["search"]["highest"] = [0.1 for _ in held["search"]["highest"]]
     file.write_text(json.dumps(held))
@@ -362,9 +380,9 @@ def _search(run):
 
 def _no_attempts(run):
     """Attempts taken away, and all that was said of them."""
-    file = run / "units" / "achieve-rk4-dt-0.05.json"
+    file = run / TRIED
     held = json.loads(file.read_text())
-    (run / "evidence" / "achieve-rk4-dt-0.05.parquet").unlink()
+    (run / "evidence" / "achieve-explicit_euler-dt-0.05.parquet").unlink()
     del held["records"]
     held["success"] = held["recovered"] = []
     file.write_text(json.dumps(held))
@@ -374,10 +392,12 @@ def _flip(value):
     return not value
 
 
+TRIED = "units/achieve-explicit_euler-dt-0.05.json"
+
 YARDSTICKS = {
-    "attempts": (_attempts, "units/achieve-rk4-dt-0.05.json: `success` is recorded as"),
-    "a search": (_search, "units/achieve-rk4-dt-0.05.json: `search.highest` is recorded as"),
-    "no attempts": (_no_attempts, "attempt 0 in cell 'rk4 dt=0.05' is missing"),
+    "attempts": (_attempts, f"{TRIED}: `success` is recorded as"),
+    "a search": (_search, f"{TRIED}: `search.highest` is recorded as"),
+    "no attempts": (_no_attempts, "attempt 0 in cell 'explicit_euler dt=0.05' is missing"),
     "an attempt": (_column("attempt", "success", _flip), "`success` is recorded as"),
     "its seed": (_column("attempt", "seed", lambda x: x + 1), "`seed` is recorded as"),
     "a second horizon": (
@@ -400,27 +420,26 @@ YARDSTICKS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("yardstick", YARDSTICKS)
-def test_what_verdicts_rest_on_is_derived(run, yardstick, capsys):
+TOGETHER = [[name] for name in list(YARDSTICKS)[:3]] + [
+    ["an attempt", "its seed", "a second horizon", "a replay at home", "success at home",
+     "a cell's state"],
+    ["its replay"],
+]  # fmt: skip
+"""What is changed in one run: parts of different places."""
+
+
+@pytest.mark.parametrize("yardsticks", TOGETHER, ids=lambda x: x[0])
+def test_what_verdicts_rest_on_is_derived(run, yardsticks, capsys):
     """Each was believed once: hashes, markers and the seal are made to fit."""
-    change, message = YARDSTICKS[yardstick]
-    change(run)
+    assert {name for names in TOGETHER for name in names} == set(YARDSTICKS)
+    for name in yardsticks:
+        YARDSTICKS[name][0](run)
     make_fit(run)
-    assert main(["evidence", "verify", str(run), "--depth", "sealed"]) == 1
-    assert message in capsys.readouterr().out
+    code, told = _verify(run, capsys)
+    assert code == 1
+    for name in yardsticks:
+        assert YARDSTICKS[name][1] in told, name
     assert main(["report", str(run)]) == 2
-
-
-@pytest.mark.parametrize("number", NUMBERS)
-def test_numbers_that_the_records_do_not_come_to_are_named(run, number, capsys):
-    change, message = NUMBERS[number]
-    _told(run, change)
-    assert main(["evidence", "verify", str(run), "--depth", "sealed"]) == 1
-    told = capsys.readouterr().out
-    assert told.startswith("panel.json: `")
-    assert message in told
-    assert main(["report", str(run)]) == 2
-    assert "comes out as" in capsys.readouterr().err
 
 
 def test_another_home_is_named_whatever_was_made_to_fit(run, capsys):
@@ -430,84 +449,117 @@ def test_another_home_is_named_whatever_was_made_to_fit(run, capsys):
     held = json.loads(marker.read_text())
     marker.write_text(json.dumps(held | {"card": card_hash(json.loads(file.read_text()))}))
     seal(run)
-    assert main(["evidence", "verify", str(run), "--depth", "sealed"]) == 1
-    told = capsys.readouterr().out
+    code, told = _verify(run, capsys)
+    assert code == 1
     place = f"policies/{file.parent.name}/policy.json: `config.env_arguments.max_torque`"
     assert f"{place} is recorded as" in told
     assert main(["report", str(run)]) == 2
 
 
-@pytest.mark.parametrize("name", ["episodes", "train", "grid", "trace_every"])
+@pytest.mark.parametrize("name", ["episodes", "grid"])
 def test_a_plan_that_lacks_something_is_named(run, name, capsys):
     file = run / "run.json"
     held = json.loads(file.read_text())
     del held["specification"][name]
     file.write_text(json.dumps(held))
-    assert main(["evidence", "verify", str(run), "--sample", "0"]) == 1
-    told = capsys.readouterr().out
+    code, told = _verify(run, capsys)
+    assert code == 1
     assert f"run.json: its specification is damaged: Object missing required field `{name}`" in told
     assert main(["report", str(run)]) == 2
 
 
-def test_a_finished_panel_that_is_run_again_keeps_seal_and_signature(
-    run, panel_directory, tmp_path
-):
-    key = tmp_path / "key"
-    subprocess.run(["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-f", str(key)], check=True)
-    assert main(["evidence", "seal", str(run), "--sign", str(key)]) == 0
-    names = ("seal.json", "seal.json.sig", "panel.json", "run.json")
-    before = {name: (run / name).read_bytes() for name in names}
-    assert _panel(run, panel_directory) == 0
-    assert {name: (run / name).read_bytes() for name in names} == before
-    assert not list(run.glob(".*"))
-
-
-def test_a_seal_that_is_gone_is_named(run, capsys):
-    (run / "seal.json").unlink()
-    assert main(["evidence", "verify", str(run), "--sample", "0"]) == 1
-    assert "seal.json: is missing: the run is not finished, or" in capsys.readouterr().out
-    assert main(["evidence", "verify", str(run), "--depth", "whole"]) == 0
-
-
-def test_without_a_seal_that_depth_is_refused(run, capsys):
-    (run / "seal.json").unlink()
-    assert main(["evidence", "verify", str(run), "--depth", "sealed"]) == 2
-    assert "has no seal.json" in capsys.readouterr().err
-
-
-def _panel(run, panel_directory, *further):
-    spec = str(panel_directory.parent / "small.toml")
-    return main(["panel", spec, "--out", str(run), "--no-progress", "--workers", "1", *further])
-
-
 @pytest.mark.parametrize("attack", [x for x in ATTACKS if x.startswith("edited")])
-def test_no_panel_takes_policies_that_were_touched(run, panel_directory, attack, tmp_path, capsys):
+def test_no_panel_takes_policies_that_were_touched(run, again, attack, tmp_path, capsys):
     ATTACKS[attack][0](run)
-    spec = str(panel_directory.parent / "small.toml")
-    given = ["panel", spec, "--policies", str(run), "--out", str(tmp_path / "other")]
-    assert main([*given, "--no-progress", "--workers", "1"]) == 2
+    assert again(tmp_path / "other", "--policies", str(run)) == 2
     assert "restore it" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("attack", ["forged outcome", "dropped rows", "swapped policy",
-                                    "edited home"])  # fmt: skip
-def test_a_panel_builds_on_nothing_that_was_touched(run, panel_directory, attack, capsys):
+@pytest.mark.parametrize("attack", ["forged outcome", "swapped policy", "edited home"])
+def test_a_panel_builds_on_nothing_that_was_touched(run, again, attack, capsys):
     ATTACKS[attack][0](run)
-    assert _panel(run, panel_directory) == 2
+    assert again(run) == 2
     assert "restore it" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("cut", [True, pytest.param(False, marks=pytest.mark.slow)])
-def test_a_unit_that_lost_its_records_is_done_again_and_named(run, panel_directory, cut, capsys):
+def test_a_unit_that_lost_its_records_is_done_again_and_named(run, again, capsys):
     file = _evaluation(run)
     before = pq.read_table(file).sort_by("record_id").column("content_hash").to_pylist()
-    if cut:
-        file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
-    else:
-        file.unlink()
-    assert _panel(run, panel_directory) == 0
+    file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+    assert again(run) == 0
     assert f"{file} is missing or cut off: unit {file.stem}" in capsys.readouterr().err
     tables = [pq.read_table(other) for other in run.glob("evidence/evaluate-*.parquet")]
     after = {h for table in tables for h in table.column("content_hash").to_pylist()}
     assert set(before) <= after
-    assert main(["evidence", "verify", str(run)]) == 0
+    assert _verify(run, capsys)[0] == 0
+
+
+TEXTS = {
+    "{": "perturbation", "7": "training_discretization",
+    "[7]": "perturbation", '{"mass":[]}': "training_discretization",
+}  # fmt: skip
+"""What is not what a column holds in JSON, each in the place of one."""
+
+
+@pytest.mark.parametrize("text", TEXTS)
+def test_json_of_a_record_that_is_none_is_found_with_all_else(run, text, capsys):
+    column, file = TEXTS[text], _evaluation(run)
+    table = pq.read_table(file)
+    rows = table.to_pylist()
+    judged = [row for row in rows if row["phase"] == "evaluation" and row["reward"] is not None]
+    judged[0][column] = text
+    judged[-1]["return"] += 1.0
+    _rewrite(file, lambda table: pa.Table.from_pylist(rows, table.schema))
+    _mark(run, file)
+    code, told = _verify(run, capsys, "--all")
+    assert code == 1
+    assert f"`{column}`" in told
+    assert judged[0]["policy_id"] in told
+    assert f"{judged[-1]['record_id']}: `return` is recorded as" in told
+    assert main(["report", str(run)]) == 2
+    assert capsys.readouterr().err.count("\n") <= 4
+
+
+def _first_flipped(table):
+    rows = table.to_pylist()
+    rows[0]["success"] = not rows[0]["success"]
+    return pa.Table.from_pylist(rows, table.schema)
+
+
+def _other_key(held):
+    held["key"] = 7
+
+
+def _other_policies(held):
+    held["policies"] = dict.fromkeys(held["policies"], 7)
+
+
+def _other_cells(held):
+    held["cells"] = {policy: [[]] for policy in held["cells"]}
+
+
+@pytest.mark.parametrize("change", [_other_key, _other_policies, _other_cells])
+def test_a_marker_of_another_form_is_found_with_all_else(run, change, capsys):
+    file = _evaluation(run)
+    _rewrite(file, _first_flipped)
+    _mark(run, file, change)
+    policy = next(run.glob("policies/*"))
+    (policy / "policy.json").write_text("{")
+    seal(run)
+    code, told = _verify(run, capsys)
+    assert code == 1
+    assert f"units/{file.stem}.json" in told
+    assert f"policies/{policy.name}" in told
+    assert "`success` is recorded as" in told
+
+
+def test_a_manifest_of_another_form_is_found_with_all_else(run, capsys):
+    file = _evaluation(run)
+    _rewrite(file, _first_flipped)
+    _mark(run, file)
+    (run / "run.json").write_text('{"specification": 7, "versions": {}}')
+    seal(run)
+    code, told = _verify(run, capsys)
+    assert code == 1
+    assert "run.json" in told
+    assert "`success` is recorded as" in told

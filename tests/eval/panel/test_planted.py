@@ -17,7 +17,7 @@ from integ_gym.eval.panel.result import Cost, Panel, Policy, Row
 from integ_gym.eval.verdict import Search
 
 Rates = npt.NDArray[np.float64]
-SEEDS, EPISODES = 54, 20
+SEEDS, EPISODES = 54, 10
 HERE = Discretization("explicit_euler", 0.05, 0.05)
 THERE = Discretization("symplectic_euler", 0.05, 0.05)
 TRUTH = Discretization("reference", 0.05, 0.05)

@@ -84,10 +84,6 @@ def test_what_the_fleet_cannot_train_is_refused_with_the_other_trainer():
     check_spec(replace(spec, trainer="sb3"))
 
 
-def test_there_are_published_specifications():
-    assert SPECS
-
-
 def test_cells_of_a_row_begin_at_home_and_replays_come_first():
     spec = parse_spec(small_data(), "test")
     home = spec.train[1]
@@ -106,13 +102,8 @@ def test_cells_of_a_row_begin_at_home_and_replays_come_first():
         "explicit_euler dt=0.0125",
     }
     assert [c.name for c in cells if c.role == "reference"] == ["reference dt=0.05"]
-
-
-def test_units_are_rows_times_seeds():
-    spec = parse_spec(small_data(), "test")
     units = units_of(spec)
-    assert len(units) == 3 + 2 * 2
-    assert len({unit.policy for unit in units}) == len(units)
+    assert len({unit.policy for unit in units}) == len(units) == 3 + 2 * 2
 
 
 @pytest.mark.parametrize(
@@ -124,12 +115,9 @@ def test_units_are_rows_times_seeds():
         ({"control_period": 0.06}, ["not a whole multiple"]),
         ({"seeds": []}, ["at least one"]),
         ({"seeds": [0, 0]}, ["twice"]),
-        ({"seeds": [0.5]}, ["Expected `int`, got `float` - at `seeds[0]`"]),
         ({"baselines": ["best"]}, ["unknown baseline 'best'", "handmade"]),
         ({"family": [["rk4 dt=0.05", "no"]]}, ["unknown cell in `family`", "reference dt=0.05"]),
-        ({"family": ["rk4"]}, ["Expected `list`, got `str` - at `family[0]`"]),
         ({"compare": [["rk4 dt=0.05", "rk9 dt=0.05"]]}, ["unknown training discretization"]),
-        ({"environment": {"masss": 2.0}}, ["unexpected keyword argument 'masss'", "mass"]),
         ({"environment": {"mass": -2.0}}, ["`mass`", "above 0"]),
         (
             {"training": {"learning_rat": 1}},
@@ -139,7 +127,6 @@ def test_units_are_rows_times_seeds():
         ({"training": {"total_steps": 0}}, ["total_steps"]),
         ({"train": [{"integrator": "rk9", "dt": 0.05}]}, ["unknown integrator 'rk9'"]),
         ({"train": [{"integrator": "rk4"}]}, ["missing required field `dt` - at `train[0]`"]),
-        ({"train": [{"dt": 0.05}]}, ["needs `integrator` and `dt`"]),
         (
             {"train": [{"integrator": "rk4", "dt": 0.01}], "family": [], "compare": []},
             ["must also be evaluated", "add it to `evaluate`"],
@@ -148,10 +135,7 @@ def test_units_are_rows_times_seeds():
             {"train": [{"integrator": "rk4", "dt": 0.05, "order": 4}]},
             ["unknown field `order` - at `train[0]`"],
         ),
-        ({"perturbations": [{"name": "x"}]}, ["missing required field `environment`"]),
-        ({"baselines": ["random", "random"]}, ["`baselines` lists something twice"]),
         ({"family": [["rk4 dt=0.05", "rk4 dt=0.05"]]}, ["own home"]),
-        ({"compare": [["rk4 dt=0.05", "rk4 dt=0.05"]]}, ["twice"]),
         (
             {"perturbations": [{"name": "x", "environment": {"mass": 2.0}}] * 2},
             ["`perturbations` lists something twice"],
@@ -163,18 +147,10 @@ def test_units_are_rows_times_seeds():
         ),
         ({"episodes": True}, ["got `bool` - at `episodes`"]),
         ({"environment": [1]}, ["Expected `table`, got `list`"]),
-        ({"train": "rk4"}, ["Expected `list`, got `str` - at `train`"]),
-        ({"train": ["rk4"]}, ["Expected `table`, got `str` - at `train[0]`"]),
         ({"train": [{"integrator": 4, "dt": 0.05}]}, ["at `train[0].integrator`"]),
-        ({"evaluate": [{"integrator": "rk4", "dt": "fine"}]}, ["at `evaluate[0].dt`"]),
         ({"evaluate": [{"integrator": "rk4", "dt": float("nan")}]}, ["at `evaluate[0].dt`"]),
-        ({"baselines": [1]}, ["got `int` - at `baselines[0]`"]),
         ({"trainer": "sb4"}, ["unknown trainer", "fleet, sb3"]),
         ({"memory_gib": 0}, ["> 0.0 - at `memory_gib`"]),
-        ({"memory_gib": "4 GiB"}, ["got `str` - at `memory_gib`"]),
-        ({"ladder": "false"}, ["Expected `bool`, got `str` - at `ladder`"]),
-        ({"perturbations": ["mass"]}, ["Expected `table`, got `str` - at `perturbations[0]`"]),
-        ({"name": 3}, ["got `int` - at `name`"]),
     ],
 )  # fmt: skip
 def test_impossible_specifications_name_the_remedy(changes, fragments):
@@ -214,9 +190,11 @@ def test_missing_keys_and_files_are_named(tmp_path):
         parse_spec({"name": "x"}, "x.toml")
     with pytest.raises(SpecError, match="cannot read the specification"):
         read_spec(tmp_path / "none.toml")
-    (tmp_path / "bad.toml").write_text("name = ")
-    with pytest.raises(SpecError, match="not valid TOML"):
-        read_spec(tmp_path / "bad.toml")
+    (tmp_path / "latin.toml").write_bytes('name = "é"'.encode("latin-1"))
+    with pytest.raises(SpecError, match="not UTF-8"):
+        read_spec(tmp_path / "latin.toml")
+    with pytest.raises(SpecError, match="/dev/zero: it is a device or a pipe and no file"):
+        read_spec(Path("/dev/zero"))
 
 
 def test_every_panel_has_its_baselines_and_checks():
@@ -263,12 +241,6 @@ def test_what_would_only_fail_or_mislead_later_is_refused(changes, fragment):
         check_spec(parse_spec(small_data(**changes), "panel.toml"))
 
 
-def test_a_file_that_is_not_utf8_is_refused(tmp_path):
-    (tmp_path / "latin.toml").write_bytes('name = "é"'.encode("latin-1"))
-    with pytest.raises(SpecError, match="not UTF-8"):
-        read_spec(tmp_path / "latin.toml")
-
-
 @pytest.mark.parametrize(
     ("content", "message"),
     [
@@ -286,11 +258,6 @@ def test_files_that_are_no_specification_are_refused(tmp_path, content, message)
     assert str(file) in str(refused.value)
 
 
-def test_a_file_without_end_is_refused():
-    with pytest.raises(SpecError, match="/dev/zero: it is a device or a pipe and no file"):
-        read_spec(Path("/dev/zero"))
-
-
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
@@ -302,7 +269,6 @@ def test_a_file_without_end_is_refused():
         ({"environment": {"duration": 1e9}}, "more than 1e.09 control periods"),
         ({"training": {"total_steps": 10**13}}, "days of one core, and at most 10000 runs and 365"),
         ({"training": {"net_arch": [10**9]}}, "whole numbers, from 1 to 4096"),
-        ({"training": {"net_arch": [64] * 1000}}, "at most 16 whole numbers"),
     ],
 )
 def test_what_nobody_could_wait_for_is_refused_at_once(changes, message):
@@ -319,7 +285,7 @@ def test_planned_looks_are_kept_and_records_do_not_depend_on_them():
     assert inputs(planned, planned.columns()) == inputs(without, planned.columns())
 
 
-@pytest.mark.parametrize("looks", [[42, 10], [42, 42], [4, 42]])
+@pytest.mark.parametrize("looks", [[42, 42], [4, 42]])
 def test_looks_that_cannot_be_are_refused(looks):
     with pytest.raises(SpecError, match="`looks` must hold numbers of seeds from 5 on"):
         parse_spec(small_data(looks=looks), "test")

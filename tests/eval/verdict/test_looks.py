@@ -58,32 +58,18 @@ def _wrong(looks: tuple[int, ...], planned: tuple[int, ...] = ()) -> float:
 
 
 @pytest.mark.parametrize(
-    ("looks", "chance"),
-    [
-        ((42,), 0.012),
-        ((42, 52), 0.012),
-        ((30, 42, 52, 64), 0.012),
-        ((10, 23, 36, 49, 62, 75, 88, 100), 0.023),
-    ],
-)
-def test_a_wrong_verdict_at_any_look_is_as_rare_as_at_one(looks, chance):
-    """Without spending these are 0.012, 0.031, 0.072 and 0.063."""
-    assert _wrong(looks) == pytest.approx(chance, abs=0.006)
-
-
-@pytest.mark.parametrize(
     ("looks", "planned", "chance"),
     [
-        ((42,), (42,), 0.012),
+        ((30, 42, 52, 64), (), 0.012),
+        ((10, 23, 36, 49, 62, 75, 88, 100), (), 0.023),
         ((31,), (31,), 0.038),
         ((42, 52, 64), (42,), 0.012),
-        ((42, 52), (42, 52), 0.012),
         ((30, 42, 52, 64), (30, 42, 52, 64), 0.011),
     ],
 )
-def test_a_wrong_verdict_at_any_planned_look_is_rare(looks, planned, chance):
-    assert _wrong(looks, planned) == pytest.approx(chance, abs=0.008)
-    assert _wrong(looks, planned) < 0.05
+def test_a_wrong_verdict_at_any_look_is_as_rare_as_at_one(looks, planned, chance):
+    """Without spending the first two are 0.072 and 0.063."""
+    assert _wrong(looks, planned) == pytest.approx(chance, abs=0.008 if planned else 0.006)
 
 
 def test_all_looks_together_have_the_level():

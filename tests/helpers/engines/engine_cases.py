@@ -7,12 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from functools import cache
-from itertools import product
 from typing import Any
 
 import numpy as np
 import pytest
-from pairing import covering
+from pairing import pairs
 
 from integ_gym.envs.engines.stepping import missing_modules
 from integ_gym.envs.environment import environment_setup
@@ -32,13 +31,7 @@ DAMPING = {
 TOLERANCE = {64: 1e-9, 32: 2e-6}
 """Of the one-step identity, by the width of the engine's floats."""
 
-CASES = [
-    (engine, integrator, env_id)
-    for engine in FOREIGN
-    for integrator in ENGINES.load(engine).maps
-    for env_id in IDS
-]
-EVERY = [(engine, integrator) for engine, integrator, env_id in CASES if env_id == IDS[0]]
+EVERY = [(engine, integrator) for engine in FOREIGN for integrator in ENGINES.load(engine).maps]
 """Every integrator of every engine."""
 
 FIRST = [(engine, next(iter(ENGINES.load(engine).maps))) for engine in FOREIGN]
@@ -65,26 +58,12 @@ def lighter(cases: Sequence[tuple[str, ...]]) -> list[Any]:
     ]
 
 
-def one_of_each(cases: Sequence[tuple[str, str]]) -> list[Any]:
-    """Engines and integrators; all but the first integrator of each engine are marked slow."""
-    first = dict(reversed(cases))
-    return [
-        case if case[1] == first[case[0]] else pytest.param(*case, marks=pytest.mark.slow)
-        for case in cases
-    ]
-
-
 def sparing(*axes: Iterable[Any], strength: int = 2) -> list[Any]:
-    """Engines and integrators with values of axes: of engines that compile, those of `covering`."""
+    """Every integrator of every engine with values of axes; once, of engines that compile."""
     light = [case for case in EVERY if case[0] not in COMPILING]
     heavy = [case for case in EVERY if case[0] in COMPILING]
-    return [
-        *((*case, *values) for case, *values in product(light, *axes)),
-        *(
-            pytest.param(*given.values[0], *given.values[1:], marks=given.marks)
-            for given in covering(heavy, *axes, strength=strength)
-        ),
-    ]
+    chosen = *pairs(light, *axes, strength=strength), *pairs(heavy, *axes, strength=1)
+    return [(*case, *values) for case, *values in chosen]
 
 
 def native_name(name: str) -> str:

@@ -42,3 +42,15 @@ def _chosen(whole: Sequence[tuple[Any, ...]], strength: int) -> list[int]:
 
 def _axes(count: int, strength: int) -> Iterable[tuple[int, ...]]:
     return combinations(range(count), strength)
+
+
+def pairs(*axes: Iterable[Any], strength: int = 2) -> list[Any]:
+    """Few combinations in which any two values of two axes meet, or every value occurs once."""
+    whole = list(product(*axes))
+    return [whole[place] for place in sorted(_chosen(whole, strength))]
+
+
+def in_turn(*axes: Iterable[Any]) -> list[tuple[Any, ...]]:
+    """Few combinations in which each value of each axis occurs: the n-th of all, in turn."""
+    values = [list(axis) for axis in axes]
+    return [tuple(own[n % len(own)] for own in values) for n in range(max(map(len, values)))]

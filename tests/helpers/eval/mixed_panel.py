@@ -15,11 +15,11 @@ compare = [["both", "explicit_euler dt=0.05"]]
 [environment]
 start = "hanging"
 max_torque = 1.0
-duration = 3.0
+duration = 2.0
 
 [training]
-total_steps = 2048
-n_steps = 64
+total_steps = 1024
+n_steps = 32
 
 [[train]]
 integrator = "explicit_euler"

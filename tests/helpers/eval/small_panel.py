@@ -49,6 +49,45 @@ environment = { action_latency = 0.05 }
 """
 
 
+TINY = """
+name = "tiny"
+env_id = "IntegPendulum-v0"
+control_period = 0.05
+seeds = [0, 1]
+episodes = 3
+trainer = "sb3"
+baselines = ["random"]
+family = [["explicit_euler dt=0.05", "reference dt=0.05"]]
+ladder = false
+
+[environment]
+start = "hanging"
+max_torque = 1.0
+duration = 2.0
+
+[training]
+total_steps = 256
+n_envs = 4
+n_steps = 32
+batch_size = 64
+n_epochs = 1
+net_arch = [8]
+
+[[train]]
+integrator = "explicit_euler"
+dt = 0.05
+
+[[evaluate]]
+integrator = "explicit_euler"
+dt = 0.05
+
+[[perturbations]]
+name = "mass +20 %"
+environment = { mass = 1.2 }
+"""
+"""As few rows and cells as a panel can have that is judged: to run, verify and report often."""
+
+
 def small_data(**changes: Any) -> dict[str, Any]:
     """The panel's specification as plain data, with changes."""
     return {**tomllib.loads(TOML), **changes}

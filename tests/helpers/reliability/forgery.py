@@ -25,6 +25,13 @@ Names = tuple[str, ...]
 EVALUATED = "evidence/evaluate-*.parquet"
 
 
+def with_column(table: pa.Table, name: str, values: Any) -> pa.Table:
+    """A table whose column holds other values."""
+    field = table.schema.field(name)
+    place = table.schema.get_field_index(name)
+    return table.set_column(place, field, pa.array(values, field.type))
+
+
 def outcome(run: Path, other: Path, rng: random.Random) -> Names:
     """Make a failure a success, or the other way round."""
 

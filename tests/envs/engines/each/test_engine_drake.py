@@ -6,7 +6,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from engine_cases import DAMPING, mapped, needs, one_step, setup_of, states
-from engine_checks import new_setup
+from pairing import pairs
 
 import integ_gym  # noqa: F401
 from integ_gym.envs.engines.drake import (
@@ -28,14 +28,10 @@ def _setup(integrator: str, env_id: str = "IntegCartPole-v0", **arguments):
     return setup_of("drake", integrator, env_id, **arguments)
 
 
-@pytest.mark.parametrize(
-    ("env_id", "dt"),
-    [("IntegCartPole-v0", 0.02), ("IntegPendulum-v0", 0.002), ("IntegPendulum-v0", 0.05)],
-)
 @pytest.mark.parametrize("integrator", ALL)
-def test_a_step_depends_on_nothing_that_went_before(integrator, env_id, dt):
+def test_a_step_depends_on_nothing_that_went_before(integrator):
     """To the last bit, in any order, and after a state in which Drake gives up or struggles."""
-    setup = _setup(integrator, env_id, dt=dt)
+    setup = _setup(integrator)
     cases, n = states(setup, 6), len(setup.plant.coordinates)
     alone = [one_step(setup, *case) for case in cases]
     run = setup.engine.run(1)
@@ -64,8 +60,7 @@ def test_what_is_solved_is_reported_where_drake_tells(integrator):
     assert solver["solver_tolerance"] == (1e-12 if integrator in IMPLICIT else None)
 
 
-@pytest.mark.parametrize("dt", [0.02, 0.1])
-@pytest.mark.parametrize("integrator", IMPLICIT)
+@pytest.mark.parametrize(("integrator", "dt"), pairs(IMPLICIT, (0.02, 0.1), strength=1))
 def test_no_step_leaves_a_trace(integrator, dt):
     """To the last bit: not whole ones, nor those that Drake divides, nor those that it gives up."""
     engine, rng = _setup(integrator, dt=dt).engine, np.random.default_rng(11)
@@ -83,20 +78,6 @@ def test_no_step_leaves_a_trace(integrator, dt):
         np.testing.assert_array_equal(run(*cases[place]), alone[place])
 
 
-@pytest.mark.parametrize("integrator", ["radau1", "radau3"])
-def test_a_step_that_is_divided_depends_on_nothing_that_went_before(integrator):
-    """To the last bit, though its parts are rounded with the time at which they are taken."""
-    needs("drake")
-    fast, slow = (0.0, 0.1, 1.0, 150.0, 10.0, 0.0), (0.0, 0.1, 1.0, 2.0, 10.0, 0.0)
-    made = [new_setup("drake", integrator, "IntegCartPole-v0", dt=0.1).engine for _ in range(3)]
-    run = made[0].run(1)
-    divided, whole = made[1].run(1)(*fast), made[2].run(1)(*slow)
-    assert (divided[-1], whole[-1]) == (False, True)
-    for _ in range(5):
-        assert run(*fast) == divided
-        assert run(*slow) == whole
-
-
 @pytest.mark.parametrize("integrator", CONTINUOUS)
 def test_damping_takes_what_it_takes_in_the_map(integrator):
     """Of every step that Drake does not divide; what a divided one loses is not known."""
@@ -112,24 +93,6 @@ def test_damping_takes_what_it_takes_in_the_map(integrator):
         else:
             assert np.isnan(step.losses[0])
     assert kinds == ({True, False} if integrator in IMPLICIT else {True})
-
-
-@pytest.mark.parametrize("integrator", ["runge_kutta3", "radau3"])
-def test_lanes_report_as_single_environments_do(integrator):
-    needs("drake")
-    arguments = {"engine": "drake", "integrator": integrator, "dt": 0.02}
-    many = gym.make_vec("IntegCartPole-v0", num_envs=2, **arguments)
-    states = np.array([[0.0, 1.0, 0.1, 2.0], [0.0, 1.0, 0.1, 150.0]])
-    many.reset(options={"state": states})
-    *_, told = many.step(np.ones(2, dtype=int))
-    for lane in range(2):
-        single = gym.make("IntegCartPole-v0", disable_env_checker=True, **arguments)
-        single.reset(options={"state": tuple(states[lane])})
-        *_, info = single.step(1)
-        for name in ("solver_iterations", "solver_status", "energy"):
-            assert told[name][lane] == info[name]
-    expected = "not_converged" if integrator == "radau3" else "ok"
-    assert told["solver_status"].tolist() == ["ok", expected]
 
 
 @pytest.mark.parametrize("integrator", IMPLICIT)

@@ -9,8 +9,6 @@ from engine_cases import DAMPING, IDS, needs, setup_of, states
 
 from integ_gym.envs.ops.ops import SCALAR
 from integ_gym.envs.registries import INTEGRATORS
-from integ_gym.envs.steps import trace_function
-from integ_gym.envs.transition import scalar_step
 
 pytestmark = pytest.mark.usefixtures("pinocchio")
 
@@ -60,14 +58,6 @@ def test_friction_and_stops_act_as_in_the_native_engine(integrator):
         assert a["solver_status"] == b["solver_status"]
         for name in ("energy", "dissipated", "contact_loss", "energy_residual", "penetration"):
             assert a[name] == pytest.approx(b[name], abs=1e-9), name
-
-
-@pytest.mark.parametrize("integrator", INTEGRATORS.names())
-def test_its_steps_are_traced(integrator):
-    assert (
-        trace_function(setup_of("pinocchio", integrator, "IntegCartPole-v0"), scalar_step)
-        is not None
-    )
 
 
 def test_an_integrator_of_the_users_own():

@@ -62,10 +62,8 @@ def cart_pole_run(cart_pole_policy, made_once) -> Path:
     command = ["evaluate", str(cart_pole_policy), "--env", "IntegCartPole-v0", "--no-progress"]
 
     def make(folder: Path) -> None:
-        assert (
-            main([*command, "--home", "stock", "--episodes", "10", "--out", str(folder / "out")])
-            == 0
-        )
+        few = ["--integrator", "rk4", "--dt", "0.02", "--episodes", "10"]
+        assert main([*command, *few, "--home", "stock", "--out", str(folder / "out")]) == 0
 
     return made_once("cart_pole_run", make) / "out"
 
@@ -82,7 +80,8 @@ def test_writes_the_usual_directory(cart_pole_policy, cart_pole_run):
     assert panel["doubts"] == []
     assert [row["name"] for row in panel["rows"]] == ["balance", "random", "zero", "handmade"]
     assert panel["rows"][0]["home"] == "explicit_euler dt=0.02"
-    assert len(panel["cells"]) == 6 * 3 + 1 + 4
+    existing = read_existing(cart_pole_policy, "IntegCartPole-v0", {}, home="stock")
+    assert len(plan(existing, "IntegCartPole-v0").columns()) == 6 * 3 + 1
     assert {c["perturbation"] for c in panel["cells"]} == {None, "mass +20 %", "latency +20 ms"}
     (policy,) = panel["rows"][0]["policies"]
     assert (cart_pole_run / policy["file"]).read_bytes() == cart_pole_policy.read_bytes()
@@ -138,8 +137,7 @@ def test_warns_where_the_policy_is_no_better_than_random(pendulum_policy, tmp_pa
     told = capsys.readouterr().err
     assert "Complete: nothing to evaluate.\n" in told
     assert "trying" not in told
-    assert main([*command, *selected, "--no-progress"]) == 0
-    assert "\nwarning: " in capsys.readouterr().err
+    assert "warning: " in told
     panel = _panel(out)
     assert panel["doubts"]
     assert {c["name"] for c in panel["cells"] if c["perturbation"] is None} == {
@@ -154,7 +152,6 @@ def test_warns_where_the_policy_is_no_better_than_random(pendulum_policy, tmp_pa
         (["--env", "IntegPendulum-v0"], "shape"),
         (["--env", "IntegCartPole-v0", "--integrator", "rk9"], "unknown integrator 'rk9'"),
         (["--env", "IntegCartPole-v0", "--dt", "-1"], "above 0"),
-        (["--env", "IntegCartPole-v0", "--dt", "nan"], "finite"),
         (["--env", "IntegCartPole-v0", "--dt", "0.013"], "not a whole multiple"),
         (["--env", "IntegCartPole-v0", "--env-arg", "masss=1"], "unexpected keyword argument"),
         (
@@ -162,7 +159,6 @@ def test_warns_where_the_policy_is_no_better_than_random(pendulum_policy, tmp_pa
             "what the evaluation varies",
         ),
         (["--env", "IntegCartPole-v0", "--episodes", "0"], "--episodes must be 1 or above"),
-        (["--env", "IntegCartPole-v0", "--obs-stats", "missing.json"], "missing.json"),
     ],
 )
 def test_bad_input_leaves_nothing_behind(untrained_policy, tmp_path, capsys, arguments, fragment):
@@ -205,14 +201,6 @@ def test_a_side_car_gives_the_home(panel_directory, tmp_path, capsys):
     capsys.readouterr()
     assert main([*command, "--out", str(tmp_path / "second"), "--no-progress"]) == 2
     assert "not the policy that" in capsys.readouterr().err
-
-
-def test_a_file_that_is_no_policy_is_refused(tmp_path, capsys):
-    (tmp_path / "x.zip").write_bytes(b"PK nothing")
-    command = ["evaluate", str(tmp_path / "x.zip"), "--env", "IntegPendulum-v0"]
-    assert main([*command, "--out", str(tmp_path / "out")]) == 2
-    assert capsys.readouterr().err.startswith("integ-gym evaluate: ")
-    assert not (tmp_path / "out").exists()
 
 
 def _with_card(tmp_path, panel_directory, change) -> Path:
@@ -289,6 +277,13 @@ def test_default_steps_divide_the_latency_of_the_training(panel_directory, tmp_p
     assert sorted(d.dt for d in spec.grid) == pytest.approx([0.0025, 0.005, 0.01])
 
 
+def test_a_stock_policy_meets_the_pendulum_where_the_speed_is_limited(pendulum_policy):
+    """Without a limit the observation space is another, and stable-baselines3 refuses."""
+    with pytest.raises(ValueError, match="Observation spaces do not match"):
+        PPO.load(pendulum_policy, env=gym.make("IntegPendulum-v0"))
+    assert PPO.load(pendulum_policy, env=gym.make("IntegPendulum-v0", max_speed=8.0))
+
+
 def test_json_of_somebody_else_is_no_side_car(tmp_path):
     (tmp_path / "model.zip").write_bytes(b"")
     assert not has_sidecar(tmp_path / "model.zip")
@@ -299,8 +294,9 @@ def test_json_of_somebody_else_is_no_side_car(tmp_path):
         assert has_sidecar(tmp_path / "model.zip")
 
 
-def test_a_stock_policy_meets_the_pendulum_where_the_speed_is_limited(pendulum_policy):
-    """Without a limit the observation space is another, and stable-baselines3 refuses."""
-    with pytest.raises(ValueError, match="Observation spaces do not match"):
-        PPO.load(pendulum_policy, env=gym.make("IntegPendulum-v0"))
-    assert PPO.load(pendulum_policy, env=gym.make("IntegPendulum-v0", max_speed=8.0))
+def test_a_file_that_is_no_policy_is_refused(tmp_path, capsys):
+    (tmp_path / "x.zip").write_bytes(b"PK nothing")
+    command = ["evaluate", str(tmp_path / "x.zip"), "--env", "IntegPendulum-v0"]
+    assert main([*command, "--out", str(tmp_path / "out")]) == 2
+    assert capsys.readouterr().err.startswith("integ-gym evaluate: ")
+    assert not (tmp_path / "out").exists()

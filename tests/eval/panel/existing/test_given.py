@@ -18,9 +18,7 @@ from torch import nn
 import integ_gym
 from integ_gym.cli import main
 from integ_gym.eval.panel.policies import given_policy, is_reference, read_existing
-from integ_gym.evidence.store import EvidenceStore
 from integ_gym.train.policy import MlpPolicy
-from integ_gym.train.policy_files.writing import save_policy
 
 PENDULUM = "IntegPendulum-v0"
 
@@ -174,35 +172,6 @@ def test_a_script_without_a_guard_is_told_so_before_anything_is_created(how, tmp
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.slow
-def test_the_same_policy_in_three_files_gives_equal_records(tmp_path):
-    """But for its name and hash, and what is measured in time; a graph rounds differently."""
-    model = PPO("MlpPolicy", "Pendulum-v1", seed=0, device="cpu")
-    files = [tmp_path / "zip" / "one.zip"]
-    files[0].parent.mkdir()
-    model.save(files[0])
-    for suffix in ("safetensors", "onnx"):
-        path = tmp_path / suffix / f"one.{suffix}"
-        path.parent.mkdir()
-        files.append(save_policy(model, path, PENDULUM, home="stock"))
-    columns = "cell, episode_index, seed, success, failure_label, return, training_discretization"
-    found = []
-    for path in files:
-        out = path.parent / "out"
-        integ_gym.evaluate(
-            path, PENDULUM, out, home="stock", integrators=["rk4"], dts=[0.05], episodes=4,
-            workers=1, progress=False,
-        )  # fmt: skip
-        query = f"SELECT {columns} FROM records WHERE policy_id = 'one' ORDER BY 1, 2".replace(
-            "return", '"return"'
-        )
-        found.append(EvidenceStore(out / "evidence").query(query).to_pylist())
-    assert found[0] == found[1]
-    for one, of_graph in zip(found[0], found[2], strict=True):
-        assert of_graph.pop("return") == pytest.approx(one.pop("return"), rel=1e-3)
-        assert of_graph == one
-
-
 def test_a_model_that_remembers_is_refused():
     model = RecurrentPPO("MlpLstmPolicy", "Pendulum-v1", n_steps=8, device="cpu")
     with pytest.raises(ValueError, match="RecurrentPPO remembers earlier observations"):
@@ -220,17 +189,6 @@ def test_a_model_that_cannot_be_read_is_asked_with_its_statistics():
     seen = np.array([[1.0, 0.0, 3.0]], dtype=np.float32)
     expected = model.predict(env.normalize_obs(seen), deterministic=True)[0]
     np.testing.assert_allclose(policy.act(seen), expected, atol=1e-6)
-
-
-def test_a_reference_in_place_of_a_file_is_a_function(tmp_path, monkeypatch):
-    """Without a file of that name."""
-    for given in (f"{__name__}:swing", Path(f"{__name__}:swing")):
-        panel = integ_gym.evaluate(
-            given, PENDULUM, tmp_path / type(given).__name__, integrators=["rk4"], dts=[0.05],
-            episodes=1, environment={"duration": 0.5}, workers=1, progress=False,
-            on_doubt=lambda doubt: None,
-        )  # fmt: skip
-        assert panel.rows[0].name == "swing"
 
 
 WITHOUT_JAX = """
@@ -258,12 +216,6 @@ def test_what_is_for_files_is_refused_of_others(tmp_path):
         integ_gym.evaluate(swing, PENDULUM, tmp_path / "out", own_code=True)
     with pytest.raises(TypeError, match="obs_stats must be a file, which the run keeps; save its"):
         integ_gym.evaluate(tmp_path / "p.zip", PENDULUM, tmp_path / "out", obs_stats={"mean": [0]})
-    assert not (tmp_path / "out").exists()
-
-
-def test_statistics_are_for_files(tmp_path):
     with pytest.raises(ValueError, match="are given for a policy's file"):
-        integ_gym.evaluate(
-            lambda seen: [0.0], "IntegPendulum-v0", tmp_path / "out", obs_stats="gone.pkl"
-        )
+        integ_gym.evaluate(swing, PENDULUM, tmp_path / "out", obs_stats="gone.pkl")
     assert not (tmp_path / "out").exists()

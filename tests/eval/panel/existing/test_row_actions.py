@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gymnasium as gym
 import numpy as np
-import pytest
 from gymnasium import spaces
 from stable_baselines3 import PPO, SAC
 
@@ -71,12 +70,10 @@ def test_every_form_of_a_policy_gives_rows(tmp_path):
         assert len({policy.content_hash for policy in read[:2]}) == 1
 
 
-@pytest.mark.parametrize("form", ["function", "file"])
-def test_a_policy_is_judged_where_actions_are_rows(form, tmp_path):
-    policy = row
-    if form == "file":
-        policy = tmp_path / "model.zip"
-        _models()[1].save(policy)
+def test_a_policy_is_judged_where_actions_are_rows(tmp_path):
+    given_policy(row, ROWS, {})
+    policy = tmp_path / "model.zip"
+    _models()[1].save(policy)
     panel = integ_gym.evaluate(
         policy, ROWS, tmp_path / "out", dts=[0.05], episodes=2, workers=1, progress=False,
         on_doubt=lambda doubt: None,

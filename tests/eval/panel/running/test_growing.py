@@ -9,8 +9,9 @@ from pathlib import Path
 
 import pytest
 from engine_cases import needs
-from small_panel import TOML, small_data
+from small_panel import TINY, small_data
 
+import integ_gym
 from integ_gym.cli import main
 from integ_gym.eval.panel import outputs
 from integ_gym.eval.panel import plan as growth
@@ -24,8 +25,8 @@ SAME = ("row", "cell", "success_by_seed", "return", "energy_residual", "overfitt
 
 @pytest.fixture
 def spec(tmp_path: Path) -> Path:
-    path = tmp_path / "small.toml"
-    path.write_text(TOML, encoding="utf-8")
+    path = tmp_path / "tiny.toml"
+    path.write_text(TINY, encoding="utf-8")
     return path
 
 
@@ -38,69 +39,24 @@ def _matrix(panel: dict) -> list[list]:
     return [[entry[name] for name in SAME] for entry in panel["matrix"]]
 
 
-@pytest.mark.slow
-def test_a_panel_that_grows_is_the_panel_that_had_all_seeds(
-    spec, tmp_path, panel_directory, capsys
-):
-    """With one seed first, then both: nothing is done again, and the records are the same."""
-    out = tmp_path / "out"
-    command = ["panel", str(spec), "--out", str(out), "--no-progress"]
-    assert main([*command, "--seeds", "1"]) == 0
-    files = {p: p.stat().st_mtime_ns for p in out.glob("[uep]*/**/*") if p.is_file()}
-    assert "New in" not in capsys.readouterr().err
-    assert main(command) == 0
-    assert f"New in {out}: seeds 1. All else is kept.\n" in capsys.readouterr().err
-    assert files == {path: path.stat().st_mtime_ns for path in files}
-    assert _hashes(out) == _hashes(panel_directory)
-    panel, whole = (json.loads((d / "panel.json").read_text()) for d in (out, panel_directory))
-    assert _matrix(panel) == _matrix(whole)
-    looks = [[look["seeds"], look["level_exceeds"]] for look in panel["looks"]]
-    assert (looks, [look["seeds"] for look in whole["looks"]]) == ([[1, 0.0], [2, 0.0]], [2])
-    (seen,) = read_panel(out / "panel.json").warnings
-    assert "the last on 1 seed of" in seen
-    assert read_panel(panel_directory / "panel.json").warnings == ()
-
-
-LATER = TOML[TOML.rindex("[[perturbations]]") :]
-"""A perturbation that is added to the rest of the panel."""
+LATER = TINY[TINY.rindex("[[perturbations]]") :]
+LATE = '[[perturbations]]\nname = "late"\nenvironment = { action_latency = 0.05 }\n'
+"""Another perturbation in the place of the only one."""
 
 
 @pytest.mark.slow
-def test_a_panel_given_a_perturbation_is_the_panel_that_had_it(
-    spec, tmp_path, panel_directory, capsys
-):
-    """Nothing is trained or evaluated twice, and the records are the same."""
-    out = tmp_path / "out"
-    command = ["panel", str(spec), "--out", str(out), "--no-progress"]
-    spec.write_text(TOML.removesuffix(LATER), encoding="utf-8")
-    assert main(command) == 0
-    files = {p: p.stat().st_mtime_ns for p in out.glob("[uep]*/**/*") if p.is_file()}
-    assert not any("latency" in row["record_id"] for row in _hashes(out))
-    spec.write_text(f'question = "And a late command?"\n{TOML}', encoding="utf-8")
-    assert main(command) == 0
-    told = "perturbation 'latency 50 ms' (action_latency = 0.05); question. All else is kept.\n"
-    assert f"New in {out}: {told}" in capsys.readouterr().err
-    assert files == {path: path.stat().st_mtime_ns for path in files}
-    assert _hashes(out) == _hashes(panel_directory)
-    panel, whole = (json.loads((d / "panel.json").read_text()) for d in (out, panel_directory))
-    assert _matrix(panel) == _matrix(whole)
-    assert panel["question"] == "And a late command?"
-    assert main(["evidence", "verify", str(out)]) == 0
-
-
-@pytest.mark.slow
-def test_a_panel_given_an_engine_keeps_what_it_has(spec, tmp_path, panel_directory, capsys):
+def test_a_panel_given_an_engine_keeps_what_it_has(spec, tmp_path, tiny_panel, capsys):
     """What is there does not depend on that engine's version, which is noted."""
     needs("mujoco")
     copy = tmp_path / "copy"
-    shutil.copytree(panel_directory, copy)
+    shutil.copytree(tiny_panel, copy)
     files = {p: p.read_bytes() for p in copy.glob("[uep]*/**/*") if p.is_file()}
     engine = 'engine = "mujoco"\nintegrator = "RK4"\ndt = 0.05\n'
-    spec.write_text(f"{TOML}\n[[evaluate]]\n{engine}", encoding="utf-8")
+    spec.write_text(f"{TINY}\n[[evaluate]]\n{engine}", encoding="utf-8")
     assert main(["panel", str(spec), "--out", str(copy), "--no-progress"]) == 0
     assert "cell 'mujoco RK4 dt=0.05'. All else is kept." in capsys.readouterr().err
     assert files == {path: path.read_bytes() for path in files}
-    assert {record["record_id"] for record in _hashes(panel_directory)} < {
+    assert {record["record_id"] for record in _hashes(tiny_panel)} < {
         record["record_id"] for record in _hashes(copy)
     }
     assert "mujoco" in json.loads((copy / "run.json").read_text())["versions"]
@@ -109,25 +65,30 @@ def test_a_panel_given_an_engine_keeps_what_it_has(spec, tmp_path, panel_directo
 
 @pytest.mark.slow
 def test_a_panel_given_episodes_seeds_and_a_perturbation_is_the_panel_that_had_them_in_those_parts(
-    spec, tmp_path, panel_directory, capsys
+    spec, tmp_path, tiny_panel, capsys
 ):
     """Nothing is trained or evaluated twice, and the records are the same."""
     copy, once = tmp_path / "copy", tmp_path / "once"
-    shutil.copytree(panel_directory, copy)
+    shutil.copytree(tiny_panel, copy)
     files = {p: p.stat().st_mtime_ns for p in copy.glob("[uep]*/**/*") if p.is_file()}
     before = {row["record_id"]: row["content_hash"] for row in _hashes(copy)}
     stiffer = '[[perturbations]]\nname = "damped"\nenvironment = { damping = 0.1 }\n'
-    larger = TOML.replace("seeds = [0, 1]", "seeds = [0, 1, 2]") + stiffer
-    spec.write_text(larger.replace("episodes = 3", "episodes = 5"), encoding="utf-8")
+    larger = TINY.replace("seeds = [0, 1]", "seeds = [0, 1, 2]") + stiffer
+    asked = larger.replace("episodes = 3", "episodes = 5")
+    spec.write_text(f'question = "And with damping?"\n{asked}', encoding="utf-8")
     command = ["panel", str(spec), "--no-progress", "--out"]
     assert main([*command, str(copy)]) == 0
-    told = "perturbation 'damped' (damping = 0.1); seeds 2; 2 more episodes a seed. All else is"
-    assert f"New in {copy}: {told} kept.\n" in capsys.readouterr().err
+    told = capsys.readouterr().err
+    assert f"New in {copy}: perturbation 'damped' (damping = 0.1); " in told
+    for words in ("seeds 2", "2 more episodes a seed", "question", "All else is kept."):
+        assert words in told
     assert files == {path: path.stat().st_mtime_ns for path in files}
     assert before.items() <= {r["record_id"]: r["content_hash"] for r in _hashes(copy)}.items()
     assert main(["evidence", "verify", str(copy)]) == 0
     panel = json.loads((copy / "panel.json").read_text())
-    assert {entry["episodes"] for entry in panel["matrix"] if entry["row"] == "zero"} == {5}
+    assert {entry["episodes"] for entry in panel["matrix"] if entry["row"] == "random"} == {5}
+    assert panel["question"] == "And with damping?"
+    assert [look["seeds"] for look in panel["looks"]] == [2, 3]
     assert (panel["spec"]["episodes"], panel["spec"]["episode_parts"]) == (5, [3, 2])
     (seen,) = read_panel(copy / "panel.json").warnings
     assert "the last on 2 seeds of 3 starts" in seen
@@ -159,7 +120,7 @@ FROM records WHERE policy_id = 'leaning' AND phase = 'evaluation' GROUP BY ALL O
 @pytest.mark.slow
 def test_labels_of_later_episodes_rest_on_success_at_home_in_all(tmp_path):
     for episodes in (6, 10):
-        panel = calls.evaluate(
+        panel = integ_gym.evaluate(
             leaning, "IntegCartPole-v0", tmp_path / "out", episodes=episodes, progress=False,
             home={"integrator": "explicit_euler", "dt": 0.02, "control_period": 0.02},
             integrators=["explicit_euler"], dts=[0.02], environment={"duration": 0.8},
@@ -177,24 +138,28 @@ def test_labels_of_later_episodes_rest_on_success_at_home_in_all(tmp_path):
 @pytest.mark.parametrize(
     ("was", "now", "sentence"),
     [
-        (LATER, "", "it has perturbation 'latency .*, which is missing now; .* started with$"),
+        (LATER, LATE, "it has perturbation 'mass .*, which is missing now; .* started with$"),
         ("mass = 1.2", "mass = 1.3", r"perturbation '.*' \(mass = 1.2\), which is missing now;"),
-        ('["rk4 dt=0.05", "reference dt=0.05"]', '["rk4 dt=0.05", "rk4 dt=0.0125"]', "`family`"),
-        ("episodes = 3", "episodes = 2", r"`episodes` 3 \(now 2\); .* \(--policies .*copy takes"),
+        ('family = [["explicit_euler dt=0.05", "reference dt=0.05"]]', "", "`family`"),
+        ("seeds = [0, 1]", "seeds = [0, 5]", "other seeds: 0 to 1, now 0 to 5; more may follow"),
+        ("seeds = [0, 1]", "seeds = [1, 0, 2]", "other seeds: 0 to 1, now 1 to 2; more may"),
+        ("seeds = [0, 1]", "seeds = [0]", "this panel with 2 seeds, not 1; give --seeds 2, or"),
+        (
+            "episodes = 3",
+            "episodes = 2",
+            r"`episodes` 3 \(now 2\); .* \(--policies .* takes the policies",
+        ),
         ("episodes = 3", "episodes = [2, 2]", r"`episodes` 3 \(now 2 \+ 2\); .* --out \(--pol"),
         ("max_torque = 1.0", "max_torque = 1.1", "`environment.max_torque` 1.0"),
     ],
-    ids=["removed", "changed", "family", "fewer episodes", "other parts", "environment"],
 )
-def test_what_contradicts_is_refused(spec, tmp_path, panel_directory, capsys, was, now, sentence):
-    assert was in TOML
-    copy = tmp_path / "copy"
-    shutil.copytree(panel_directory, copy)
-    spec.write_text(TOML.replace(was, now), encoding="utf-8")
-    before = (copy / "run.json").read_bytes()
-    assert main(["panel", str(spec), "--out", str(copy)]) == 2
-    assert re.search(f"holds another panel: .*{sentence}", capsys.readouterr().err)
-    assert (copy / "run.json").read_bytes() == before
+def test_what_contradicts_is_refused(spec, run, capsys, was, now, sentence):
+    assert was in TINY
+    spec.write_text(TINY.replace(was, now), encoding="utf-8")
+    before = {file: file.stat().st_mtime_ns for file in run.rglob("*")}
+    assert main(["panel", str(spec), "--out", str(run)]) == 2
+    assert re.search(f"holds (another panel: .*|a panel with |){sentence}", capsys.readouterr().err)
+    assert {file: file.stat().st_mtime_ns for file in run.rglob("*")} == before
 
 
 @pytest.mark.slow
@@ -223,29 +188,11 @@ def _spied(function, shown):
     return call
 
 
-@pytest.mark.parametrize(
-    ("seeds", "sentence"),
-    [
-        ("[0]", "holds this panel with 2 seeds, not 1; give --seeds 2, or another directory"),
-        ("[0, 5]", "holds a panel with other seeds: 0 to 1, now 0 to 5; more may follow"),
-        ("[1, 0, 2]", "holds a panel with other seeds: 0 to 1, now 1 to 2; more may follow"),
-    ],
-)
-def test_fewer_or_other_seeds_are_refused(spec, tmp_path, panel_directory, capsys, seeds, sentence):
-    copy = tmp_path / "copy"
-    shutil.copytree(panel_directory, copy)
-    spec.write_text(TOML.replace("seeds = [0, 1]", f"seeds = {seeds}"), encoding="utf-8")
-    before = (copy / "run.json").read_bytes()
-    assert main(["panel", str(spec), "--out", str(copy)]) == 2
-    assert sentence in capsys.readouterr().err
-    assert (copy / "run.json").read_bytes() == before
-
-
 def test_an_evaluation_into_a_panel_is_refused_with_what_evaluate_takes(
-    tmp_path, panel_directory, capsys
+    tmp_path, tiny_panel, capsys
 ):
-    policy = next((panel_directory / "policies").glob("*/policy.safetensors"))
-    command = ["evaluate", str(policy), "--env", "IntegPendulum-v0", "--out", str(panel_directory)]
+    policy = next((tiny_panel / "policies").glob("*/policy.safetensors"))
+    command = ["evaluate", str(policy), "--env", "IntegPendulum-v0", "--out", str(tiny_panel)]
     assert main([*command, "--integrator", "rk4", "--dt", "0.05"]) == 2
     error = capsys.readouterr().err
     assert "give another directory with --out" in error

@@ -17,9 +17,7 @@ from integ_gym.cli import main
 from integ_gym.envs.environment import environment_setup
 from integ_gym.envs.settings import Discretization
 from integ_gym.eval.panel.cells import Cell, DiscretizationMixture, SpecError, training_arguments
-from integ_gym.eval.panel.conclusions import remedy_summary
 from integ_gym.eval.panel.episodes import Subject, evaluate
-from integ_gym.eval.panel.result import read_panel
 from integ_gym.eval.panel.run import check_spec
 from integ_gym.eval.panel.spec import PanelSpec, parse_spec
 from integ_gym.eval.panel.units import training_config, units_of
@@ -61,7 +59,7 @@ def test_a_mixture_is_one_row_evaluated_at_its_members_first():
     assert rows["both"].policy == "both-seed1"
     arguments = training_config(spec, rows["both"]).env_arguments
     assert arguments == {
-        "start": "hanging", "max_torque": 1.0, "duration": 3.0, "control_period": 0.05,
+        "start": "hanging", "max_torque": 1.0, "duration": 2.0, "control_period": 0.05,
         "mixture": [
             {"engine": "native", "integrator": "explicit_euler", "dt": 0.05, "weight": 2.0},
             {"engine": "native", "integrator": "rk4", "dt": 0.05, "weight": 1.0},
@@ -108,20 +106,9 @@ def test_a_reference_in_a_mixture_takes_a_step_that_delays_are_multiples_of():
         (_train(members=[]), ["mixture 'both' needs at least two `members`, got 0"]),
         (_train(members=None), ["missing required field `members`", "`train[1]`"]),
         (_train(members=[{"integrator": "rk4", "dt": 0.05}]), ["got 1", "without a mixture"]),
-        (_train(members=3), ["Expected `list`, got `int`", "`train[1].members`"]),
-        (_train(members=["rk4"]), ["Expected `table`, got `str`", "`train[1].members[0]`"]),
-        (
-            _train(members=[{"integrator": "rk4"}] * 2),
-            ["missing required field `dt`", "`train[1].members[0]`"],
-        ),
         (
             _train(members=[{"integrator": "rk5", "dt": [0.05, 0.025]}]),
             ["unknown integrator 'rk5'", "Did you mean 'rk4'"],
-        ),
-        (_train(members=[{"integrator": "rk4", "dt": [0.05, 0.03]}]), ["not a whole multiple"]),
-        (
-            _train(members=[{"integrator": "rk4", "dt": 0.05, "control_period": 0.1}] * 2),
-            ["unknown field `control_period`", "`train[1].members[0]`"],
         ),
         (
             _train(members=[{"integrator": "rk4", "dt": [0.05, 0.025], "weight": -1}]),
@@ -132,13 +119,9 @@ def test_a_reference_in_a_mixture_takes_a_step_that_delays_are_multiples_of():
             _train(members=[{"integrator": "rk4", "dt": [0.05, 0.0025]}]),
             ["'rk4 dt=0.0025' is not; add it to `evaluate`"],
         ),
-        (_train(mixture=""), ["Expected `str` of length >= 1", "`train[1].mixture`"]),
-        (_train(integrator="rk4"), ["unknown field `integrator`", "`train[1]`"]),
         (_train(mixture="handmade"), ["mixture 'handmade' is named like another row or cell"]),
-        (_train(mixture="rk4 dt=0.0125"), ["is named like another row or cell"]),
         (_train(mixture="explicit_euler-dt-0.05"), ["is named like another row or cell"]),
         (_data(family=[["both", "rk4 dt=0.025"]]), ["its own home 'rk4 dt=0.025'"]),
-        (_data(family=[["neither", "rk4 dt=0.025"]]), ["unknown training discretization", "both"]),
         (
             _data(evaluate=[{"integrator": ["explicit_euler", "rk4"], "dt": [0.05, 0.025]}]),
             ["`compare` needs rk4 evaluated at dt=0.0125 or finer, a quarter of rk4 dt=0.05's"],
@@ -162,32 +145,32 @@ def test_the_fleet_refuses_shares_that_are_no_whole_environments():
     check_spec(parse_spec({**data, "trainer": "sb3"}, "panel.toml"))
 
 
-@pytest.fixture(
-    scope="module", params=[pytest.param(name, marks=pytest.mark.slow) for name in ("sb3", "fleet")]
-)
-def finished(request, made_once):
-    """Directory of a finished run with each trainer, and the command that made it.
-
-    What trainers differ in ends with the policies, which are asked of each in its own tests; what
-    panels make of mixtures is asked in `make test-slow`.
-    """
+def _finished(made_once, trainer):
+    """Directory of a finished run with a trainer, and the command that made it."""
 
     def command(folder: Path) -> list[str]:
-        given = [str(folder / "mixed.toml"), "--trainer", request.param]
+        given = [str(folder / "mixed.toml"), "--trainer", trainer]
         return ["panel", *given, "--out", str(folder / "out"), "--no-progress"]
 
     def make(folder: Path) -> None:
         (folder / "mixed.toml").write_text(TOML, encoding="utf-8")
         assert main(command(folder)) == 0
 
-    folder = made_once(f"mixed-{request.param}", make)
+    folder = made_once(f"mixed-{trainer}", make)
     return folder / "out", command(folder)
+
+
+@pytest.fixture(scope="module")
+def finished(made_once):
+    """What trainers differ in ends with the policies; here stable-baselines3's."""
+    return _finished(made_once, "sb3")
 
 
 def _panel(directory):
     return json.loads((directory / "panel.json").read_text(encoding="utf-8"))
 
 
+@pytest.mark.slow
 def test_home_of_the_mixture_is_its_members_by_their_shares(finished):
     panel = _panel(finished[0])
     entries = {(e["row"], e["cell"]): e for e in panel["matrix"]}
@@ -208,9 +191,17 @@ def test_home_of_the_mixture_is_its_members_by_their_shares(finished):
     assert [v["row"] for v in panel["verdicts"]] == ["both"]
     assert panel["verdicts"][0]["verdict"] in ("inconclusive", "not_learned")
     assert panel["policy_comparisons"][0]["a"] == "both"
+    (remedy,) = panel["remedies"]
+    assert [cell["cell"] for cell in remedy["cells"] if cell["member"]] == MEMBERS
+    assert {n: len(cost["by_seed"]) for n, cost in panel["training_costs"].items()} == {
+        "explicit_euler dt=0.05": 2, "both": 2,
+    }  # fmt: skip
 
 
-def test_training_episodes_ran_on_the_members(finished):
+@pytest.mark.slow
+@pytest.mark.parametrize("trainer", ["sb3", "fleet"])
+def test_training_episodes_ran_on_the_members(made_once, trainer):
+    finished = _finished(made_once, trainer)
     store = EvidenceStore(finished[0] / "evidence")
     assert store.verify() == []
     found = store.query(
@@ -223,6 +214,7 @@ def test_training_episodes_ran_on_the_members(finished):
     assert [member["share"] for member in card["mixture"]] == [0.5, 0.25, 0.25]
 
 
+@pytest.mark.slow
 def test_failures_are_labelled_by_what_any_member_says(finished):
     store = EvidenceStore(finished[0] / "evidence")
     found = store.query(
@@ -236,23 +228,7 @@ def test_failures_are_labelled_by_what_any_member_says(finished):
     assert "discretization_error" not in at_home
 
 
-def test_the_page_and_the_figures_show_the_remedy(finished):
-    out, _ = finished
-    panel = _panel(out)
-    (remedy,) = panel["remedies"]
-    assert remedy["row"] == "both"
-    assert [cell["cell"] for cell in remedy["cells"] if cell["member"]] == MEMBERS
-    costs = panel["training_costs"]
-    assert set(costs) == {"explicit_euler dt=0.05", "both"}
-    assert all(len(cost["by_seed"]) == 2 for cost in costs.values())
-    page = (out / "report.html").read_text(encoding="utf-8")
-    text = re.sub(r"<wbr>|<[^>]+>", "", page)
-    whole = read_panel(out / "panel.json")
-    assert remedy_summary(whole, whole.remedies[0]) in text
-    assert "What it costs in training" in text
-    assert "mixture of 3" in text
-
-
+@pytest.mark.slow
 def test_what_was_lost_of_a_mixture_is_done_again_and_nothing_else(finished):
     out, command = finished
     units = {p: p.stat().st_mtime_ns for p in (out / "units").glob("*.json")}
@@ -266,6 +242,7 @@ def test_what_was_lost_of_a_mixture_is_done_again_and_nothing_else(finished):
     assert [e["success_by_seed"] for e in _panel(out)["matrix"]] == before
 
 
+@pytest.mark.slow
 def test_a_policy_of_a_mixture_can_be_evaluated_by_itself(finished, tmp_path, capsys):
     policy = finished[0] / "policies" / "both-seed0" / "policy.zip"
     command = ["evaluate", str(policy), "--env", "IntegPendulum-v0", "--out", str(tmp_path / "out")]
@@ -284,6 +261,7 @@ def test_a_policy_of_a_mixture_can_be_evaluated_by_itself(finished, tmp_path, ca
     assert "`mixture` is what the evaluation varies" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_side_car_with_a_mixture_runs_no_code_unasked(finished, tmp_path, capsys):
     source = finished[0] / "policies" / "both-seed0"
     for name in ("policy.zip", "policy.json"):
@@ -316,7 +294,7 @@ def test_a_failure_is_the_discretizations_where_any_member_succeeds(tmp_path):
         name="run", env_id="IntegPendulum-v0", control_period=0.05, train=(), grid=(), seeds=(),
         environment=environment,
     )  # fmt: skip
-    store.commit_all("batch", evaluate(spec, [subject], range(20), store, {}))
+    store.commit_all("batch", evaluate(spec, [subject], range(6), store, {}))
     labels = {d.name: {} for d in (rk4, fine, coarse)}
     for record in store.records():
         if record["phase"] != "evaluation":
@@ -325,6 +303,6 @@ def test_a_failure_is_the_discretizations_where_any_member_succeeds(tmp_path):
         count[record["failure_label"]] = count.get(record["failure_label"], 0) + 1
         if record["failure_label"] == "discretization_error":
             assert "on a training discretization of it" in record.reason
-    assert labels[rk4.name] == {"none": 20}
-    assert labels[fine.name] == {"too_slow": 20}
-    assert labels[coarse.name] == {"discretization_error": 20}
+    assert labels[rk4.name] == {"none": 6}
+    assert labels[fine.name] == {"too_slow": 6}
+    assert labels[coarse.name] == {"discretization_error": 6}

@@ -15,7 +15,7 @@ from integ_gym.eval.panel.spec import built_in_spec
 ROOT = Path(__file__).parents[4]
 SUMMARY = json.loads((ROOT / "docs" / "quick_panel.json").read_text(encoding="utf-8"))
 TRUTH = "reference dt=0.05"
-NEW_SEEDS = (900, 901, 902, 903, 904)
+NEW_SEEDS = (900, 901, 902)
 
 
 @pytest.fixture
@@ -44,7 +44,7 @@ def test_the_saved_run_is_of_the_panel_that_is_built_in():
 
 @pytest.mark.slow
 def test_a_run_with_other_seeds_falls_into_the_saved_intervals(tmp_path):
-    """Five seeds of each declared row; intervals are over seeds and starts on both sides."""
+    """Three seeds of each declared row; intervals are over seeds and starts on both sides."""
     quick = built_in_spec()
     declared = {row for row, _ in quick.family}
     train = tuple(home for home in quick.train if home.name in declared)

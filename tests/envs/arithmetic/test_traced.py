@@ -1,0 +1,300 @@
+"""The traced step of one environment and of many lanes does what the plain one does."""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from pairing import pairs
+from sameness import assert_same
+from variants import VARIANTS
+
+from integ_gym.envs.environment import environment_setup
+from integ_gym.envs.integrators.interface import Step
+from integ_gym.envs.ops.compiling import compile_trace
+from integ_gym.envs.ops.dialects import ARRAYS, SCALARS
+from integ_gym.envs.ops.ops import ARRAY, SCALAR, NotTraceable, Unusual, along, leaves_of
+from integ_gym.envs.registries import ENVIRONMENTS, INTEGRATORS
+from integ_gym.envs.steps import WARM_UP, LanesStep, plain_array_step, trace_function
+from integ_gym.envs.transition import (
+    DIVERGED,
+    EnvState,
+    array_step,
+    initial_state,
+    scalar_step,
+)
+
+LANES = 6
+
+every_step = pytest.mark.parametrize(
+    ("integrator", "env_id", "variant"), pairs(INTEGRATORS.names(), ENVIRONMENTS, VARIANTS)
+)
+
+
+def _setup(env_id, integrator, variant):
+    return environment_setup(env_id, {"integrator": integrator, **VARIANTS[variant]})
+
+
+def _actions(setup, rng, shape):
+    if setup.task.discrete is not None:
+        return rng.integers(setup.task.discrete, size=shape).astype(float)
+    limit = 2.0 * setup.task.control_limit
+    return rng.uniform(-limit, limit, shape)
+
+
+@every_step
+def test_a_traced_step_equals_the_plain_one_to_the_bit(env_id, integrator, variant):
+    setup = _setup(env_id, integrator, variant)
+    plain, step = partial(scalar_step, setup, SCALAR), trace_function(setup, scalar_step)
+    assert step is not None
+    rng, count = np.random.default_rng(1), len(setup.plant.coordinates)
+    q, v = rng.normal(0.0, 1.0, count), rng.normal(0.0, 2.0, count)
+    state = initial_state(SCALAR, setup, tuple(q.tolist()), tuple(v.tolist()))
+    unusual = [math.nan] if setup.task.discrete is not None else [math.nan, math.inf]
+    for action in (*_actions(setup, rng, 18).tolist(), *unusual):
+        expected = plain(state, action)
+        if math.isfinite(action):
+            assert repr(step(state, action)) == repr(expected)
+        else:
+            with pytest.raises(Unusual):
+                step(state, action)
+        state = EnvState._make(expected[0])
+
+
+def _lanes(setup, speed=2.0):
+    rng = np.random.default_rng(1)
+    count = len(setup.plant.coordinates)
+    q, v = rng.normal(0.0, 1.0, (count, LANES)), rng.normal(0.0, speed, (count, LANES))
+    state = initial_state(ARRAY, setup, tuple(q), tuple(v))
+    return state._replace(steps=np.zeros(LANES, dtype=np.int64))
+
+
+@every_step
+def test_a_traced_step_of_lanes_equals_the_plain_one(env_id, integrator, variant):
+    setup = _setup(env_id, integrator, variant)
+    plain, step = plain_array_step(setup), trace_function(setup, array_step)
+    assert step is not None
+    state, rng = _lanes(setup), np.random.default_rng(2)
+    taken = step.first(state)
+    for _ in range(12):
+        actions = _actions(setup, rng, LANES)
+        with np.errstate(all="ignore"):
+            *trees, known = plain(state, actions)
+            *found, told, taken = step.step(state, taken, actions)
+        told = {**told, **step.alike}
+        assert told.keys() == known.keys()
+        leaves = zip(leaves_of(tuple(found)), leaves_of(tuple(trees)), strict=True)
+        for a, b in (*leaves, *((told[name], known[name]) for name in told)):
+            np.testing.assert_array_equal(*np.broadcast_arrays(a, b))
+        state = EnvState._make(found[0])
+
+
+def _run(make, **arguments):
+    env = make(**arguments)
+    env.action_space.seed(0)
+    run = [env.reset(seed=5)]
+    for _ in range(WARM_UP + 30):
+        run.append(env.step(env.action_space.sample()))
+        if not np.ndim(run[-1][2]) and (run[-1][2] or run[-1][3]):
+            run.append(env.reset(seed=6))
+    return run
+
+
+@pytest.mark.parametrize("env_id", ENVIRONMENTS)
+def test_an_environment_is_the_same_before_and_after_it_is_traced(env_id, monkeypatch):
+    for make, integrator, place, given in (
+        (gym.make, "rk4", "environment", {"observation_noise": 0.01}),
+        (partial(gym.make_vec, num_envs=LANES), "implicit_midpoint", "steps", {}),
+    ):
+        arguments = {"id": env_id, "dt": 0.02, "integrator": integrator, **given}
+        traced = _run(make, **arguments)
+        never = math.inf if make is gym.make else 0
+        monkeypatch.setattr(f"integ_gym.envs.{place}.WARM_UP", never)
+        assert_same(traced, _run(make, **arguments))
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS.names())
+def test_a_motion_that_diverges_does_so_in_both(integrator):
+    setup = environment_setup("IntegCartPole-v0", {"integrator": integrator, "dt": 0.5})
+    state = initial_state(SCALAR, setup, (0.0, 1.0), (0.0, 999.9))
+    plain, step = partial(scalar_step, setup, SCALAR), trace_function(setup, scalar_step)
+    statuses = []
+    for _ in range(1 if integrator == "reference" else 4):
+        expected = plain(state, 1.0)
+        try:
+            found = step(state, 1.0)
+        except (ArithmeticError, ValueError):
+            found = expected
+        assert repr(found) == repr(expected)
+        statuses.append(expected[5]["solver_status"])
+        state = EnvState._make(expected[0])
+    assert integrator not in ("explicit_euler", "rk4") or DIVERGED in statuses
+
+
+def _warm(setup, state):
+    step = LanesStep(setup)
+    for _ in range(WARM_UP):
+        step(state, np.zeros(LANES))
+    return step
+
+
+def test_one_lane_that_is_unusual_is_the_plain_steps_affair():
+    """An action that is not finite, and a divergence."""
+    setup = environment_setup("IntegPendulum-v0", {"integrator": "explicit_euler", "dt": 0.5})
+    state, step = _lanes(setup), trace_function(setup, array_step)
+    for wrong in (math.nan, math.inf):
+        actions = np.zeros(LANES)
+        actions[2] = wrong
+        with pytest.raises(Unusual):
+            step.step(state, step.first(state), actions)
+        _, _, told = _warm(setup, state)(state, actions)
+        assert told["fallback_used"].tolist() == [lane == 2 for lane in range(LANES)]
+    state.q[0][3], state.v[0][3] = 1.5, 999.9
+    actions = np.full(LANES, 2.0)
+    with pytest.raises(Unusual), np.errstate(all="ignore"):
+        step.step(state, step.first(state), actions)
+    after, _, told = _warm(setup, state)(state, actions)
+    assert (told["solver_status"] == DIVERGED).tolist() == [lane == 3 for lane in range(LANES)]
+    assert after.v[0][3] == 999.9
+
+
+class Hesitant:
+    """Explicit Euler that asks for the value of a component."""
+
+    def step(self, ops, system, q, v, losses, control, dt):
+        acceleration, rates = system.rates(ops, q, v, control)
+        if v[0] > 0.0:
+            acceleration = tuple(1.0 * a for a in acceleration)
+        return Step(along(q, dt, v), along(v, dt, acceleration), along(losses, dt, rates))
+
+
+def test_what_cannot_be_traced_runs_as_it_is_written():
+    own = gym.make("IntegPendulum-v0", integrator=f"{__name__}:Hesitant")
+    euler = gym.make("IntegPendulum-v0", integrator="explicit_euler")
+    assert trace_function(own.unwrapped.setup, scalar_step) is None
+    own.reset(seed=0)
+    euler.reset(seed=0)
+    for _ in range(WARM_UP + 5):
+        assert own.step([0.5])[0].tolist() == euler.step([0.5])[0].tolist()
+
+
+def _hailstone(ops, start):
+    """Steps of the 3n + 1 sequence until 1 is reached, with a loop in a loop for the halving."""
+
+    def advance(carry):
+        value, steps, peak = carry
+        odd = value % 2.0 == 1.0
+        value = ops.where(odd, 3.0 * value + 1.0, value)
+        steps = ops.where(odd, steps + 1, steps)
+        halved = ops.while_loop(
+            lambda c: c[0] % 2.0 == 0.0, lambda c: (c[0] / 2.0, c[1] + 1), (value, steps)
+        )
+        return (*halved, ops.maximum(peak, value))
+
+    return ops.while_loop(lambda carry: carry[0] > 1.0, advance, (start, 0, start))
+
+
+def test_nested_loops_are_left_one_by_one():
+    starts, found = (1.0, 6.0, 27.0), [(1.0, 0, 1.0), (1.0, 8, 16.0), (1.0, 111, 9232.0)]
+    assert [compile_trace(SCALARS, _hailstone, False)(start) for start in starts] == found
+    lanes = compile_trace(ARRAYS, _hailstone, False)(np.array(starts))
+    np.testing.assert_array_equal(np.array(lanes).T, found)
+
+
+def test_constants_and_unused_work_leave_no_trace():
+    def function(ops, pair):
+        unused = ops.sin(pair[0])
+        assert unused is not None
+        total = ops.repeat(3, lambda k, c: (c[0] + k * pair[1], c[1]), (pair[0], 2.0))
+        return {"sum": (ops.where(True, total[0], pair[1]), total[1]), "told": (1.5, True, "text")}
+
+    made = compile_trace(SCALARS, function, (False, False))
+    assert made((1.0, 2.0)) == {"sum": (7.0, 2.0), "told": (1.5, True, "text")}
+    assert "sin" not in made.__doc__
+
+
+@pytest.mark.parametrize("x", [0.0, 2.0])
+@pytest.mark.parametrize(
+    "function",
+    [
+        lambda ops, x: ops.where(x == 0.0, 0.0, 1.0 / x),
+        lambda ops, x: ops.where(x == 0.0, 0.0, 3.0 % x),
+        lambda ops, x: (x, 1.0 / x)[0],
+        lambda ops, x: (x > 0.0) & (1.0 / x > 0.0),
+        lambda ops, x: ops.where(x > 1e3, (1e200 + x) ** 2, x),
+        lambda ops, x: (ops.repeat(2, lambda k, c: (c[0] + 1.0 / (x + k),), (0.0,)), x)[1],
+    ],
+)
+def test_what_raises_where_nobody_needs_it_raises(function, x):
+    made = compile_trace(SCALARS, function, False)
+    try:
+        expected = repr(function(SCALAR, x))
+    except ArithmeticError as error:
+        with pytest.raises(type(error)):
+            made(x)
+        return
+    assert repr(made(x)) == expected
+
+
+@pytest.mark.parametrize(
+    ("x", "holds"),
+    [
+        ([9.9] * 6, True), ([-0.1] * 6, True), ([0.1, -10.1], False), ([1e200, 0.0], False),
+        ([math.nan, 0.0], False), ([math.inf], False), ([10.0], True),
+    ],
+)  # fmt: skip
+def test_a_bound_is_kept_whatever_the_sum_of_squares(x, holds):
+    """Also where many lanes within the bound make a sum beyond it."""
+
+    def function(ops, x):
+        return ops.where(ops.assume_true(ops.isfinite(x) & (abs(x) <= 10.0)), x, 0.0)
+
+    made = compile_trace(ARRAYS, function, False)
+    assert "dot" in made.__doc__
+    if holds:
+        assert made(np.array(x)).tolist() == x
+        return
+    with pytest.raises(Unusual), np.errstate(over="ignore"):
+        made(np.array(x))
+
+
+@pytest.mark.parametrize(
+    "operation",
+    [
+        lambda ops, a, b: a + b,
+        lambda ops, a, b: False - b,
+        lambda ops, a, b: -a,
+        lambda ops, a, b: abs(a),
+        lambda ops, a, b: ops.sqrt(b),
+        lambda ops, a, b: ops.minimum(a, b) + a * b,
+    ],
+)
+def test_arithmetic_on_truth_values_alone_is_not_traced(operation):
+    """A sum of two is 2 of floats, True of arrays."""
+    with pytest.raises(NotTraceable, match="not the same for floats and arrays"):
+        compile_trace(ARRAYS, lambda ops, x: operation(ops, x > 1.0, x > 0.0), False)
+
+
+@pytest.mark.parametrize(
+    ("operation", "result"),
+    [
+        (lambda x: 0.0 * x, "0.0"), (lambda x: 0.0 / x, "0.0"), (lambda x: x * 1.0, "x1"),
+        (lambda x: x / 1.0, "x1"), (lambda x: 0.0 + x, "x1"), (lambda x: x - 0.0, "x1"),
+        (lambda x: 0.0 - x, "-"), (lambda x: (x > 0.0) * 1.0, "*"),
+    ],
+)  # fmt: skip
+def test_operations_with_zero_and_one_are_not_done_on_lanes(operation, result):
+    made = compile_trace(ARRAYS, lambda ops, x: operation(x), False)
+    assert result in made.__doc__.splitlines()[-1].split("return ")[1]
+    x = np.array([-2.0, 3.0])
+    np.testing.assert_array_equal(np.broadcast_to(made(x), 2), operation(x))
+
+
+def test_parameters_that_differ_between_lanes_are_not_traced():
+    setup = environment_setup("IntegPendulum-v0", {"mass": np.array([1.0, 2.0])})
+    assert trace_function(setup, array_step) is None
+    with pytest.raises(NotTraceable):
+        compile_trace(ARRAYS, lambda ops, x: np.ones(2) * x, False)

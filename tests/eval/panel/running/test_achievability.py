@@ -1,0 +1,100 @@
+"""What was tried in a cell from the starts that came at a time, and from all of them."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+
+import msgspec
+import pytest
+from small_panel import small_data
+
+from integ_gym.eval.panel import achieve as achievability
+from integ_gym.eval.panel.achieve import TRYING, tried
+from integ_gym.eval.panel.costs import trying_seconds
+from integ_gym.eval.panel.evaluate import evaluate_all, expected_seconds, statuses
+from integ_gym.eval.panel.run_directory import RunDirectory, RunDirectoryError
+from integ_gym.eval.panel.spec import built_in_spec, parse_spec
+from integ_gym.eval.verdict import Search
+from integ_gym.support.executors import Cluster
+
+WHOLE = replace(built_in_spec(), episodes=5, episode_parts=(3, 2))
+CELL = WHOLE.columns()[0]
+
+
+def _search(*highest):
+    return msgspec.to_builtins(Search(24.0, 1.0, highest, "by trying"))
+
+
+def _tried(tmp_path, *parts):
+    directory = RunDirectory(tmp_path / "run", {"name": "run"})
+    directory.make_folders()
+    for first, success, search in parts:
+        unit = f"achieve-cell-{first}"
+        directory.finish(
+            unit, "key", 0.0, first=first, cell=CELL.name, success=success, recovered=success,
+            search=search,
+        )  # fmt: skip
+    return directory
+
+
+def test_a_cell_is_judged_by_the_starts_that_there_were(tmp_path):
+    """Each part's records are labelled by it and the parts before, the panel by all."""
+    parts = (3, [1.0, 1.0], None), (0, [0.0, 0.0, 0.0], _search(0.1, 0.2, 0.3))
+    directory = _tried(tmp_path, *parts)
+    first, whole = WHOLE.parts()
+    assert statuses(first, directory) == {CELL.name: "unachievable"}
+    assert statuses(whole, directory) == {CELL.name: "undecided"}, "no search rules all of it out"
+    assert tried(directory)[CELL.name].success == (0.0, 0.0, 0.0, 1.0, 1.0)
+
+
+def test_searches_from_all_starts_rule_a_cell_out_together(tmp_path):
+    parts = (0, [0.0], _search(0.1)), (3, [0.0, 0.0], _search(0.2, 2.0))
+    directory = _tried(tmp_path, *parts)
+    assert tried(directory)[CELL.name].search.highest == (0.1, 0.2, 2.0)
+    assert statuses(WHOLE, directory) == {CELL.name: "unachievable"}
+
+
+def test_a_marker_from_before_is_of_the_first_starts_and_a_damaged_one_is_refused(tmp_path):
+    directory = _tried(tmp_path, (0, [1.0], None))
+    (marker,) = (tmp_path / "run" / "units").glob("*.json")
+    held = json.loads(marker.read_text())
+    marker.write_text(json.dumps({name: x for name, x in held.items() if name != "first"}))
+    assert statuses(WHOLE.parts()[0], directory) == {CELL.name: "achievable"}
+    marker.write_text(json.dumps({**held, "first": "3"}))
+    with pytest.raises(RunDirectoryError, match="is damaged: 'first' must be a whole number"):
+        tried(directory)
+
+
+def test_the_bar_counts_cells_that_are_tried_one_by_one(tmp_path, monkeypatch, capsys):
+    """Expected, done and left are one sum, and nothing is shown where nothing is left."""
+    told = []
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.setattr(achievability, "report_work", told.append)
+    few = {"evaluate": [{"integrator": ["explicit_euler", "rk4"], "dt": 0.05}], "ladder": False}
+    few |= {"compare": [], "perturbations": [], "environment": {"duration": 1.0}}
+    spec = parse_spec(small_data(**few), "test")
+    directory = RunDirectory(tmp_path / "run", spec.to_json())
+    with directory.opened():
+        whole, left = expected_seconds(spec, directory, [], [])
+        assert whole == left > 0.0
+        evaluate_all(spec, directory, [], "panel quick", Cluster(0), progress=True)
+        shown = re.split(r"[\r\n]+", capsys.readouterr().err)
+        assert any(line.rstrip().endswith(f", {TRYING}") for line in shown), shown
+        assert max(map(len, shown)) <= 80
+        assert len(told) == len(spec.columns()) > 1
+        assert sum(told) == pytest.approx(whole)
+        assert expected_seconds(spec, directory, [], []) == (whole, 0.0)
+        evaluate_all(spec, directory, [], "panel", Cluster(0), progress=True)
+        assert capsys.readouterr().err == ""
+
+
+def test_more_starts_and_longer_episodes_take_longer_to_try():
+    def seconds(**changes):
+        spec = parse_spec(small_data(**changes), "test")
+        return trying_seconds(spec, spec.columns()[0])
+
+    short = seconds()
+    assert short < seconds(environment={"start": "hanging", "duration": 9.0})
+    assert short < seconds(episodes=30)

@@ -1,0 +1,200 @@
+"""Evaluating policies side by side gives the records of evaluating each alone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from engine_cases import needs
+
+from integ_gym.envs.settings import Discretization
+from integ_gym.envs.testbeds.making import find_testbed
+from integ_gym.eval.panel.cells import (
+    Cell,
+    DiscretizationMixture,
+    Perturbation,
+    nominal_setup,
+)
+from integ_gym.eval.panel.episodes import Subject, Successes, divided, evaluate
+from integ_gym.eval.panel.evaluate import batches_of, evaluation_seconds
+from integ_gym.eval.panel.spec import PanelSpec, built_in_spec
+from integ_gym.evidence.fields import VOLATILE_NAMES
+from integ_gym.evidence.store import EvidenceStore
+from integ_gym.train.baselines import BASELINES, make_baseline
+from integ_gym.train.fleet.learning import initial_stack
+from integ_gym.train.policy import BoxActions, DiscreteActions, MlpPolicy
+
+CASES = {
+    "IntegPendulum-v0": {"max_torque": 1.5, "start": "hanging", "duration": 2.5},
+    "IntegCartPole-v0": {"duration": 0.6, "theta_threshold": 0.1},
+}
+PERTURBATIONS = (
+    Perturbation("late", {"action_latency": 0.1}),
+    Perturbation("noisy", {"observation_noise": 0.2}),
+    Perturbation("heavy", {"mass": 1.3}),
+)
+
+
+def _spec(env_id):
+    period = 0.05
+    homes = tuple(Discretization(name, period, period) for name in ("explicit_euler", "rk4"))
+    return PanelSpec(
+        name="side by side",
+        env_id=env_id,
+        control_period=period,
+        train=(*homes, DiscretizationMixture("both", tuple((home, 1.0) for home in homes))),
+        grid=(*homes, Discretization("implicit_midpoint", 0.025, period)),
+        seeds=(0, 1),
+        environment=CASES[env_id],
+        perturbations=PERTURBATIONS,
+        episodes=2,
+    )
+
+
+def _network(seed, spec, policy_id):
+    setup = spec.nominal
+    actions = DiscreteActions(2) if setup.task.discrete else BoxActions([-1.5], [1.5])
+    sizes = (len(setup.task.observation_names), 16, 16)
+    stack = initial_stack([seed], sizes, actions.size, None)
+    layers = [(w[0, 0], b[0, 0]) for w, b in zip(stack.weights, stack.biases, strict=True)]
+    layers[-1] = (100.0 * layers[-1][0], layers[-1][1])
+    return MlpPolicy(tuple(layers), "Tanh", actions, policy_id=policy_id)
+
+
+def _subjects(spec):
+    """Two of one home, one of another and of a mixture, and the baselines."""
+    first, second, both = spec.train
+    trained = [
+        Subject(_network(seed, spec, f"{home.name}-{seed}"), spec.cells_of(home), home, seed)
+        for home, seed in ((first, 0), (first, 1), (second, 0), (both, 1))
+    ]
+    baselines = (make_baseline(name, spec.nominal) for name in BASELINES)
+    return [*trained, *(Subject(one, spec.cells_of(None)) for one in baselines)]
+
+
+def _records(store, batch):
+    table = pq.read_table(store.directory / f"{batch}.parquet")
+    kept = [n for n in table.column_names if n == "content_hash" or n not in VOLATILE_NAMES]
+    order = np.argsort(table.column("record_id").to_pylist())
+    return table.select(kept).take(order)
+
+
+@pytest.mark.parametrize("env_id", CASES)
+def test_records_side_by_side_are_those_of_each_policy_alone(env_id, tmp_path, monkeypatch):
+    spec = replace(_spec(env_id), name="run", episode_seed=7)
+    every = range(spec.episodes)
+    subjects, store = _subjects(spec), EvidenceStore(tmp_path)
+    counted = []
+    monkeypatch.setattr("integ_gym.eval.panel.episodes.report_work", counted.append)
+    store.commit_all("together", evaluate(spec, subjects, every, store, {}))
+    assert len(counted) == len({cell.name for subject in subjects for cell in subject.cells})
+    assert sum(counted) == pytest.approx(evaluation_seconds(spec, subjects))
+    for place, subject in enumerate(subjects):
+        store.commit_all(f"alone-{place}", evaluate(spec, [subject], every, store, {}))
+    alone = [_records(store, f"alone-{place}") for place in range(len(subjects))]
+    together = _records(store, "together")
+    assert together.num_rows == sum(table.num_rows for table in alone)
+    for subject, expected in zip(subjects, alone, strict=True):
+        own = [p == subject.policy.policy_id for p in together.column("policy_id").to_pylist()]
+        assert together.filter(own).equals(expected), subject.policy.policy_id
+        assert set(expected.column("training_seed").to_pylist()) == {subject.seed}
+    assert len(set(together.column("content_hash").to_pylist())) > together.num_rows / 2
+    assert len(set(together.column("failure_label").to_pylist())) > 1
+    (tmp_path / "together.parquet").unlink()
+    assert store.verify() == []
+
+
+def test_episodes_of_a_task_without_lanes_are_divided_without_a_trace(tmp_path, monkeypatch):
+    """Its lanes are run one by one, so a record does not depend on how many workers share them."""
+    needs("mujoco")
+    monkeypatch.chdir(tmp_path)
+    env_id, store = "InvertedPendulum-v5", EvidenceStore(tmp_path / "evidence")
+    testbed = find_testbed(env_id, {})
+    cells = tuple(Cell.of(replace(testbed.home, integrator=i), "grid") for i in ("RK4", "Euler"))
+    random = make_baseline("random", nominal_setup(testbed, testbed.home.control_period))
+    subject = Subject(random, cells, cells[0].discretization, 0)
+    period = testbed.home.control_period
+    spec = PanelSpec(
+        name="run", env_id=env_id, control_period=period, train=(), grid=(), seeds=(),
+        episodes=5, episode_seed=7,
+    )  # fmt: skip
+    store.commit_all("whole", evaluate(spec, [subject], range(5), store, {}))
+    shares = divided(spec, 2)
+    assert [(part.start, len(part)) for part in shares] == [(0, 3), (3, 2)]
+    tables = [table for part in shares for table in evaluate(spec, [subject], part, store, {})]
+    store.commit_all("parts", tables)
+    whole, parts = _records(store, "whole"), _records(store, "parts")
+    assert whole.num_rows == 10
+    assert parts.equals(whole)
+    assert len(set(whole.column("length").to_pylist())) > 1
+
+
+def test_labels_wait_for_the_replays_that_they_rest_on():
+    spec = _spec("IntegPendulum-v0")
+    home, other, _ = spec.train
+    cells = [spec.cells_of(home), spec.cells_of(other)]
+    known = Successes([home, other], cells, {})
+    at_home, at_other = Cell.of(home, "grid"), Cell.of(other, "grid")
+    flags = np.array([[True, False], [False, True]])
+    known.note(at_home, [0, 1], flags, None)
+    assert known.suffice(at_home, [0])
+    assert not known.suffice(at_home, [0, 1])
+    known.note(at_other, [0, 1], ~flags, None)
+    assert known.suffice(at_home, [0, 1])
+    said = known.replays(at_home, [0, 1])
+    assert [r.home for r in said[0].values()] == ["is home", "is home"]
+    assert [r.home for r in said[1].values()] == [True, False]
+    heavy = Cell.of(spec.reference, "perturbation", PERTURBATIONS[2])
+    known.note(heavy, [0], flags[:1], None)
+    assert not known.suffice(heavy, [0])
+
+
+@pytest.mark.parametrize(
+    ("changed", "without_noise", "without_delay"),
+    [
+        ({"observation_noise": 0.1}, True, None),
+        ({"action_latency": 0.05}, None, True),
+        ({"action_latency": 0.05, "sensor_period": 0.1}, None, True),
+        ({"action_latency": 0.05, "observation_noise": 0.1}, None, None),
+        ({"mass": 2.0}, None, None),
+    ],
+)
+@pytest.mark.parametrize("environment", [{}, {"observation_noise": 0.2, "sensor_period": 0.1}])
+def test_the_undisturbed_cell_answers_for_what_the_perturbation_alone_brings(
+    environment, changed, without_noise, without_delay
+):
+    rk4 = Discretization("rk4", 0.05, 0.05)
+    plain = Cell.of(rk4, "grid")
+    disturbed = Cell.of(rk4, "perturbation", Perturbation("x", changed))
+    known = Successes([None], [[plain, disturbed]], environment)
+    known.note(plain, [0], np.array([[True]]), None)
+    known.note(disturbed, [0], np.array([[False]]), None)
+    (((_, said),),) = (replays.items() for replays in known.replays(disturbed, [0]))
+    nothing = bool(environment)
+    assert said.home == "no home"
+    assert said.without_noise is (None if nothing else without_noise)
+    assert said.without_delay is (None if nothing else without_delay)
+
+
+def test_batches_hold_everyone_once_and_keep_every_worker_busy():
+    spec = built_in_spec()
+    setup = spec.nominal
+    subjects = [
+        Subject(_network(seed, spec, f"{home.name}-{seed}"), spec.cells_of(home), home, seed)
+        for seed in spec.seeds
+        for home in spec.train
+    ]
+    subjects += [Subject(make_baseline("zero", setup), spec.cells_of(None))]
+    for workers in (1, 5, 100):
+        batches = batches_of(spec, subjects, workers)
+        ids = [subject.policy.policy_id for batch in batches for subject in batch]
+        assert sorted(ids) == sorted(subject.policy.policy_id for subject in subjects)
+        assert len(batches) >= min(workers, len(subjects))
+        assert len(batches) % workers == 0 or len(batches) == len(subjects)
+    pairs = batches_of(spec, subjects, 2)
+    assert all(len({subject.home for subject in batch}) <= 4 for batch in pairs)
+    many = replace(spec, episodes=2000)
+    assert max(len(batch) for batch in batches_of(many, subjects, 2)) == 1
+    assert batches_of(spec, [], 2) == []

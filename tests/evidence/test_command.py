@@ -1,0 +1,239 @@
+"""``integ-gym evidence``: what it prints, and how it refuses bad input."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import re
+import subprocess
+import sys
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from forgery import with_column
+
+from integ_gym.cli import main as run
+from integ_gym.evidence.fields import SUMMARY_FIELDS
+from integ_gym.evidence.printing import print_table, show, sparkline
+from integ_gym.evidence.schema import VERSION_KEY
+from integ_gym.evidence.store import open_run
+
+
+@pytest.fixture
+def record_id(two_environments):
+    rows = open_run(two_environments).query(
+        "SELECT record_id FROM records WHERE env_id = 'IntegPendulum-v0' ORDER BY episode_index"
+    )
+    return rows.column("record_id")[0].as_py()
+
+
+def main(*argv):
+    """Run ``integ-gym evidence``; returns its exit code."""
+    return run(["evidence", *map(str, argv)])
+
+
+def _refused(capsys, *argv):
+    """The one line that a refused command prints."""
+    assert main(*argv) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.startswith("integ-gym evidence: ")
+    assert captured.err.count("\n") == 1
+    return captured.err
+
+
+def test_show_prints_every_field_with_its_unit(two_environments, record_id, capsys):
+    assert main("show", two_environments, record_id[:10]) == 0
+    text = capsys.readouterr().out
+    lines = {line.split()[0]: line for line in text.splitlines() if line.startswith("  ")}
+    assert {field.name for field in SUMMARY_FIELDS} - {"arguments"} <= set(lines)
+    assert lines["record_id"].endswith(record_id)
+    assert lines["energy_start"].endswith(" J")
+    assert lines["mass"].split() == ["mass", "1", "kg"]
+    assert lines["theta_dot"].endswith("rad/s")
+    assert lines["torque_applied"].endswith("N m")
+    record = open_run(two_environments).find(record_id)
+    bare = type(record)(record.fields, {}, record.units, record.frames)
+    assert "no trace: trace_every is 1" in show(bare)
+
+
+def test_a_terminal_without_unicode_is_shown_a_record(two_environments, record_id, monkeypatch):
+    stream = io.BytesIO()
+    monkeypatch.setattr("sys.stdout", io.TextIOWrapper(stream, "ascii", write_through=True))
+    assert main("show", two_environments, record_id) == 0
+    assert b"theta" in stream.getvalue()
+    assert sparkline(np.arange(8.0)) == "▁▂▃▄▅▆▇█"
+
+
+def _cells(text):
+    """Of rows that are printed one column a line: name to cell."""
+    return dict(re.split(" {2,}", line, maxsplit=1) for line in text.splitlines()
+                if re.match(r"\w+ {2,}\S", line))  # fmt: skip
+
+
+def test_a_query_prints_a_table_and_a_row_of_many_columns_one_a_line_with_units(
+    two_environments, capsys
+):
+    sql = ("SELECT env_id, count(*) AS n, any_value(theta) AS theta FROM records "
+           "GROUP BY env_id ORDER BY env_id")  # fmt: skip
+    assert main("query", two_environments / "evidence", sql) == 0
+    lines = [line.split() for line in capsys.readouterr().out.splitlines()]
+    assert lines[0] == ["env_id", "n", "theta"]
+    assert lines[2][:2] == ["IntegCartPole-v0", "3"]
+    assert lines[3] == ["IntegPendulum-v0", "3", "[201", "values]"]
+    sql = "SELECT * FROM records ORDER BY record_id LIMIT 1"
+    assert main("query", two_environments, sql) == 0
+    text = capsys.readouterr().out
+    assert max(map(len, text.splitlines())) <= 120
+    cells = _cells(text)
+    assert cells["dt"] == "0.05 s"
+    assert re.fullmatch(r"\S+ J", cells["work_total"])
+    assert cells["constraint_violation_max"] == "-"
+    assert re.fullmatch(r"\d+", cells["length"])
+    assert text.count(" ...\n") == 1
+    assert text.endswith("--format json gives every value in full.\n(1 row)\n")
+
+
+def _printed(table, form="table"):
+    file = io.StringIO()
+    print_table(table, file, form)
+    return file.getvalue()
+
+
+def test_tables_of_odd_values_and_widths(monkeypatch):
+    table = pa.table({"a": [float("nan"), None], "b": ["x" * 100, ""], "c": [[1.0], [2.0] * 9]})
+    assert json.loads(_printed(table, "json"))[0]["a"] is None
+    assert "x" * 100 in _printed(table)
+    with pytest.raises(ValueError, match="must be one of table, csv, json"):
+        print_table(table, io.StringIO(), "xml")
+    wide = pa.table({f"column_{k}": ["a_word_" + "x" * 20] * 11 for k in range(9)})
+    assert _printed(wide).count("\n") == 2 + 11 + 1, "many rows into a file stay one a line"
+    assert _printed(wide.slice(0, 10)).count("\n") == 10 * 10 + 1
+    monkeypatch.setenv("COLUMNS", "60")
+    assert _printed(wide).count("\n") == 11 * 10 + 1
+    # a unit is that of the field, and not of another column of its name
+    named = pa.table({"dt": [3], "energy_end": [1.5], **{f"x{k}": ["y" * 30] for k in range(9)}})
+    cells = _cells(_printed(named))
+    assert (cells["dt"], cells["energy_end"], cells["x0"]) == ("3", "1.5 J", "y" * 30)
+
+
+def test_what_would_move_the_cursor_is_shown():
+    table = pa.table({"a\x1b[2J": ["x\x1b[31mred\x07", "y\x9b1A\u202e", "tab\tnew\nline"]})
+    text = _printed(table)
+    assert not set(text) & set("\x1b\x07\x9b\u202e")
+    for shown in (r"a\x1b[2J", r"x\x1b[31mred\x07", r"y\x9b1A\u202e"):
+        assert shown in text
+    assert "x\x1b[31mred\x07" in _printed(table, "csv"), "a file is given every value as it is"
+
+
+def test_query_csv_and_json_give_values_in_full(two_environments, record_id, capsys):
+    sql = f"SELECT * FROM records WHERE record_id = '{record_id}'"
+    record = open_run(two_environments).find(record_id)
+    assert main("query", two_environments, sql, "--format", "json") == 0
+    (row,) = json.loads(capsys.readouterr().out)
+    assert row["theta"] == record["theta"].tolist()
+    assert row["return"] == record["return"]
+    assert row["wall_start"] == record["wall_start"].isoformat()
+    assert row["time_to_success"] is None
+    assert main("query", two_environments, sql, "--format", "csv") == 0
+    (row,) = csv.DictReader(io.StringIO(capsys.readouterr().out))
+    assert json.loads(row["theta"]) == record["theta"].tolist()
+    assert float(row["return"]) == record["return"]
+    assert row["time_to_success"] == ""
+    assert json.loads(row["arguments"])
+
+
+def test_verify(two_environments, capsys, store, table):
+    assert main("verify", two_environments) == 0
+    captured = capsys.readouterr()
+    assert "records: 6, files: 2" in captured.out
+    assert re.search(r" [1-9]\d?%.*outcomes from traces", captured.err)
+    assert "100%" in captured.err
+    pq.write_table(with_column(table, "success", [True] * 3), store.files()[0])
+    assert main("verify", store.directory, "--no-progress") == 1
+    captured = capsys.readouterr()
+    assert captured.out.count("was altered") == 3
+    assert captured.err == ""
+
+
+def test_export(two_environments, tmp_path, capsys):
+    names = [field.name for field in SUMMARY_FIELDS]
+    assert main("export", two_environments) == 0
+    rows = list(csv.DictReader(io.StringIO(capsys.readouterr().out)))
+    assert len(rows) == 6
+    assert list(rows[0]) == names
+    assert len(json.loads(rows[0]["initial_state"])) == 4
+    output = tmp_path / "records.jsonl"
+    assert main("export", two_environments, "--to", "jsonl", "--out", output) == 0
+    lines = [json.loads(line) for line in output.read_text(encoding="utf-8").splitlines()]
+    records = {record["record_id"]: record for record in open_run(two_environments).records()}
+    assert {line["record_id"] for line in lines} == set(records)
+    for line in lines:
+        assert line == records[line["record_id"]].summary()
+        assert list(line) == names
+
+
+def test_a_terminal_s_width_is_kept_and_nothing_is_cut(
+    two_environments, record_id, capsys, monkeypatch
+):
+    def shown(*words):
+        assert main(*words) == 0
+        return capsys.readouterr().out.splitlines()
+
+    queries = [f"SELECT {what} FROM records ORDER BY record_id LIMIT 2"
+               for what in ("record_id, metric_definition", "*")]  # fmt: skip
+    goals = open_run(two_environments).query(queries[0]).column("metric_definition").to_pylist()
+    whole = shown("show", two_environments, record_id)
+    monkeypatch.setenv("COLUMNS", "80")
+    tables = [shown("query", two_environments, sql) for sql in queries]
+    record = shown("show", two_environments, record_id)
+    assert max(map(len, (*record, *tables[0], *tables[1]))) <= 80
+    for lines in tables:
+        words = "".join(lines).replace(" ", "")
+        assert all(goal.replace(" ", "") in words for goal in goals)
+    assert sorted("".join(record).replace(" ", "")) == sorted("".join("".join(whole).split()))
+
+
+def test_a_reader_that_stops_amid_many_records_is_no_error(two_environments):
+    sql = "SELECT unnest(theta), unnest(time) FROM records, range(20)"
+    query = ["evidence", "query", str(two_environments), sql]
+    with subprocess.Popen(
+        [sys.executable, "-m", "integ_gym.cli", *query],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+    ) as process:  # fmt: skip
+        assert process.stdout is not None
+        assert process.stderr is not None
+        process.stdout.readline()
+        process.stdout.close()
+        assert process.stderr.read() == b""
+        assert process.wait() == 0
+
+
+def test_bad_input_is_refused_with_one_sentence(two_environments, tmp_path, capsys):
+    nowhere = tmp_path / "nowhere"
+    for words, message in (
+        (("show", nowhere, "a"), f"no directory {nowhere}"),
+        (("query", tmp_path, "SELECT 1"), "holds no evidence"),
+        (("show", two_environments, "zz"), "no record 'zz'"),
+        (("show", two_environments, ""), "give more digits"),
+        (("query", two_environments, "SELEC 1"), "DuckDB refuses the query"),
+        (("query", two_environments, "SELECT lenth FROM records"), "length"),
+        (("query", two_environments, f"ATTACH '{nowhere}'"), "one statement that reads"),
+        (("export", two_environments, "--out", "/dev/null/x.csv"), "give another --out"),
+    ):
+        assert message in _refused(capsys, *words)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_unreadable_and_foreign_files_are_refused(store, table, capsys):
+    other, output = store.directory / "other.parquet", store.directory / "export.csv"
+    other.write_bytes(b"nothing")
+    assert "cannot read" in _refused(capsys, "show", store.directory, "a")
+    assert "move it away" in _refused(capsys, "export", store.directory, "--out", output)
+    assert [file.suffix for file in store.directory.iterdir()] == [".parquet"] * 2
+    metadata = table.schema.metadata | {VERSION_KEY: b"9"}
+    pq.write_table(table.replace_schema_metadata(metadata), other)
+    assert "schema version 9" in _refused(capsys, "query", store.directory, "SELECT 1")

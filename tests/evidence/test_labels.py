@@ -1,0 +1,251 @@
+"""Failure labels: every rule, that the first one that fits is taken, and the sentences.
+
+Planted causes get their label, whatever else is random. They are planted without the rules' own
+code: of everything else, a kind lets vary all that may not change its label, and holds back only
+what a rule before its own would take it for.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections import Counter
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from integ_gym.evidence.fields import CELL_STATUSES, LABELS, SUMMARY_FIELDS
+from integ_gym.evidence.labels import (
+    REASONS,
+    SENTENCE_COLUMNS,
+    EpisodeFacts,
+    Replays,
+    failure_label,
+    failure_sentence,
+)
+
+FAILED = EpisodeFacts(
+    success=False,
+    time=10.0,
+    episode_return=-1000.0,
+    solver_status="ok",
+    saturated_share=0.1,
+    goal_reached=None,
+    goal_left=None,
+    goal_since=None,
+)
+RECORD = {
+    "metric_definition": "|theta| < 0.2 rad",
+    "engine": "native",
+    "integrator": "rk4",
+    "dt": 0.05,
+    "control_period": 0.05,
+    "terminated": False,
+}
+HOME = Replays(home="is home")
+NEVER = (
+    "it never reached the goal (|theta| < 0.2 rad) in 10 s, with 10 % of the control steps "
+    "saturated."
+)
+SAME = "the same policy succeeds from the same start"
+
+
+@pytest.mark.parametrize(
+    ("changes", "replays", "label", "sentence"),
+    [
+        ({"success": True, "goal_since": 3.25}, Replays(), "none",
+         "succeeded: |theta| < 0.2 rad, at the goal from 3.25 s on."),
+        ({"solver_status": "diverged", "time": 1.25, "success": True}, HOME, "evaluation_error",
+         "the simulation diverged at 1.25 s on rk4 (native) at dt 0.05 s and control period "
+         "0.05 s."),
+        ({"episode_return": None}, HOME, "evaluation_error",
+         "the return is not finite after 10 s."),
+        ({"success": None}, HOME, "unattributed", "|theta| < 0.2 rad; the return is -1000."),
+        ({}, Replays(cell_status="unachievable"), "unachievable",
+         "a search over controls misses the goal's energy here from most starts, in twice the "
+         f"time too; {NEVER}"),
+        ({}, Replays(home=True, home_success=0.375), "not_learned",
+         f"the policy succeeds from 37.5 % of its starts at home; {NEVER}"),
+        ({}, Replays(home=True, second_horizon=True), "too_slow",
+         f"{SAME} in twice the time; {NEVER}"),
+        ({}, Replays(home=True), "discretization_error",
+         f"{SAME} on its training discretization, but on rk4 (native) at dt 0.05 s and control "
+         f"period 0.05 s {NEVER[3:]}"),
+        ({"homes": 3}, Replays(home=True), "discretization_error",
+         f"{SAME} on a training discretization of it, but on rk4 (native) at dt 0.05 s and control "
+         f"period 0.05 s {NEVER[3:]}"),
+        ({}, Replays(), "unattributed",
+         f"the replay on its training discretization was not run; {NEVER}"),
+        ({"observation_noise": 0.02}, replace(HOME, without_noise=True), "perception_error",
+         f"{SAME} without observation noise, but with standard deviation 0.02 {NEVER[3:]}"),
+        ({"observation_noise": 0.02}, HOME, "unattributed",
+         f"the replay without observation noise was not run; {NEVER}"),
+        ({"staleness": 0.15}, replace(HOME, without_delay=True), "state_error",
+         f"{SAME} without delays, but with 0.15 s of latency and staleness {NEVER[3:]}"),
+        ({"saturated_share": 0.5}, HOME, "control_error", NEVER.replace("10 %", "50 %")),
+        ({"goal_reached": 2.0, "goal_left": 4.5}, HOME, "control_error",
+         "it came to the goal (|theta| < 0.2 rad) at 2 s and last left it at 4.5 s, with 10 % of "
+         "the control steps saturated."),
+        ({"goal_reached": 0.0, "goal_left": 10.0, "terminated": True}, HOME, "control_error",
+         "it was terminated at 10 s (asked: |theta| < 0.2 rad), with 10 % of the control steps "
+         "saturated."),
+        ({"goal_reached": 9.0, "goal_since": 9.0}, HOME, "planning_error",
+         "it came to the goal (|theta| < 0.2 rad) at 9 s, too late for the episode's end at 10 s, "
+         "with 10 % of the control steps saturated."),
+    ],
+)  # fmt: skip
+def test_label_and_sentence(changes, replays, label, sentence):
+    """The sentence made of code and numbers as a record holds them."""
+    changes, terminated = dict(changes), changes.get("terminated", False)
+    changes.pop("terminated", None)
+    failure = failure_label(replace(FAILED, **changes), replays)
+    fields = {**RECORD, **failure.columns(), "terminated": terminated}
+    assert set(SENTENCE_COLUMNS) <= set(fields)
+    assert (failure.label, failure_sentence(fields)) == (label, sentence)
+
+
+COUNT = 100
+UNKNOWN_OR_FALSE = (None, False)
+ELSEWHERE = (False, "is home", "no home")
+SOLVED = tuple(status for status in (None, *CELL_STATUSES) if status != "unachievable")
+
+
+class _Planter:
+    """Draws facts and replays of one failed episode, and plants a cause in them."""
+
+    def __init__(self, rng):
+        self.rng = rng
+        time = float(rng.uniform(0.5, 30.0))
+        reached = self.one_of(None, float(rng.uniform(0.0, time)))
+        self.facts = {
+            "success": False,
+            "time": time,
+            "episode_return": float(rng.normal(0.0, 100.0)),
+            "solver_status": self.one_of("ok", "not_converged", "not_reported"),
+            "saturated_share": float(rng.uniform(0.0, 1.0)),
+            "goal_reached": reached,
+            "goal_left": None if reached is None else self.one_of(None, (reached + time) / 2.0),
+            "goal_since": self.one_of(None, float(rng.uniform(0.0, time))),
+            "observation_noise": self.one_of(0.0, float(rng.uniform(1e-3, 1.0))),
+            "staleness": self.one_of(0.0, float(rng.uniform(1e-3, 1.0))),
+            "homes": int(rng.integers(1, 4)),
+        }
+        self.replays = {
+            "home": self.one_of(None, True, *ELSEWHERE),
+            "without_noise": self.one_of(None, True, False),
+            "without_delay": self.one_of(None, True, False),
+            "second_horizon": self.one_of(None, True, False),
+            "home_success": self.one_of(None, float(rng.uniform(0.0, 1.0))),
+            "cell_status": self.one_of(None, *CELL_STATUSES),
+        }
+
+    def one_of(self, *choices):
+        return choices[self.rng.integers(len(choices))]
+
+    def evaluation_error(self):
+        self.facts["success"] = self.one_of(True, False)
+        broken = self.one_of({"solver_status": "diverged"}, {"episode_return": None})
+        self.facts.update(broken)
+
+    def none(self):
+        self.facts["success"] = True
+
+    def unachievable(self):
+        self.replays["cell_status"] = "unachievable"
+
+    def not_learned(self):
+        self.replays["cell_status"] = self.one_of(*SOLVED)
+        self.replays["home_success"] = float(self.rng.uniform(0.0, 0.499))
+
+    def _learned(self):
+        self.replays["cell_status"] = self.one_of(*SOLVED)
+        self.replays["home_success"] = self.one_of(None, float(self.rng.uniform(0.5, 1.0)))
+
+    def too_slow(self):
+        self._learned()
+        self.replays["second_horizon"] = True
+
+    def _lost_here(self):
+        self._learned()
+        self.replays["second_horizon"] = self.one_of(*UNKNOWN_OR_FALSE)
+
+    def discretization_error(self):
+        self._lost_here()
+        self.replays["home"] = True
+
+    def _lost_at_home_too(self):
+        self._lost_here()
+        self.replays["home"] = self.one_of(*ELSEWHERE)
+
+    def perception_error(self):
+        self._lost_at_home_too()
+        self.facts["observation_noise"] = float(self.rng.uniform(1e-3, 1.0))
+        self.replays["without_noise"] = True
+
+    def _lost_without_noise_too(self):
+        self._lost_at_home_too()
+        if self.facts["observation_noise"]:
+            self.replays["without_noise"] = False
+
+    def state_error(self):
+        self._lost_without_noise_too()
+        self.facts["staleness"] = float(self.rng.uniform(1e-3, 1.0))
+        self.replays["without_delay"] = True
+
+    def _lost_undisturbed(self):
+        self._lost_without_noise_too()
+        if self.facts["staleness"]:
+            self.replays["without_delay"] = False
+
+    def control_error(self):
+        self._lost_undisturbed()
+        cause = self.one_of("saturated", "left", "both")
+        self.facts["saturated_share"] = float(
+            self.rng.uniform(0.0, 0.499) if cause == "left" else self.rng.uniform(0.5, 1.0)
+        )
+        left = {"goal_reached": 0.25 * self.facts["time"], "goal_left": 0.5 * self.facts["time"]}
+        self.facts.update({"goal_left": None} if cause == "saturated" else left)
+
+    def planning_error(self):
+        self._lost_undisturbed()
+        self.facts["saturated_share"] = float(self.rng.uniform(0.0, 0.499))
+        self.facts["goal_left"] = None
+
+    def unattributed(self):
+        unknown = self.one_of("home", "without_noise", "without_delay")
+        if unknown == "home":
+            self._lost_here()
+        elif unknown == "without_noise":
+            self._lost_at_home_too()
+            self.facts["observation_noise"] = float(self.rng.uniform(1e-3, 1.0))
+        else:
+            self._lost_without_noise_too()
+            self.facts["staleness"] = float(self.rng.uniform(1e-3, 1.0))
+        self.replays[unknown] = None
+
+
+def _planted(kind, seed):
+    planter = _Planter(np.random.default_rng([seed, LABELS.index(kind)]))
+    getattr(planter, kind)()
+    return EpisodeFacts(**planter.facts), Replays(**planter.replays)
+
+
+@pytest.mark.parametrize("kind", LABELS)
+def test_a_planted_cause_is_found(kind):
+    failures = [failure_label(*_planted(kind, seed)) for seed in range(COUNT)]
+    assert Counter(failure.label for failure in failures) == {kind: COUNT}
+    for failure in failures:
+        assert failure.reason in REASONS
+        assert json.loads(failure.columns()["failure_numbers"]) == failure.numbers
+        assert re.fullmatch(r"[^{}]+[^.]\.", failure_sentence({**RECORD, **failure.columns()}))
+
+
+@pytest.mark.parametrize("home", [True, False, None, "is home", "no home"])
+def test_every_field_of_replays_is_a_column(home):
+    """Where the episode ran at home, or has none, there was no replay at home."""
+    said = Replays(home, True, False, True, 0.75, "undecided")
+    own = home if isinstance(home, bool) else None
+    assert list(said.columns().values()) == [own, True, False, True, 0.75, "undecided"]
+    names = [field.name for field in SUMMARY_FIELDS if field.group == "replays"]
+    assert list(said.columns()) == names

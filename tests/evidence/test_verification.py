@@ -1,0 +1,396 @@
+"""What was forged, dropped or swapped in records is named, with what it comes out as."""
+
+from __future__ import annotations
+
+import random
+import shutil
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from forgery import with_column
+from pairing import in_turn
+from recording import PENDULUM, made, recorded
+
+from integ_gym.envs.registries import ENVIRONMENTS
+from integ_gym.evidence import replaying
+from integ_gym.evidence.hashing import with_hashes
+from integ_gym.evidence.labels import EpisodeContext, Replays
+from integ_gym.evidence.recomputing import recompute
+from integ_gym.evidence.replaying import missing_episodes, replay, replay_some
+from integ_gym.evidence.schema import EvidenceError, is_trace
+from integ_gym.evidence.sealing import (
+    SEAL_FILE,
+    broken_seals,
+    read_seal,
+    seal,
+)
+from integ_gym.evidence.store import EvidenceStore
+
+SETTINGS = {
+    "plain": {},
+    "implicit": {"integrator": "implicit_midpoint"},
+    "late": {
+        "dt": 0.01, "control_period": 0.02, "action_latency": 0.03, "sensor_period": 0.05,
+        "observation_noise": 0.01,
+    },
+    "coarse": {"integrator": "explicit_euler", "dt": 0.2, "control_period": 0.2},
+}  # fmt: skip
+
+
+def _recorded(directory, env_id=PENDULUM, episodes=4, **settings):
+    context = EpisodeContext("run", "cell", policy_id="random", replays=Replays(home=False))
+    return recorded(directory, range(episodes), context, env_id, duration=1.0, **settings)
+
+
+@pytest.fixture(scope="module")
+def four(tmp_path_factory):
+    return _recorded(tmp_path_factory.mktemp("four")).directory
+
+
+@pytest.fixture
+def untouched(tmp_path, four):
+    """A store of four records, which may be forged."""
+    return EvidenceStore(shutil.copytree(four, tmp_path / "evidence"))
+
+
+def _found(store):
+    return [str(x) for name, record in store.named_records() for x in recompute(record, name)]
+
+
+def _replayed(store, **options):
+    return replay(list(store.named_records()), **options).settle()
+
+
+def _forge(store, column, change):
+    """Change a column of the only file, and make its hashes fit."""
+    (file,) = store.files()
+    table = pq.read_table(file)
+    made = with_column(table, column, change(table.column(column).to_pylist()))
+    pq.write_table(with_hashes(made), file)
+    assert store.verify() == []
+
+
+@pytest.mark.parametrize(("env_id", "kind"), in_turn(ENVIRONMENTS, SETTINGS))
+def test_what_was_recorded_comes_out_again_to_the_last_bit(env_id, kind, tmp_path):
+    store = _recorded(tmp_path, env_id, **SETTINGS[kind])
+    assert _found(store) == []
+    assert list(missing_episodes(store)) == []
+    done = _replayed(store, exact=True)
+    assert (done.findings, done.records, done.exact, done.skipped) == ([], 4, 4, {})
+
+
+@pytest.mark.parametrize(
+    ("known", "latency", "missed"),
+    [
+        (True, 0.1, "without latency"),
+        (False, 0.1, "on its training"),
+        (False, 0.0, "on its training"),
+    ],
+)
+def test_replays_that_were_not_run_are_told_apart(known, latency, missed, tmp_path):
+    """Of a policy that was not trained, and of one of which nobody says where it was."""
+    context = EpisodeContext("run", "cell", policy_id="one", home_known=known)
+    store = recorded(tmp_path, range(2), context, action_latency=latency)
+    for record in store.records():
+        assert record.reason.startswith(f"the replay {missed}")
+    assert _found(store) == []
+    assert _replayed(store, exact=True).exact == 2
+
+
+FORGED = {
+    "success": lambda values: [not x for x in values],
+    "return": lambda values: [x + 1.0 for x in values],
+    "time_to_success": lambda values: [0.5 for _ in values],
+    "length": lambda values: [x - 1 for x in values],
+    "terminated": lambda values: [not x for x in values],
+    "truncated": lambda values: [not x for x in values],
+    "energy_end": lambda values: [x + 1e-3 for x in values],
+    "work_total": lambda values: [x + 1e-3 for x in values],
+    "energy_residual_abs_total": lambda values: [2.0 * x + 1.0 for x in values],
+    "solver_status": lambda values: ["not_converged" for _ in values],
+    "initial_state": lambda values: [[x[0] + 0.1, x[1]] for x in values],
+    "failure_label": lambda values: ["discretization_error" for _ in values],
+    "failure_reason": lambda values: ["saturated" for _ in values],
+    "failure_numbers": lambda values: [x.replace('"time":', '"time":1') for x in values],
+    "replay_home": lambda values: [True for _ in values],
+    "cell_status": lambda values: ["unachievable" for _ in values],
+    "reward": lambda values: [[0.0 * x if x else None for x in row] for row in values],
+}
+
+
+@pytest.mark.parametrize("column", FORGED)
+def test_a_forged_outcome_with_hashes_that_fit_is_named(column, untouched):
+    _forge(untouched, column, FORGED[column])
+    found = _found(untouched)
+    ids = {record["record_id"] for record in untouched.records(trace=False)}
+    assert {name for name in ids if any(name in line for line in found)} == ids
+    assert any("is recorded as" in line and "comes out as" in line for line in found)
+
+
+def test_a_forged_trace_whose_sums_fit_is_named_by_the_replay(untouched):
+    def swap(rows):
+        return [[*row[:10], row[10] + 1e-3, *row[11:]] for row in rows]
+
+    _forge(untouched, "theta_dot", swap)
+    assert _found(untouched) == []
+    done = _replayed(untouched)
+    assert len(done.findings) == 4
+    assert "`theta_dot[10]` is recorded as" in str(done.findings[0])
+
+
+def test_checks_tell_of_every_record_that_they_are_done_with(untouched):
+    told = {"verify": [], "replay": []}
+    assert untouched.verify(told["verify"].append) == []
+    rng, report = random.Random(0), told["replay"].append
+    assert replay_some(untouched, None, rng, lambda record: None, report=report).records == 4
+    assert {name: sum(counts) for name, counts in told.items()} == {"verify": 4, "replay": 4}
+
+
+def test_the_last_bit_counts_if_asked_for(untouched):
+    _forge(untouched, "energy", lambda rows: [[*row[:-2], np.nextafter(row[-2], 9.0), row[-1]]
+                                              for row in rows])  # fmt: skip
+    done = _replayed(untouched)
+    assert (done.findings, done.exact, done.records) == ([], 0, 4)
+    assert len(_replayed(untouched, exact=True).findings) == 4
+
+
+def test_what_does_not_end_as_recorded_is_named(tmp_path):
+    store = _recorded(tmp_path, "IntegCartPole-v0")
+    _forge(store, "force_commanded", lambda rows: [[x and -x for x in row] for row in rows])
+    assert _replayed(store).findings
+
+
+def test_no_code_that_a_record_names_is_run(untouched, tmp_path, monkeypatch):
+    (tmp_path / "trap.py").write_text("raise SystemExit('executed')")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    named, trap = '"value":"symplectic_euler"', '"value":"trap:Map"'
+    _forge(untouched, "arguments", lambda values: [x.replace(named, trap) for x in values])
+    assert _found(untouched) == []
+    done = _replayed(untouched)
+    assert (done.records, list(done.skipped.values())) == (0, [4])
+    with pytest.raises(SystemExit, match="executed"):
+        _replayed(untouched, own_code=True)
+
+
+def test_dropped_and_doubled_rows_are_counted(untouched):
+    (file,) = untouched.files()
+    table = pq.read_table(file)
+    pq.write_table(pa.concat_tables([table.slice(0, 1), table.slice(3)]), file)
+    (found,) = missing_episodes(untouched)
+    assert str(found) == "cell 'cell', policy 'random': 2 missing of episodes 0 to 3"
+    pq.write_table(pa.concat_tables([table, table.slice(0, 1)]), file)
+    (found,) = missing_episodes(untouched)
+    assert "1 record too many of episodes 0 to 3" in str(found)
+
+
+def test_records_without_a_trace_are_checked_as_far_as_they_go(tmp_path):
+    store = recorded(tmp_path, range(4), EpisodeContext("run", "cell", trace_every=2))
+    assert _found(store) == []
+    assert _replayed(store).skipped == {"without a trace": 2}
+    whole = store.files()[0].read_bytes()
+    for column in ("truncated", "failure_label"):
+        _forge(store, column, FORGED[column])
+        assert len(_found(store)) == 4
+        store.files()[0].write_bytes(whole)
+    for column in ("dissipated_total", "energy_end", "work_total", "success"):
+        _forge(store, column, lambda values: [None for _ in values])
+        assert sum(f"`{column}` is recorded as None" in line for line in _found(store)) >= 4
+        store.files()[0].write_bytes(whole)
+
+
+def test_a_trace_that_is_gone_is_named(untouched):
+    (file,) = untouched.files()
+    rows = pq.read_table(file).to_pylist()
+    rows[1] |= {name: None for name in rows[1] if is_trace(name)}
+    table = pa.Table.from_pylist(rows, pq.read_schema(file))
+    pq.write_table(with_hashes(table.combine_chunks()), file)
+    (found,) = _found(untouched)
+    assert rows[1]["record_id"] in found
+    assert "its trace is gone, at episode 1 with `trace_every` 1; restore the file" in found
+
+
+JSON_FIELDS = {
+    "arguments": ["", "[]", "1", '{"dt": 1}', '{"dt": {"value": []}}', "[" * 9999, "null"],
+    "training_discretization": ["{", "1", '"x"', "[1]", "[[]]"],
+}
+
+
+@pytest.mark.parametrize(("column", "text"), [(k, x) for k in JSON_FIELDS for x in JSON_FIELDS[k]])
+def test_fields_that_hold_anything_are_named_in_a_sentence(column, text, untouched):
+    _forge(untouched, column, lambda values: [text, *values[1:]])
+    (found,) = _found(untouched)
+    assert next(untouched.records(trace=False))["record_id"] in found
+    assert "\n" not in found
+    assert _replayed(untouched).records < 4
+    assert "restore the file from a copy" in found
+
+
+def test_the_only_one_of_a_file_whose_bits_differ_is_named_however_little(tmp_path):
+    store = _recorded(tmp_path, episodes=20)
+    _forge(store, "energy_end", lambda values: [values[0] * (1.0 + 1e-9), *values[1:]])
+    done = _replayed(store)
+    assert (done.exact, done.records) == (19, 20)
+    (found,) = done.findings
+    assert "`energy_end` is recorded as" in found.message
+
+
+@pytest.mark.parametrize("column", ["time", "theta", "solver_status_code", "reward", "energy"])
+def test_columns_of_other_lengths_are_named(column, untouched):
+    _forge(untouched, column, lambda rows: [rows[0][:-2], *rows[1:]])
+    assert any("values" in line or "is recorded as" in line for line in _found(untouched))
+    told = [str(x) for x in _replayed(untouched).findings]
+    assert any("len(" in one or "cannot be played" in one for one in told)
+
+
+@pytest.mark.parametrize("column", ["penetration", "dissipated", "clip_loss", "sensor_time"])
+def test_a_column_that_is_gone_from_one_trace_is_named(column, untouched):
+    _forge(untouched, column, lambda rows: [None, *rows[1:]])
+    (found,) = [x for x in _replayed(untouched).findings if f"`{column}`" in x.message]
+    assert "is recorded as None" in found.message
+
+
+@pytest.mark.parametrize("column", ["fallback_count", "recovery_count", "saturated_share"])
+def test_how_controls_came_about_is_told_by_a_replay(column, tmp_path):
+    store = _recorded(tmp_path, episodes=2, **SETTINGS["late"])
+    _forge(store, column, lambda values: [values[0] + 1, *values[1:]])
+    assert any(f"`{column}`" in x.message for x in _replayed(store).findings)
+
+
+def test_another_machine_s_rounding_is_told_from_a_forgery(tmp_path, monkeypatch):
+    """Recorded controls leave a pendulum to itself: an ulp grows with every swing."""
+    context = EpisodeContext("run", "cell", replays=Replays(home=False))
+    store = recorded(tmp_path, range(8), context, duration=20.0)
+    start = replaying._start
+
+    def rounded(recorder, records, nudge):
+        if nudge:
+            return start(recorder, records, nudge)
+        states = np.array([record.fields["initial_state"] for record in records])
+        return recorder.reset(options={"state": np.nextafter(states, np.inf)})[0]
+
+    monkeypatch.setattr(replaying, "ELSEWHERE", 1e-14)
+    with monkeypatch.context() as elsewhere:
+        elsewhere.setattr(replaying, "_start", rounded)
+        done = _replayed(store)
+        assert (done.findings, done.exact) == ([], 0)
+        assert done.sensitive
+        whole = store.files()[0].read_bytes()
+        _forge(store, "energy_residual_total", lambda values: [None, *values[1:]])
+        (gone,) = {finding.record_id for finding in _replayed(store).findings}
+        assert gone == next(store.records())["record_id"]
+        store.files()[0].write_bytes(whole)
+        _forge(store, "theta_dot", lambda rows: [[*row[:9], row[9] + 1e-3, *row[10:]]
+                                                 for row in rows])  # fmt: skip
+        assert len({finding.record_id for finding in _replayed(store).findings}) == 8
+    assert not _replayed(store).sensitive
+
+
+@pytest.fixture
+def sealed(tmp_path, four):
+    run = tmp_path / "run"
+    shutil.copytree(four, run / "evidence")
+    (run / "policies" / "a").mkdir(parents=True)
+    (run / "policies" / "a" / "policy.json").write_text("{}")
+    pinned = seal(run)
+    assert read_seal(run)["seal"] == pinned
+    assert list(broken_seals(run)) == []
+    return run
+
+
+def _flip(file):
+    content = bytearray(file.read_bytes())
+    content[len(content) // 2] ^= 1
+    file.write_bytes(content)
+
+
+ATTACKS = {
+    "flipped": (lambda file: _flip(file), "was changed after the run was sealed"),
+    "cut": (lambda file: file.write_bytes(file.read_bytes()[:-9]), "was changed after the run"),
+    "deleted": (lambda file: file.unlink(), "is sealed and missing"),
+    "added": (lambda file: (file.parent / f"x{file.suffix}").write_text("{}"), "is not of the"),
+}
+
+
+@pytest.mark.parametrize("attack", ATTACKS)
+def test_a_seal_names_every_file_that_was_touched(sealed, attack):
+    change, message = ATTACKS[attack]
+    for pattern in ("evidence/*.parquet", "policies/a/policy.json"):
+        (file,) = sealed.glob(pattern)
+        change(file)
+    assert [message in str(found) for found in broken_seals(sealed)] == [True, True]
+
+
+def test_a_seal_that_was_made_to_fit_is_another(sealed):
+    (file,) = sealed.glob("evidence/*.parquet")
+    before = read_seal(sealed)["seal"]
+    text = (sealed / SEAL_FILE).read_text()
+    _flip(file)
+    assert seal(sealed) != before
+    (sealed / SEAL_FILE).write_text(text.replace(before, "0" * 64))
+    assert "its own hash does not fit" in "\n".join(map(str, broken_seals(sealed)))
+    (sealed / SEAL_FILE).write_text("[]")
+    with pytest.raises(EvidenceError, match=r"a list where an object was expected; restore it"):
+        read_seal(sealed)
+
+
+def _lean(observations):
+    """What a policy would do: the same for the same observation, on any machine."""
+    return np.clip(-3.0 * observations[:, 1:2], -2.0, 2.0).astype(np.float32)
+
+
+def _acted(directory, seeds=range(3), trace_every=2, **settings):
+    """Episodes of that policy, none of whose controls are seen in every second."""
+    context = EpisodeContext(
+        "run", "cell", policy_id="lean", policy_hash="1", trace_every=trace_every
+    )
+    with made(directory, context, duration=2.0, **settings) as env:
+        for seed in seeds:
+            observation, _ = env.reset(seed=seed)
+            ended = False
+            while not ended:
+                observation, _, _, ended, _ = env.step(_lean(observation[None])[0])
+    return EvidenceStore(directory)
+
+
+@pytest.mark.parametrize("settings", SETTINGS.values(), ids=SETTINGS)
+def test_a_policy_decides_again_without_a_trace_and_with_noise(settings, tmp_path):
+    store = _acted(tmp_path, **settings)
+    done = _replayed(store, exact=True, policy=lambda record: _lean)
+    assert (done.findings, done.records, done.exact, done.skipped) == ([], 3, 3, {})
+
+
+def test_the_noise_of_later_episodes_is_drawn_again_and_an_earlier_version_s_is_not(tmp_path):
+    """Once it came from the generator of the starts, and is not held against ours."""
+    store = _acted(tmp_path, (4, None, None), 1, observation_noise=0.05)
+    whole = store.files()[0].read_bytes()
+    for policy in (None, lambda record: _lean):
+        done = _replayed(store, exact=True, policy=policy)
+        assert (done.findings, done.records, done.exact, done.skipped) == ([], 3, 3, {})
+    (sensed, *_) = [name for name in next(store.records()).trace if name.startswith("sensed_")]
+    _forge(store, sensed, lambda traces: [*traces[:2], [x + 1e-3 for x in traces[2]]])
+    (finding,) = _replayed(store).findings
+    assert sensed in str(finding)
+    store.files()[0].write_bytes(whole)
+    _forge(store, "schema_version", lambda values: [3 for _ in values])
+    done = _replayed(store)
+    assert (done.findings, done.records, done.exact) == ([], 3, 3)
+    done = _replayed(store, policy=lambda record: _lean)
+    assert done.skipped == {"whose noise cannot be drawn again": 3}
+
+
+def test_what_another_policy_did_is_named_and_one_that_is_gone_decides_nothing(tmp_path, untouched):
+    store = _acted(tmp_path / "acted")
+    done = _replayed(store, policy=lambda record: lambda x: 0.9 * _lean(x))
+    assert {finding.record_id for finding in done.findings} == {
+        record["record_id"] for record in store.records(trace=False)
+    }
+
+    def none(record):
+        raise ValueError("it is gone")
+
+    done = _replayed(store, policy=none)
+    assert done.skipped == {"whose policy cannot decide again: it is gone": 3}
+    reason = "of training or of a policy without a hash, and nothing tells their controls"
+    assert _replayed(untouched, policy=none).skipped == {reason: 4}

@@ -1,0 +1,187 @@
+"""What a terminal is told: tables within its width, numbers, colours, and how a command ends."""
+
+from __future__ import annotations
+
+import ctypes
+import errno
+import io
+import signal
+
+import pyarrow as pa
+import pytest
+
+from integ_gym.support.errors import InputError, MissingPackageError
+from integ_gym.support.terminal import (
+    DEFECT,
+    compact,
+    compact_percent,
+    fixed,
+    has_room,
+    percent,
+    print_columns,
+    print_wrapped,
+    report_errors,
+    seconds,
+    unbroken,
+    width_of,
+    wrap,
+)
+
+REASON = "it never reached the goal, with 12% of the control steps saturated, over and over again"
+
+
+def _printed(*given, **options):
+    file = io.StringIO()
+    print_columns(*given, file, **options)
+    return file.getvalue().splitlines()
+
+
+@pytest.fixture
+def narrow(monkeypatch):
+    monkeypatch.setenv("COLUMNS", "60")
+
+
+@pytest.mark.parametrize("text", [REASON, "a_" * 60, "x" * 100, '{"a":1.25,"b":[1,2]}' * 9, ""])
+@pytest.mark.parametrize("width", [20, 60])
+def test_nothing_is_lost_where_a_text_is_broken(text, width, monkeypatch):
+    assert width_of(io.StringIO()) is None
+    assert wrap(text, io.StringIO()) == text
+    monkeypatch.setenv("COLUMNS", str(width))
+    assert width_of(io.StringIO()) == width
+    lines = wrap(text, io.StringIO()).split("\n")
+    assert max(map(len, lines)) <= width
+    assert "".join(lines).replace(" ", "") == text.replace(" ", "")
+
+
+def test_a_table_is_printed_in_full_broken_or_as_lists(narrow):
+    rows = [["rk4", "-1.5"], ["explicit_euler", "10"]]
+    assert _printed(["integrator", "energy"], rows, right=[False, True])[2:] == [
+        "rk4               -1.5",
+        "explicit_euler      10",
+    ]
+    lines = _printed(["record", "why"], [["3f9a" * 4, REASON], ["b", ""]])
+    assert max(map(len, lines)) <= 60
+    assert " ".join(line[18:].strip() for line in lines[2:5]) == REASON
+    names = [f"column {k}" for k in range(12)]
+    lines = _printed(names, [["value"] * 12, ["value"] * 11 + [REASON]])
+    assert lines[0] == "column 0   value"
+    assert max(map(len, lines)) <= 60
+    assert " ".join(line.strip() for line in lines[24:]) == f"column 11  {REASON}"
+    assert has_room(["record", "why"], [["3f9a", REASON]], 40)
+    assert not has_room(["one", "other"], [["3f9a" * 5, "x" * 30]], 40)
+
+
+def test_a_command_to_copy_stays_on_its_line(narrow):
+    file = io.StringIO()
+    command = 'pip install -e ".[mujoco_warp]"'
+    print_wrapped(f"mujoco_warp: not installed (warp, more); run: {unbroken(command)}", file)
+    assert file.getvalue().splitlines()[-1] == f"  {command}"
+
+
+class Terminal(io.StringIO):
+    """A stream that says it is a terminal."""
+
+    def isatty(self):
+        return True
+
+
+def test_whole_cells_are_painted_on_a_terminal_that_wants_it(monkeypatch):
+    rows = [("fails", "a"), ("transfers", "b"), ("fails as well", "c")]
+
+    def printed(file):
+        colours = {"fails": "red", "transfers": "green"}
+        print_columns(("verdict", "of"), rows, file, colours=colours)
+        return file.getvalue()
+
+    for name, value in (("TERM", "xterm"), ("COLUMNS", "80")):
+        monkeypatch.setenv(name, value)
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    text = printed(Terminal())
+    assert "\x1b[31mfails " in text
+    assert "\x1b[32mtransfers " in text
+    assert "\nfails as well" in text
+    for code in ("\x1b[31m", "\x1b[32m", "\x1b[0m"):
+        text = text.replace(code, "")
+    assert text == printed(io.StringIO())
+    for name, value in (("NO_COLOR", "1"), ("TERM", "dumb")):
+        with monkeypatch.context() as changed:
+            changed.setenv(name, value)
+            assert "\x1b" not in printed(Terminal())
+
+
+def test_numbers_keep_two_digits_and_have_true_minus_signs():
+    values = (8.04, 0.0995, -13.2, 1234.0, -3.04e-12, 0.0, None, float("nan"))
+    told = ["+8.0", "+0.10", "−13", "+1200", "−3.0·10⁻¹²", "0", "–", "–"]
+    assert [compact(value, 2, True) for value in values] == told
+    assert [fixed(-0.25), fixed(-0.001), fixed(0.001, sign=True)] == ["−0.25", "0.00", "0.00"]
+    assert [seconds(value) for value in (0.25, 61.0, 7260.0, None)] == [
+        "0.25 s", "1 min 1 s", "2 h 1 min", "–",
+    ]  # fmt: skip
+    assert [percent(0.536), percent(0.0042, 1, sign=True), percent(None)] == ["54 %", "+0.4 %", "–"]
+    told = [compact_percent(share, sign=True) for share in (-4.1e-8, 1.73, float("nan"))]
+    assert told == ["−4.1·10⁻⁶ %", "+170 %", "–"]
+
+
+@pytest.fixture
+def heeded():
+    """Where tests run in the background, SIGINT is ignored; here it is not."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_an_interruption_that_compiled_code_swallows_is_no_success(heeded, capsys):
+    """As one in a callback, which cannot raise what it raises."""
+
+    def swallowed():
+        ctypes.CFUNCTYPE(None)(lambda: signal.raise_signal(signal.SIGINT))()
+        return 0
+
+    held = signal.getsignal(signal.SIGINT)
+    assert report_errors("a", swallowed) == 130
+    assert "a: interrupted" in capsys.readouterr().err
+    assert signal.getsignal(signal.SIGINT) is held
+    assert report_errors("a", lambda: 3) == 3
+
+
+def test_an_interruption_is_raised_where_it_comes(heeded):
+    def interrupted():
+        signal.raise_signal(signal.SIGINT)
+        raise AssertionError("went on")
+
+    assert report_errors("a", interrupted) == 130
+
+
+def _ended(error):
+    def run():
+        raise error
+
+    return report_errors("a", run)
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        MemoryError(),
+        pa.ArrowMemoryError("malloc of size 64 failed"),
+        pa.ArrowException("Unknown error: std::bad_alloc"),
+        OSError(errno.ENOMEM, "Cannot allocate memory"),
+    ],
+    ids=lambda error: type(error).__name__,
+)
+def test_memory_that_is_short_is_said_in_a_sentence(error, capsys):
+    assert _ended(error) == 2
+    told = " ".join(capsys.readouterr().err.split())
+    assert "not enough memory" in told
+    assert "fewer --workers" in told
+
+
+def test_what_a_user_can_mend_is_one_line_and_any_other_error_a_defect(capsys):
+    for error in (InputError("b"), MissingPackageError("b"), FileNotFoundError(2, "b", "c")):
+        assert _ended(error) == 2
+        assert capsys.readouterr().err.count("\n") == 1
+    for error in (ValueError("b"), KeyError("b")):
+        with pytest.raises(type(error)) as raised:
+            _ended(error)
+        assert raised.value.__notes__ == [DEFECT]

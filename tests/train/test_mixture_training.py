@@ -1,0 +1,177 @@
+"""Both trainers train on mixtures; the fleet keeps every integrator's share of its lanes."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import replace
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from fleet_runs import small_run
+from small_ppo import trained
+
+from integ_gym.evidence.labels import EpisodeContext
+from integ_gym.evidence.store import EvidenceStore
+from integ_gym.train.command import training_command as main
+from integ_gym.train.config import TrainingEvidence
+from integ_gym.train.fleet.planning import plan
+from integ_gym.train.fleet.training import train_chunk, train_fleet, write_outcome
+from integ_gym.train.fleet.worker import Workers
+from integ_gym.train.policy_files.sidecar import read_trained
+from integ_gym.train.ppo import PPOConfig
+
+PERIOD, HORIZON, LANES = 0.05, 8, 8
+MIXTURE = [
+    {"integrator": "explicit_euler", "dt": 0.05, "weight": 2},
+    {"integrator": "rk4", "dt": 0.05, "weight": 1},
+    {"integrator": "rk4", "dt": 0.0125, "weight": 3},
+    {"integrator": "implicit_midpoint", "dt": 0.025},
+    {"integrator": "reference", "dt": 0.05},
+]
+SHARES = {"explicit_euler": 0.25, "rk4": 0.5, "implicit_midpoint": 0.125, "reference": 0.125}
+CONFIG = PPOConfig.of(
+    "IntegPendulum-v0",
+    env_arguments={"mixture": MIXTURE, "control_period": PERIOD, "duration": HORIZON * PERIOD},
+    n_envs=LANES,
+    n_steps=32,
+    batch_size=64,
+    n_epochs=2,
+    net_arch=(16, 8),
+    total_steps=1024,
+    trace_every=1,
+)
+HOMES = [{k: x for k, x in member.items() if k != "weight"} for member in MIXTURE]
+CONTEXT = EpisodeContext("run", "cell", phase="training", training_discretization=HOMES)
+
+
+@pytest.fixture(scope="module", params=["sb3", "fleet"])
+def run(request, tmp_path_factory):
+    """A policy trained on the mixture, and the records of its training episodes."""
+    folder = tmp_path_factory.mktemp("run")
+    evidence = [TrainingEvidence(folder / "evidence", "training", CONTEXT)]
+    if request.param == "sb3":
+        policy = trained(CONFIG, folder, evidence=evidence)
+    else:
+        (outcome,) = train_chunk([CONFIG], evidence)
+        policy = write_outcome(CONFIG, outcome, folder)
+    store = EvidenceStore(folder / "evidence")
+    assert store.verify() == []
+    return policy, sorted(store.records(), key=lambda r: r["episode_index"])
+
+
+def test_every_record_says_what_its_episode_ran_on(run):
+    """Replayed on the discretization that it names, its commands lead to its states."""
+    _, records = run
+    drawn = Counter((r["integrator"], r["dt"]) for r in records)
+    assert set(drawn) == {(m["integrator"], m["dt"]) for m in MIXTURE}
+    seen = set()
+    for record in records:
+        pair = record["integrator"], record["dt"]
+        assert record["substeps"] == round(PERIOD / record["dt"])
+        if pair not in seen:
+            seen.add(pair)
+            _replay(record)
+
+
+def _replay(record):
+    env = gym.make("IntegPendulum-v0", **record.arguments())
+    env.reset(options={"state": record["initial_state"]})
+    states = np.stack([record["theta"], record["theta_dot"]], axis=1)
+    tolerance = 1e-12 if record["float_width"] == 64 else 2e-5
+    for command, state in zip(record["torque_commanded"], states[1:], strict=True):
+        env.step(np.array([command], dtype=np.float64))
+        np.testing.assert_allclose(env.unwrapped.state, state, rtol=tolerance, atol=tolerance)
+
+
+def test_shares_are_those_of_the_mixture(run):
+    policy, records = run
+    count = len(records)
+    assert count == CONFIG.total_steps // HORIZON
+    by_integrator = Counter(r["integrator"] for r in records)
+    coarse = [r["dt"] == 0.05 for r in records if r["integrator"] == "rk4"]
+    if policy.card["trainer"] == "fleet":
+        assert by_integrator == {name: share * count for name, share in SHARES.items()}
+    else:
+        for name, share in SHARES.items():
+            spread = 4 * np.sqrt(share * (1 - share) / count)
+            np.testing.assert_allclose(by_integrator[name] / count, share, atol=spread)
+    np.testing.assert_allclose(np.mean(coarse), 0.25, atol=4 * np.sqrt(0.25 * 0.75 / len(coarse)))
+
+
+def test_an_environment_draws_anew_at_its_resets(run):
+    """The fleet's integrators stay with their lanes; steps, and SB3's integrators, do not."""
+    policy, records = run
+    lanes = {}
+    for place, record in enumerate(records):
+        lanes.setdefault(place % LANES, []).append((record["integrator"], record["dt"]))
+    changed = [len({dt for _, dt in drawn}) > 1 for drawn in lanes.values()]
+    moved = [len({name for name, _ in drawn}) > 1 for drawn in lanes.values()]
+    if policy.card["trainer"] == "fleet":
+        assert sum(changed) == LANES // 2
+        assert not any(moved)
+    else:
+        assert all(changed)
+        assert all(moved)
+
+
+def test_the_sidecar_states_the_mixture(run):
+    policy, records = run
+    card = policy.card
+    assert card["discretization"] is None
+    stated = [(m["integrator"], m["dt"], m["share"]) for m in card["mixture"]]
+    assert stated == [
+        (m["integrator"], m["dt"], pytest.approx(m.get("weight", 1) / 8)) for m in MIXTURE
+    ]
+    assert {m["control_period"] for m in card["mixture"]} == {PERIOD}
+    assert "every reset" in card["mixture_drawn"]
+    assert not {"integrator", "dt", "engine"} & set(card["env_arguments"])
+    assert card["env_arguments"]["control_period"] == PERIOD
+    assert PPOConfig(**card["config"]) == CONFIG
+    assert read_trained(policy.policy)[0].policy_id == "ppo-mixture-seed0"
+    assert records[0]["training_discretization"].count("integrator") == len(MIXTURE)
+
+
+def test_policies_of_a_mixture_do_not_depend_on_their_neighbours():
+    """Also where seed, plant and the steps themselves differ within the chunk."""
+    finer = [{**member, "dt": member["dt"] / 2} for member in MIXTURE]
+    other = replace(
+        CONFIG, seed=3, env_arguments={**CONFIG.env_arguments, "mass": 1.5, "mixture": MIXTURE}
+    )
+    apart = replace(other, env_arguments={"mixture": finer, "control_period": PERIOD})
+    one = Workers(1, "cpu")
+    assert len(plan([CONFIG, other], one)) == 1
+    assert len(plan([CONFIG, apart], one)) == 2
+    together, beside = train_chunk([other, CONFIG]), train_chunk([replace(other, seed=9), CONFIG])
+    for name, value in together[1].weights.items():
+        np.testing.assert_array_equal(beside[1].weights[name], value, err_msg=name)
+        assert not np.array_equal(together[0].weights[name], value)
+
+
+def test_every_integrator_has_its_share_where_episodes_end_early(tmp_path):
+    members = [{"integrator": "implicit_euler", "dt": 0.01}, {"integrator": "rk4", "dt": 0.02}]
+    arguments = {"mixture": members, "control_period": 0.02, "duration": 0.4}
+    config = small_run("IntegCartPole-v0", env_arguments=arguments, n_steps=64, total_steps=512)
+    (outcome,) = train_chunk([config], [TrainingEvidence(tmp_path, "training", CONTEXT)])
+    assert all(np.isfinite(value).all() for value in outcome.weights.values())
+    decisions = Counter()
+    for record in EvidenceStore(tmp_path).records():
+        assert record["dt"] == {"implicit_euler": 0.01, "rk4": 0.02}[record["integrator"]]
+        decisions[record["integrator"]] += record["length"]
+    unfinished = 2 * 20
+    assert all(256 - unfinished <= count <= 256 for count in decisions.values())
+    assert len(decisions) == 2
+
+
+def test_shares_that_are_no_whole_lanes_are_refused(tmp_path, capsys):
+    odd = replace(CONFIG, n_envs=12, batch_size=32)
+    with pytest.raises(ValueError, match=r"12 environments .* multiple of 8"):
+        train_fleet([odd], [tmp_path])
+    flags = ["--out", str(tmp_path), "--n-envs", "3", "--batch-size", "32", "--no-progress"]
+    mixture = '[{"integrator": "rk4"}, {"integrator": "explicit_euler"}]'
+    given = ["--env-arg", f"mixture={mixture}", *flags]
+    assert main(["--trainer", "fleet", *given]) == 2
+    assert "rk4 1/2, explicit_euler 1/2" in capsys.readouterr().err
+    given[1] = "mixture=[]"
+    assert main(["--trainer", "sb3", *given]) == 2
+    assert "at least one" in capsys.readouterr().err
