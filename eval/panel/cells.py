@@ -212,6 +212,13 @@ class Cell(Part, frozen=True, kw_only=True):
     best: Attempt | None = None
     search: Search | None = None
 
+    @classmethod
+    def of(
+        cls, place: Discretization, kind: CellKind, name: str | None = None, **others: Any
+    ) -> Cell:
+        """A cell before anything was evaluated in it, by default named as its discretization."""
+        return cls(name=name or place.name, **place.arguments(), kind=kind, **others)
+
     @property
     def discretization(self) -> Discretization:
         """Its engine, integrator and steps."""
@@ -338,8 +345,7 @@ def nominal_setup(testbed: Testbed, control_period: float) -> Any:
     Baselines are designed from its parameters.
     """
     place = testbed.truth(control_period) or testbed.home
-    cell = Cell(name=place.name, **place.arguments(), kind="grid")
-    environments = environments_of(testbed, cell, 1)
+    environments = environments_of(testbed, Cell.of(place, "grid"), 1)
     environments.close()
     return environments.setups[0]
 

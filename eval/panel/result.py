@@ -96,15 +96,18 @@ class Row(Part, frozen=True, kw_only=True):
             kind: trained by the panel, given to it, or a baseline.
             policies: one for each training seed.
             home: what they were trained on; None: nothing, or it is not known.
-            shares: of the cells that this is.
+            shares: of the cells that this is; None: they are named as their discretizations.
         """
         alone = home if isinstance(home, Discretization) else None
         known = tuple(policies)
+        cells = dict(shares or {})
+        if shares is None and home is not None:
+            cells = {one.name: share for one, share in home.shares.items()}
         return cls(
             name=name,
             kind=kind,
-            home=next(iter(shares or ()), None) if alone else None,
-            shares=dict(shares or {}),
+            home=next(iter(cells)) if alone else None,
+            shares=cells,
             integrator=alone.integrator if alone else None,
             dt=alone.dt if alone else None,
             control_period=None if home is None else home.control_period,

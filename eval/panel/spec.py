@@ -220,8 +220,7 @@ class PanelSpec:
         return (*grid, *exact)
 
     def _cell(self, place: Discretization, kind: CellKind, **others: Any) -> Cell:
-        name = place_name(place, self.control_period)
-        return Cell(**{"name": name, **place.arguments(), "kind": kind, **others})
+        return Cell.of(place, kind, **{"name": place_name(place, self.control_period), **others})
 
     def trained_on(self) -> tuple[Discretization, ...]:
         """All discretizations that something is trained on."""

@@ -15,7 +15,7 @@ from report_example import IMPOSSIBLE, SLOW, UNKNOWN
 from integ_gym.envs.settings import Discretization
 from integ_gym.eval.panel.achieve import Tried
 from integ_gym.eval.panel.artefact import build_artefact
-from integ_gym.eval.panel.cells import Cell, Perturbation
+from integ_gym.eval.panel.cells import Cell
 from integ_gym.eval.panel.conclusions import (
     NextStep,
     answer_lines,
@@ -55,7 +55,14 @@ def judged(
     """
     discretizations = [HOME, FINER, RK4, *([TRUTH] if truth else [])]
     cells = {d.name: Cell.of(d, "reference" if d == TRUTH else "grid") for d in discretizations}
-    heavy = Cell.of(HOME, "perturbation", Perturbation(HEAVY, {"mass": 1.2}))
+    heavy = Cell.of(
+        HOME,
+        "varied",
+        f"{HOME.name}, {HEAVY}",
+        environment={"mass": 1.2},
+        variation=HEAVY,
+        at=HOME.name,
+    )
     cells[heavy.name] = heavy
     rows = (
         Row.of("mine", "given", [Policy(id="mine")], home),
@@ -111,7 +118,7 @@ def test_a_clean_result_leads_with_that() -> None:
     assert others.startswith("2 other discretizations against home: 1 lower, 1 practically equal")
     assert f"Largest: {RK4.name} lost 0.80 (0.66 to 0.89)." in others
     assert HEAVY not in others
-    assert perturbed.startswith("1 perturbation against home: 1 lower. Largest:")
+    assert perturbed.startswith("1 variation against home: 1 lower. Largest:")
     assert f"{HEAVY} lost 0.90" in perturbed
 
 

@@ -111,7 +111,7 @@ def test_damaged_files_are_refused_with_the_place_and_the_remedy(
 @pytest.mark.parametrize("version", [1, 2, 3, 4, 5, 7, None, "6"])
 def test_other_versions_are_refused_with_the_remedy(version: Any, tmp_path: Path) -> None:
     message = (
-        f"has schema_version {version!r}, and this version of integ-gym reads 6; use the version"
+        f"has schema_version {version!r}, and this version of integ-gym reads 7; use the version"
     )
     with pytest.raises(ValueError, match=re.escape(message)):
         _read({**raw_of("full"), "schema_version": version}, tmp_path)

@@ -39,8 +39,8 @@ def test_quick_panel_is_what_it_says():
     assert {d.control_period for d in spec.grid} == {0.05}
     assert len(spec.seeds) >= 5
     assert {"random", "zero", "handmade"} <= set(spec.baselines)
-    assert any("mass" in p.environment for p in spec.perturbations)
-    assert any("action_latency" in p.environment for p in spec.perturbations)
+    assert any("mass" in p.changes for p in spec.variations)
+    assert any("action_latency" in p.changes for p in spec.variations)
     check_spec(spec)
 
 
@@ -138,9 +138,8 @@ def test_cells_of_a_row_begin_at_home_and_replays_come_first():
         ({"family": [["rk4 dt=0.05", "rk4 dt=0.05"]]}, ["own home"]),
         (
             {"perturbations": [{"name": "x", "environment": {"mass": 2.0}}] * 2},
-            ["`perturbations` lists something twice"],
+            ["`variations` lists something twice"],
         ),
-        ({"perturbations": [{"name": "x", "environment": {"dt": 0.01}}]}, ["`dt`", "`evaluate`"]),
         (
             {"evaluate": [{"integrator": ["explicit_euler", "rk4"], "dt": [0.05, 0.025]}]},
             ["explicit_euler evaluated at dt=0.0125"],
@@ -201,8 +200,8 @@ def test_every_panel_has_its_baselines_and_checks():
     data = {k: v for k, v in small_data().items() if k not in ("baselines", "perturbations")}
     spec = parse_spec(data, "test")
     assert spec.baselines == ("random", "zero", "handmade")
-    assert [p.name for p in spec.perturbations] == ["mass +20 %", "latency +50 ms"]
-    assert [dict(p.environment) for p in spec.perturbations] == [
+    assert [p.name for p in spec.variations] == ["mass +20 %", "latency +50 ms"]
+    assert [dict(p.changes) for p in spec.variations] == [
         {"mass": pytest.approx(1.2)}, {"action_latency": 0.05},
     ]  # fmt: skip
     assert spec.gaps() == []

@@ -82,7 +82,7 @@ def test_writes_the_usual_directory(cart_pole_policy, cart_pole_run):
     assert panel["rows"][0]["home"] == "explicit_euler dt=0.02"
     existing = read_existing(cart_pole_policy, "IntegCartPole-v0", {}, home="stock")
     assert len(plan(existing, "IntegCartPole-v0").columns()) == 6 * 3 + 1
-    assert {c["perturbation"] for c in panel["cells"]} == {None, "mass +20 %", "latency +20 ms"}
+    assert {c["variation"] for c in panel["cells"]} == {None, "mass +20 %", "latency +20 ms"}
     (policy,) = panel["rows"][0]["policies"]
     assert (cart_pole_run / policy["file"]).read_bytes() == cart_pole_policy.read_bytes()
     assert EvidenceStore(cart_pole_run / "evidence").verify() == []
@@ -140,7 +140,7 @@ def test_warns_where_the_policy_is_no_better_than_random(pendulum_policy, tmp_pa
     assert "warning: " in told
     panel = _panel(out)
     assert panel["doubts"]
-    assert {c["name"] for c in panel["cells"] if c["perturbation"] is None} == {
+    assert {c["name"] for c in panel["cells"] if c["variation"] is None} == {
         "rk4 dt=0.05", "symplectic_euler dt=0.05", "reference dt=0.05",
     }  # fmt: skip
     assert panel["spec"]["environment"] == {"max_speed": 8.0}

@@ -14,7 +14,7 @@ from integ_gym.envs.testbeds.making import find_testbed
 from integ_gym.eval.panel.cells import (
     Cell,
     DiscretizationMixture,
-    Perturbation,
+    Variation,
     nominal_setup,
 )
 from integ_gym.eval.panel.episodes import Subject, Successes, divided, evaluate
@@ -30,10 +30,10 @@ CASES = {
     "IntegPendulum-v0": {"max_torque": 1.5, "start": "hanging", "duration": 2.5},
     "IntegCartPole-v0": {"duration": 0.6, "theta_threshold": 0.1},
 }
-PERTURBATIONS = (
-    Perturbation("late", {"action_latency": 0.1}),
-    Perturbation("noisy", {"observation_noise": 0.2}),
-    Perturbation("heavy", {"mass": 1.3}),
+VARIATIONS = (
+    Variation("late", {"action_latency": 0.1}),
+    Variation("noisy", {"observation_noise": 0.2}),
+    Variation("heavy", {"mass": 1.3}),
 )
 
 
@@ -48,7 +48,7 @@ def _spec(env_id):
         grid=(*homes, Discretization("implicit_midpoint", 0.025, period)),
         seeds=(0, 1),
         environment=CASES[env_id],
-        perturbations=PERTURBATIONS,
+        variations=VARIATIONS,
         episodes=2,
     )
 
@@ -146,7 +146,7 @@ def test_labels_wait_for_the_replays_that_they_rest_on():
     said = known.replays(at_home, [0, 1])
     assert [r.home for r in said[0].values()] == ["is home", "is home"]
     assert [r.home for r in said[1].values()] == [True, False]
-    heavy = Cell.of(spec.reference, "perturbation", PERTURBATIONS[2])
+    heavy = spec.vary(spec.reference, VARIATIONS[2])
     known.note(heavy, [0], flags[:1], None)
     assert not known.suffice(heavy, [0])
 
@@ -167,7 +167,7 @@ def test_the_undisturbed_cell_answers_for_what_the_perturbation_alone_brings(
 ):
     rk4 = Discretization("rk4", 0.05, 0.05)
     plain = Cell.of(rk4, "grid")
-    disturbed = Cell.of(rk4, "perturbation", Perturbation("x", changed))
+    disturbed = Cell.of(rk4, "varied", environment=changed)
     known = Successes([None], [[plain, disturbed]], environment)
     known.note(plain, [0], np.array([[True]]), None)
     known.note(disturbed, [0], np.array([[False]]), None)

@@ -79,7 +79,7 @@ def test_a_panel_given_episodes_seeds_and_a_perturbation_is_the_panel_that_had_t
     command = ["panel", str(spec), "--no-progress", "--out"]
     assert main([*command, str(copy)]) == 0
     told = capsys.readouterr().err
-    assert f"New in {copy}: perturbation 'damped' (damping = 0.1); " in told
+    assert f"New in {copy}: variation 'damped' (damping=0.1); " in told
     for words in ("seeds 2", "2 more episodes a seed", "question", "All else is kept."):
         assert words in told
     assert files == {path: path.stat().st_mtime_ns for path in files}
@@ -138,8 +138,8 @@ def test_labels_of_later_episodes_rest_on_success_at_home_in_all(tmp_path):
 @pytest.mark.parametrize(
     ("was", "now", "sentence"),
     [
-        (LATER, LATE, "it has perturbation 'mass .*, which is missing now; .* started with$"),
-        ("mass = 1.2", "mass = 1.3", r"perturbation '.*' \(mass = 1.2\), which is missing now;"),
+        (LATER, LATE, "it has variation 'mass .*, which is missing now; .* started with$"),
+        ("mass = 1.2", "mass = 1.3", r"variation '.*' \(mass=1.2\), which is missing now;"),
         ('family = [["explicit_euler dt=0.05", "reference dt=0.05"]]', "", "`family`"),
         ("seeds = [0, 1]", "seeds = [0, 5]", "other seeds: 0 to 1, now 0 to 5; more may follow"),
         ("seeds = [0, 1]", "seeds = [1, 0, 2]", "other seeds: 0 to 1, now 1 to 2; more may"),

@@ -68,9 +68,9 @@ def test_a_specification_leaves_out_what_cannot_be(settle):
     spec = _specification(settle)
     check_spec(spec)
     assert spec.baselines == ("random", "zero")
-    heavier = [p.environment for p in spec.perturbations if "mass" in p.environment]
+    heavier = [p.changes for p in spec.variations if "mass" in p.changes]
     assert heavier == [{"mass": 1.2}] * ("mass" in environment_setup(settle, {}).arguments())
-    assert sum("action_latency" in p.environment for p in spec.perturbations) == 1
+    assert sum("action_latency" in p.changes for p in spec.variations) == 1
 
 
 @pytest.mark.parametrize(

@@ -305,7 +305,7 @@ def test_an_evaluation_of_another_policy_is_refused(run, again, capsys):
 
 
 def test_a_panel_file_without_its_plan_is_refused(tmp_path, capsys):
-    content = {"schema_version": 6, "rows": [1], "matrix": [{}], "cells": []}
+    content = {"schema_version": 7, "rows": [1], "matrix": [{}], "cells": []}
     (tmp_path / "panel.json").write_text(json.dumps(content))
     message = _fails(capsys, "report", str(tmp_path))
     assert "run.json: is missing, which says what was planned" in message

@@ -49,7 +49,7 @@ def test_a_run_with_other_seeds_falls_into_the_saved_intervals(tmp_path):
     declared = {row for row, _ in quick.family}
     train = tuple(home for home in quick.train if home.name in declared)
     spec = replace(
-        quick, seeds=NEW_SEEDS, train=train, grid=tuple(train), perturbations=(), ladder=False,
+        quick, seeds=NEW_SEEDS, train=train, grid=tuple(train), variations=(), ladder=False,
         family=(), compare=(), baselines=(), exploratory_seeds=None,
     )  # fmt: skip
     panel = run_panel(spec, tmp_path / "run", progress=False)

@@ -62,7 +62,7 @@ def test_a_specification_is_filled_in_from_the_task():
     assert [cell.name for cell in spec.columns()] == CELLS
     assert spec.reference is None
     assert spec.baselines == ("random", "zero")
-    assert spec.perturbations == ()
+    assert spec.variations == ()
     assert {cell.kind for cell in spec.cells_of(spec.train[0])} == {"grid"}
     assert "no reference solution" in spec.gaps()[0]
     assert list(spec.engine_versions()) == ["mujoco"]
