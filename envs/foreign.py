@@ -74,7 +74,8 @@ class ForeignSetup:
 
     def units(self) -> dict[str, str]:
         """SI unit of every argument; empty where it is not stated."""
-        return {name: "s" if name in _SECONDS else "" for name in self.arguments()}
+        seconds = (*_SECONDS, "action_latency", "observation_latency")
+        return {name: "s" if name in seconds else "" for name in self.arguments()}
 
 
 SURVIVAL = "not terminated within the time limit"
@@ -445,7 +446,7 @@ class ForeignWrapper(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructo
             "time": self._time,
             "saturated": saturated,
             "fallback_used": fell_back,
-            "sensor_time": self._time,
+            "sensor_time": max(0.0, self._time - self.setup.settings.observation_latency),
             "goal_since": self._goal.since,
             "success": success,
             **controls,

@@ -19,6 +19,7 @@ from integ_gym.support.optional import check_versions, load
 from integ_gym.support.parameters import (
     check_values,
     finite_number,
+    nonnegative,
     parameter,
     positive,
     text,
@@ -93,6 +94,8 @@ class Choice:
     integrator: str | None = parameter(None, "", "MuJoCo's name", text)
     dt: float | None = parameter(None, "s", "timestep", positive)
     control_period: float | None = parameter(None, "s", "time between two decisions", positive)
+    action_latency: float | None = parameter(None, "s", "delay of every command", nonnegative)
+    observation_latency: float | None = parameter(None, "s", "age of what is observed", nonnegative)
     success_return: float | None = parameter(None, "", "return of a success", finite_number)
 
     def __post_init__(self) -> None:
@@ -172,6 +175,16 @@ class Booked(NamedTuple):
     under RK4 at its end."""
     violation: float
     """Largest violation of any constraint there, m or rad."""
+
+
+def add_up(one: Booked, other: Booked) -> Booked:
+    """What two parts of a control period brought together."""
+    return Booked(
+        one.work + other.work,
+        one.dissipated + other.dissipated,
+        one.constrained or other.constrained,
+        *(max(pair) for pair in zip(one[3:], other[3:], strict=True)),
+    )
 
 
 NOTHING = Booked(0.0, 0.0, False, 0, 0.0, 0.0)
@@ -279,8 +292,10 @@ def rediscretize(
     success_return: float | None = None,
     control_period: float | None = None,
     solver: Mapping[str, Any] | None = None,
+    action_latency: float | None = None,
+    observation_latency: float | None = None,
 ) -> RediscretizedEnv:
-    """Change integrator, timestep and control period of a Gymnasium MuJoCo environment.
+    """Change integrator, timestep, control period and delays of a Gymnasium MuJoCo environment.
 
     The task pays one reward for each control period, by its own formula and with the timestep it
     was made with. At another control period than its own, episodes last as many seconds, and the
@@ -298,6 +313,11 @@ def rediscretize(
         solver: settings of MuJoCo's constraint solver that change, such as ``{"iterations": 1,
             "cone": "elliptic", "refsafe": False}``; see
             :data:`integ_gym.envs.engines.mujoco_solver.SETTINGS`.
+        action_latency: s, a whole multiple of the timestep: every command acts so much later; until
+            the first one arrives, zeros do. The task is told the command that acts at the end of
+            the control period, which its reward may charge for.
+        observation_latency: s, a whole multiple of the timestep: what is observed is so old; until
+            the first arrives, the start is. Rewards and ends are of the state as it is.
 
     Raises:
         TypeError: for another environment.
@@ -312,7 +332,8 @@ def rediscretize(
     >>> env.setup.timing.control_period, env.setup.timing.substeps
     (0.04, 4)
     """
-    return RediscretizedEnv(env, integrator, dt, success_return, control_period, solver)
+    delays = {"action_latency": action_latency, "observation_latency": observation_latency}
+    return RediscretizedEnv(env, integrator, dt, success_return, control_period, solver, **delays)
 
 
 class RediscretizedEnv(ForeignWrapper):
@@ -337,6 +358,8 @@ class RediscretizedEnv(ForeignWrapper):
         success_return: float | None = None,
         control_period: float | None = None,
         solver: Mapping[str, Any] | None = None,
+        action_latency: float | None = None,
+        observation_latency: float | None = None,
     ) -> None:
         gym.utils.RecordConstructorArgs.__init__(
             self,
@@ -345,12 +368,15 @@ class RediscretizedEnv(ForeignWrapper):
             success_return=success_return,
             control_period=control_period,
             solver=solver,
+            action_latency=action_latency,
+            observation_latency=observation_latency,
         )
         super().__init__(env)
         check_versions("mujoco")
         self._mujoco = load("mujoco", "mujoco")
         self._inner = _mujoco_env(env)
-        choice = Choice(integrator, dt, control_period, success_return)
+        delays = action_latency, observation_latency
+        choice = Choice(integrator, dt, control_period, *delays, success_return)
         self._goal = ReturnGoal(return_of_success(success_return, env.spec))
         self._model, self._data = self._inner.model, self._inner.data
         write_solver(self._mujoco, self._model, solver or {})
@@ -364,6 +390,8 @@ class RediscretizedEnv(ForeignWrapper):
         self._silence = silencer(self._mujoco, self._data)
         self._ledger = Ledger(self._mujoco, self._model, self.setup.settings.integrator)
         self._inner.do_simulation = self._simulate
+        if choice.observation_latency:
+            self._observe_late()
         self._booked = NOTHING
         self._saturated = False
         self._diverged = False
@@ -415,7 +443,9 @@ class RediscretizedEnv(ForeignWrapper):
         self._steps, self._least, self._earned = 0, 0.0, 0.0
         self._goal.begin()
         self._energy = self._ledger.energy(self._data)
-        self._control = np.zeros(self._model.nu)
+        self._control = self._held = np.zeros(self._model.nu)
+        self._commands = [self._control] * self.setup.timing.delay[0]
+        self._samples = [self._inner._get_obs()] * self.setup.timing.sight[0]
         self._observation, self._booked, self._diverged = observation, NOTHING, False
         return observation, {**info, **self._info(0.0, False, False, False)}
 
@@ -424,9 +454,10 @@ class RediscretizedEnv(ForeignWrapper):
         asked = as_floats(action)
         valid = bool(np.isfinite(asked).all())
         command = asked if valid else self._control
+        *self._commands, acting = (command, *self._commands)
         with self._timed(*self._stock):
             observation, reward, terminated, truncated, info = self.env.step(
-                command.astype(self._inner.action_space.dtype)
+                acting.astype(self._inner.action_space.dtype)
             )
         self._steps += 1
         if self._stretch != 1.0:
@@ -513,18 +544,52 @@ class RediscretizedEnv(ForeignWrapper):
             raise InputError(f"an action must have shape ({self._model.nu},), got {control.shape}")
         data, model = self._data, self._model
         q, v = data.qpos.copy(), data.qvel.copy()
-        data.ctrl[:] = control
         self._applied = np.clip(control, self._low, self._high)
         self._saturated = at_bounds(control, self._low, self._high)
         self._silence()
         with self._timed(timing.dt, timing.substeps):
-            self._booked = self._ledger.step(data, timing.substeps)
+            self._booked = self._advance(control)
             self._diverged = is_lost(data)
             if self._diverged:
                 data.qpos[:], data.qvel[:] = q, v
                 self._mujoco.mj_forward(model, data)
                 self._booked = self._ledger.put_back(self._booked)
             self._mujoco.mj_rnePostConstraint(model, data)
+
+    def _advance(self, control: Array) -> Booked:
+        """One control period: under the control before, as far as it still acts, then this one.
+
+        What is observed later is looked at on the way.
+        """
+        timing, data, booked = self.setup.timing, self._data, None
+        late, seen = timing.delay[1], timing.substeps - timing.sight[1]
+        ends = sorted({late, seen, timing.substeps} - {0})
+        for begin, end in zip((0, *ends), ends, strict=False):
+            data.ctrl[:] = self._held if end <= late else control
+            part = self._ledger.step(data, end - begin)
+            booked = part if booked is None else add_up(booked, part)
+            if is_lost(data):
+                break
+            if end == seen < timing.substeps:
+                self._mujoco.mj_forward(self._model, data)
+                self._sample = self._inner._get_obs()
+        self._held = control
+        assert booked is not None
+        return booked
+
+    def _observe_late(self) -> None:
+        """Have the task itself return late observations, so that wrappers around it see them."""
+        if not hasattr(self._inner, "_get_obs"):
+            raise InputError(f"{type(self._inner).__name__} cannot be observed late")
+        step, whole = self._inner.step, not self.setup.timing.sight[1]
+
+        def step_late(action: Any) -> tuple[Any, ...]:
+            observation, *rest = step(action)
+            newest = observation if whole else self._sample
+            *self._samples, shown = (newest, *self._samples)
+            return (shown, *rest)
+
+        self._inner.step = step_late
 
     def _info(
         self, residual: float, saturated: bool, fell_back: bool, success: bool
@@ -568,7 +633,10 @@ class RediscretizedEnv(ForeignWrapper):
             raise InputError(unknown_name("integrator of MuJoCo", chosen, known))
         limit = time_limit(self)
         horizon = 1000 if limit is None else limit
-        timing = Timing.of(step, period, 0.0, None, horizon * period)
+        delays = {
+            name: getattr(choice, name) or 0.0 for name in ("action_latency", "observation_latency")
+        }
+        timing = Timing.of(step, period, sensor_period=None, duration=horizon * period, **delays)
         model.opt.timestep = step
         model.opt.integrator = known[chosen]
         model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
@@ -579,12 +647,13 @@ class RediscretizedEnv(ForeignWrapper):
         environment = {
             **(self.spec.kwargs if self.spec else {}),
             **({} if goal is None else {"success_return": goal}),
+            **{name: value for name, value in delays.items() if value},
             "solver": read_solver(mujoco, model),
         }
         return ForeignSetup(
             settings=Settings(
                 integrator=chosen, dt=step, control_period=period, engine="mujoco",
-                duration=horizon * period, start="the task's own",
+                duration=horizon * period, start="the task's own", **delays,
             ),
             timing=timing,
             plant=plant_of(mujoco, model, type(inner).__name__),

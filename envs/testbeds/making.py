@@ -44,9 +44,7 @@ class MujocoTestbed(SequentialTestbed):
 
     Args:
         env_id: its id.
-        arguments: of its ``gymnasium.make``, and ``success_return``: an episode succeeds if its
-            return reaches this; without it, if it is not terminated; and ``solver``: settings of
-            MuJoCo's solver that change.
+        arguments: of its ``gymnasium.make``, and those of :func:`integ_gym.rediscretize`.
     """
 
     engine = ENGINE
@@ -94,7 +92,8 @@ class MujocoTestbed(SequentialTestbed):
 
 
 def _make_task(env_id: str, arguments: Mapping[str, Any], **chosen: Any) -> RediscretizedEnv:
-    own = {name: arguments.get(name) for name in ("success_return", "solver")}
+    names = ("success_return", "solver", "action_latency", "observation_latency")
+    own = {name: arguments.get(name) for name in names}
     others = {name: value for name, value in arguments.items() if name not in own}
     return rediscretize(stock_task(env_id, others), **own, **chosen)
 
