@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 from typing import Final, TextIO
@@ -67,8 +68,8 @@ def print_plan(spec: PanelSpec, workers: int | None, trains: bool = True) -> Non
         )
     print_wrapped(
         f"Panel {spec.name}: {plural(len(each), 'policy', 'policies')} and "
-        f"{plural(len(spec.baselines), 'baseline')}. What it costs, from figures that were "
-        "measured on one kind of machine; yours may take a third or twice as long:",
+        f"{plural(len(spec.baselines), 'baseline')} in {_cells(spec)}. What it costs, from figures "
+        "that were measured on one kind of machine; yours may take a third or twice as long:",
     )
     print_columns(
         (
@@ -78,6 +79,16 @@ def print_plan(spec: PanelSpec, workers: int | None, trains: bool = True) -> Non
         rows,
         right=(False, True, True, True, True, True),
     )  # fmt: skip
+
+
+def _cells(spec: PanelSpec) -> str:
+    """How many cells there are, and of what kinds."""
+    kinds = {cell.name: cell.kind for home in (*spec.train, None) for cell in spec.cells_of(home)}
+    counts = Counter(kinds.values())
+    words = {"grid": "of the grid", "reference": "of the truth", "varied": "varied"}
+    words |= {"ladder": "in which the control period follows dt"}
+    parts = [f"{counts[kind]} {what}" for kind, what in words.items() if counts[kind]]
+    return f"{plural(len(kinds), 'cell')} ({', '.join(parts)})"
 
 
 def _hours(seconds: float) -> str:
