@@ -10,6 +10,7 @@ from typing import Any
 from integ_gym.envs.registries import ENGINES
 from integ_gym.envs.settings import Discretization, Timing
 from integ_gym.evidence.episodes import Layout
+from integ_gym.train.baselines import possible_baselines
 
 from .cells import (
     Cell,
@@ -163,8 +164,20 @@ def policy_costs(spec: PanelSpec) -> list[ExpectedCost]:
 
 
 def fixed_cost(spec: PanelSpec) -> ExpectedCost:
-    """Cost of what a panel does however many policies it trains: its baselines."""
-    return _evaluation(spec, None).times(len(spec.baselines))
+    """Cost of what a panel does however many policies it trains: baselines, and what is tried."""
+    baselines = _evaluation(spec, None).times(len(spec.baselines))
+    return total_cost([baselines, ExpectedCost(0.0, 0.0, FILE_BYTES + _tried_bytes(spec))])
+
+
+def _tried_bytes(spec: PanelSpec) -> float:
+    """Storage of a hand-made controller's attempts, a file for each cell."""
+    if "handmade" not in possible_baselines(spec.nominal, spec.testbed.controller):
+        return 0.0
+    layout = len(Layout(spec.nominal.plant, spec.nominal.task))
+    attempts = len(spec.start_sets) * spec.episodes
+    steps = sum(cell_timing(spec, cell).horizon + 1 for cell in spec.columns())
+    files = len(spec.columns()) * (FILE_BYTES + attempts * RECORD_BYTES)
+    return files + attempts * ENTRY_BYTES * layout * steps / spec.trace_every
 
 
 def _training(spec: PanelSpec, unit: Unit) -> ExpectedCost:
