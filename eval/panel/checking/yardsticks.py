@@ -63,6 +63,8 @@ SELECT s.record_id, s.policy_id, s.cell, s.episode_index, s.success, s.trace_eve
        AND s.perturbation IS NOT DISTINCT FROM e.perturbation
        AND s.training_discretization IS NOT DISTINCT FROM e.training_discretization
        AND s.training_seed IS NOT DISTINCT FROM e.training_seed
+       AND s.rng_key IS NOT DISTINCT FROM e.rng_key
+       AND s.float_width IS NOT DISTINCT FROM e.float_width
        AND {_PLAIN.format("s.")} AS same
 FROM records s LEFT JOIN (SELECT * FROM records WHERE phase = 'evaluation') e
 ON s.policy_id = e.policy_id AND s.cell = e.cell AND s.episode_index = e.episode_index
@@ -71,9 +73,13 @@ WHERE s.phase = '{SECOND_HORIZON}'
 
 _ATTEMPTS = f"""
 SELECT record_id, phase, cell, policy_id, policy_hash, episode_index, seed, success, arguments,
-       trace_every, perturbation, training_discretization, training_seed,
+       trace_every, perturbation, training_discretization, training_seed, rng_key,
+       float_width IS NOT DISTINCT FROM (
+           SELECT any_value(e.float_width) FROM records e
+           WHERE e.phase = 'evaluation' AND e.cell = r.cell
+       ) AS width_of_its_cell,
        {_PLAIN.format("")} AS plain
-FROM records WHERE phase IN ('{ATTEMPT}', '{LATER_ATTEMPT}')
+FROM records r WHERE phase IN ('{ATTEMPT}', '{LATER_ATTEMPT}')
 """
 
 _ARGUMENTS = """
@@ -275,6 +281,7 @@ def _of_attempt(
     """What an attempt's record says that is not as it was to be tried."""
     wanted: dict[str, Any] = {"seed": seed, "policy_hash": controller, "policy_id": HANDMADE}
     wanted |= {"perturbation": None, "training_discretization": None, "training_seed": None}
+    wanted |= {"rng_key": f"{seed}/0", "width_of_its_cell": True}
     wanted |= {"plain": True, "trace_every": len(spec.start_sets) * spec.episodes}
     yield from _of_row(row, wanted)
 
