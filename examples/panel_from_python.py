@@ -36,5 +36,5 @@ if __name__ == "__main__":
     spec.write_text(SPEC.format(seeds=list(range(given.seeds)), total_steps=given.total_steps))
     panel = integ_gym.run_panel(spec, given.out)
     for verdict in panel.verdicts:
-        print(f"{verdict.name}: {verdict.verdict}. {verdict.reason}")
+        print(f"{verdict.row} → {verdict.cell}: {verdict.verdict}")
     print(f"{panel.answer}\nPage: {given.out}/report.html")

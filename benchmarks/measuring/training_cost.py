@@ -17,8 +17,8 @@ import numpy as np
 from integ_gym.evidence.labels import EpisodeContext
 from integ_gym.support.processes import Progress, peak_memory
 from integ_gym.train.config import TrainingEvidence
-from integ_gym.train.fleet import planning as fleet_worker
 from integ_gym.train.fleet import training as fleet
+from integ_gym.train.fleet import worker as fleet_worker
 from integ_gym.train.fleet.learning import permutations
 from integ_gym.train.ppo import PPOConfig, train_run
 

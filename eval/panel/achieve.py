@@ -20,7 +20,6 @@ import numpy as np
 from integ_gym.envs import numerics
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.support.processes import report_work
-from integ_gym.train.baselines import possible_baselines
 
 from ..verdict import (
     ACHIEVED,
@@ -45,10 +44,9 @@ from .run_directory import (
     told_first,
 )
 from .spec import PanelSpec
-from .units import Work, baseline_of
+from .units import HANDMADE, Work, baseline_of, has_controller
 
 PREFIX = "achieve-"
-HANDMADE = "handmade"
 
 TRYING = "trying to solve cells"
 """What is done while cells are tried, in words."""
@@ -131,11 +129,6 @@ def try_cell(spec: PanelSpec, cell: Cell, store: EvidenceStore) -> tuple[Tried, 
         success, recovered = (tuple(x.ravel().astype(float).tolist()) for x in (found, later))
     own = Tried(success, recovered)
     return replace(own, search=None if own.solved else search_of(spec, cell)), tables
-
-
-def has_controller(spec: PanelSpec) -> bool:
-    """Whether a hand-made controller can try the cells of a panel."""
-    return HANDMADE in possible_baselines(spec.nominal, spec.testbed.controller)
 
 
 def search_of(spec: PanelSpec, cell: Cell) -> Search | None:

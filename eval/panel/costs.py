@@ -18,7 +18,7 @@ from .cells import (
     is_engine,
 )
 from .spec import PanelSpec
-from .units import Unit, trained_units, training_config
+from .units import Unit, has_controller, trained_units, training_config
 
 DECISION_SECONDS = 4e-6
 """Time of one recorded decision, s."""
@@ -163,8 +163,24 @@ def policy_costs(spec: PanelSpec) -> list[ExpectedCost]:
 
 
 def fixed_cost(spec: PanelSpec) -> ExpectedCost:
-    """Cost of what a panel does however many policies it trains: its baselines."""
-    return _evaluation(spec, None).times(len(spec.baselines))
+    """Cost of what a panel does however many policies it trains: baselines, and what is tried."""
+    baselines = _evaluation(spec, None).times(len(spec.baselines))
+    return total_cost([baselines, ExpectedCost(0.0, 0.0, FILE_BYTES + _tried_bytes(spec))])
+
+
+def _tried_bytes(spec: PanelSpec) -> float:
+    """Storage of a hand-made controller's attempts: a file for each cell, with one trace."""
+    if not has_controller(spec):
+        return 0.0
+    cells, attempts = spec.columns(), len(spec.start_sets) * spec.episodes
+    return len(cells) * FILE_BYTES + _record_bytes(spec, cells, attempts, 1.0)
+
+
+def _record_bytes(spec: PanelSpec, cells: Sequence[Cell], episodes: int, traces: float) -> float:
+    """Storage of so many episodes in each cell, so many of them with a trace; no files' heads."""
+    layout = len(Layout(spec.nominal.plant, spec.nominal.task))
+    steps = sum(cell_timing(spec, cell).horizon + 1 for cell in cells)
+    return len(cells) * episodes * RECORD_BYTES + traces * ENTRY_BYTES * layout * steps
 
 
 def _training(spec: PanelSpec, unit: Unit) -> ExpectedCost:
@@ -190,11 +206,7 @@ def _training_seconds(spec: PanelSpec, config: Any) -> float:
 
 
 def _evaluation(spec: PanelSpec, home: Home | None) -> ExpectedCost:
-    layout = len(Layout(spec.nominal.plant, spec.nominal.task))
     cells = spec.cells_of(home)
-    steps = sum(cell_timing(spec, cell).horizon + 1 for cell in cells)
-    records = spec.episodes * (
-        len(cells) * RECORD_BYTES + ENTRY_BYTES * layout * steps / spec.trace_every
-    )
     seconds = sum(cell_seconds(spec, cell) for cell in cells)
-    return ExpectedCost(0.0, BESIDE * seconds, records)
+    storage = _record_bytes(spec, cells, spec.episodes, spec.episodes / spec.trace_every)
+    return ExpectedCost(0.0, BESIDE * seconds, storage)

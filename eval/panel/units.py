@@ -16,7 +16,7 @@ from integ_gym.support.executors import Cluster, TaskPool
 from integ_gym.support.files import read_files
 from integ_gym.support.processes import Progress
 from integ_gym.support.terminal import WorkBar
-from integ_gym.train.baselines import make_baseline
+from integ_gym.train.baselines import make_baseline, possible_baselines
 from integ_gym.train.config import TrainingConfig
 from integ_gym.train.policy import Policy
 from integ_gym.train.policy_files.card import card_hash
@@ -30,6 +30,9 @@ from .cells import (
 )
 from .run_directory import RunDirectory, key_of
 from .spec import ALGORITHM, PanelSpec
+
+HANDMADE = "handmade"
+"""Name of the baseline that tries cells."""
 
 
 @dataclass(frozen=True)
@@ -80,6 +83,11 @@ def baseline_of(spec: PanelSpec, name: str) -> Policy:
         ValueError: for one that cannot be made.
     """
     return make_baseline(name, spec.nominal, controller=spec.testbed.controller)
+
+
+def has_controller(spec: PanelSpec) -> bool:
+    """Whether a hand-made controller can try the cells of a panel."""
+    return HANDMADE in possible_baselines(spec.nominal, spec.testbed.controller)
 
 
 def training_config(spec: PanelSpec, unit: Unit) -> TrainingConfig:

@@ -13,8 +13,20 @@ from small_panel import TOML
 
 BLOCKED = """
 import sys
-for name in ("torch", "stable_baselines3", "tensorboard", "mujoco"):
-    sys.modules[name] = None
+from importlib.machinery import PathFinder
+
+HIDDEN = ("torch", "stable_baselines3", "tensorboard", "mujoco")
+
+
+class Finder(PathFinder):
+    @classmethod
+    def find_spec(cls, name, path=None, target=None):
+        if name.partition(".")[0] in HIDDEN:
+            return None
+        return super().find_spec(name, path, target)
+
+
+sys.meta_path[sys.meta_path.index(PathFinder)] = Finder
 """
 SPEC = TOML.replace('trainer = "sb3"', "")
 

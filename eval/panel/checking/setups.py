@@ -62,7 +62,8 @@ BASE = ("python", *(name for name in PACKAGES if name != "scipy"))
 """Packages whose versions every record and every side-car has."""
 
 _VERSIONS = """
-SELECT package_versions, count(*) AS records FROM records GROUP BY ALL ORDER BY 1
+SELECT package_versions, phase = 'training' AS trained, count(*) AS records FROM records
+GROUP BY ALL ORDER BY 1
 """
 
 _PARSED = ("perturbation", "training_discretization")
@@ -208,14 +209,18 @@ def _of_lanes(
 
 
 def of_versions(versions: Mapping[str, str], store: EvidenceStore) -> Iterator[Finding]:
-    """Records of other versions than those that the run's manifest has."""
+    """Records of other versions than the manifest's, or without one that others like them have."""
+    read, named = [], {True: set(BASE), False: set(BASE)}
     for row in store.query(_VERSIONS).to_pylist():
         try:
             told = parse_field("package_versions", row["package_versions"])
         except EvidenceError as error:
             yield Finding("evidence", None, f"{row['records']} records: {error}")
             continue
-        expected = {name: versions.get(name) for name in (*told, *BASE)}
+        read.append((row, told))
+        named[row["trained"]].update(told)
+    for row, told in read:
+        expected = {name: versions.get(name) for name in sorted(named[row["trained"]])}
         yield from _held({**row, "package_versions": told}, {"package_versions": expected}, None)
 
 

@@ -20,19 +20,13 @@ from integ_gym.evidence.fields import ATTEMPT, LATER_ATTEMPT, SECOND_HORIZON
 from integ_gym.evidence.schema import Finding, argument_values
 from integ_gym.evidence.store import EvidenceStore
 
-from ..achieve import (
-    HANDMADE,
-    has_controller,
-    search_of,
-    tried_in,
-    unit_of_cell,
-)
+from ..achieve import search_of, tried_in, unit_of_cell
 from ..cells import Cell
 from ..episodes import Successes
 from ..evaluate import Evaluated, statuses
 from ..run_directory import RunDirectory
 from ..spec import PanelSpec
-from ..units import baseline_of
+from ..units import HANDMADE, baseline_of, has_controller
 from .setups import PlannedPolicy
 
 Flags = npt.NDArray[np.bool_]
@@ -63,6 +57,8 @@ SELECT s.record_id, s.policy_id, s.cell, s.episode_index, s.success, s.trace_eve
        AND s.perturbation IS NOT DISTINCT FROM e.perturbation
        AND s.training_discretization IS NOT DISTINCT FROM e.training_discretization
        AND s.training_seed IS NOT DISTINCT FROM e.training_seed
+       AND s.rng_key IS NOT DISTINCT FROM e.rng_key
+       AND s.float_width IS NOT DISTINCT FROM e.float_width
        AND {_PLAIN.format("s.")} AS same
 FROM records s LEFT JOIN (SELECT * FROM records WHERE phase = 'evaluation') e
 ON s.policy_id = e.policy_id AND s.cell = e.cell AND s.episode_index = e.episode_index
@@ -71,13 +67,13 @@ WHERE s.phase = '{SECOND_HORIZON}'
 
 _ATTEMPTS = f"""
 SELECT record_id, phase, cell, policy_id, policy_hash, episode_index, seed, success, arguments,
-       trace_every, perturbation, training_discretization, training_seed,
+       trace_every, perturbation, training_discretization, training_seed, rng_key, float_width,
        {_PLAIN.format("")} AS plain
 FROM records WHERE phase IN ('{ATTEMPT}', '{LATER_ATTEMPT}')
 """
 
-_ARGUMENTS = """
-SELECT cell, any_value(arguments) AS arguments FROM records
+_SETUPS = """
+SELECT cell, any_value(arguments) AS arguments, any_value(float_width) AS float_width FROM records
 WHERE phase = 'evaluation' GROUP BY cell
 """
 
@@ -183,7 +179,7 @@ def of_attempts(directory: RunDirectory, spec: PanelSpec, all_searches: bool) ->
     held: dict[str, dict[str, dict[int, dict[str, Any]]]] = defaultdict(lambda: defaultdict(dict))
     for row in store.query(_ATTEMPTS).to_pylist():
         held[row["cell"]][row["phase"]][row["episode_index"]] = row
-    arguments = {row["cell"]: row["arguments"] for row in store.query(_ARGUMENTS).to_pylist()}
+    setups = {row["cell"]: row for row in store.query(_SETUPS).to_pylist()}
     oldest = store.query("SELECT min(schema_version) AS v FROM records WHERE phase = 'evaluation'")
     recorded = (oldest.to_pylist()[0]["v"] or 0) >= RECORDS_SINCE
     searched = []
@@ -201,7 +197,7 @@ def of_attempts(directory: RunDirectory, spec: PanelSpec, all_searches: bool) ->
             if "records" not in marker and not recorded:
                 continue  # of before attempts were records
             if has_controller(part):
-                yield from _of_rows(part, cell, unit, held[cell.name], arguments.get(cell.name))
+                yield from _of_rows(part, cell, unit, held[cell.name], setups.get(cell.name))
                 success, recovered = _outcomes(part, held[cell.name])
             else:
                 success = recovered = ()
@@ -234,10 +230,18 @@ def _of_rows(
     cell: Cell,
     unit: str,
     rows: Mapping[str, Mapping[int, Mapping[str, Any]]],
-    arguments: str | None,
+    setup: Mapping[str, Any] | None,
 ) -> Iterator[Finding]:
-    """Attempts that are missing, or are not what was to be tried."""
-    file = f"evidence/{unit}.parquet"
+    """Attempts that are missing, or are not what was to be tried.
+
+    Args:
+        spec: the panel.
+        cell: where.
+        unit: that tried it.
+        rows: records of the attempts, by phase and number.
+        setup: what evaluations in the cell say of it; None without any.
+    """
+    file, arguments = f"evidence/{unit}.parquet", None if setup is None else setup["arguments"]
     controller = baseline_of(spec, HANDMADE).content_hash
     twice = spec.twice_the_time is not None
     for place, starts in enumerate(spec.start_sets):
@@ -250,7 +254,7 @@ def _of_rows(
                 continue
             failed = failed or not row["success"]
             seed = spec.start_seed(starts, episode)
-            yield from _of_attempt(row, seed, controller, spec)
+            yield from _of_attempt(row, seed, controller, spec, setup)
             if arguments is not None and argument_values(row["arguments"]) != argument_values(
                 arguments
             ):
@@ -264,17 +268,23 @@ def _of_rows(
                 yield Finding(file, None, message)
                 continue
             seed = spec.start_seed(starts, episode)
-            yield from _of_attempt(row, seed, controller, spec)
+            yield from _of_attempt(row, seed, controller, spec, setup)
             if not _is_twice(spec, row["arguments"], arguments):
                 yield Finding(file, row["record_id"], "its setup is not that of its cell")
 
 
 def _of_attempt(
-    row: Mapping[str, Any], seed: int, controller: str, spec: PanelSpec
+    row: Mapping[str, Any],
+    seed: int,
+    controller: str,
+    spec: PanelSpec,
+    setup: Mapping[str, Any] | None,
 ) -> Iterator[Finding]:
     """What an attempt's record says that is not as it was to be tried."""
     wanted: dict[str, Any] = {"seed": seed, "policy_hash": controller, "policy_id": HANDMADE}
     wanted |= {"perturbation": None, "training_discretization": None, "training_seed": None}
+    wanted |= {"rng_key": f"{seed}/0"}
+    wanted |= {} if setup is None else {"float_width": setup["float_width"]}
     wanted |= {"plain": True, "trace_every": len(spec.start_sets) * spec.episodes}
     yield from _of_row(row, wanted)
 

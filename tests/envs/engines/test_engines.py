@@ -149,7 +149,10 @@ def test_engines_in_one_process_do_not_disturb_each_other(engine, integrator):
 
 
 @pytest.mark.parametrize(
-    ("engine", "integrator"), lighter([*FIRST, ("mujoco", "implicit"), ("drake", "radau3")])
+    ("engine", "integrator"),
+    lighter(
+        [*FIRST, ("mujoco", "implicit"), ("drake", "radau3"), ("drake", "semi_explicit_euler")]
+    ),
 )
 @pytest.mark.parametrize("env_id", IDS)
 def test_damping_is_booked_in_one_call_as_step_by_step(engine, integrator, env_id):

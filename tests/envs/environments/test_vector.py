@@ -182,9 +182,10 @@ def test_wrong_use_is_refused():
         env.reset(seed=[1, 2, 3])
     env.reset(seed=[1, 2])
     assert env.np_random_seed == (1, 2)
-    with pytest.raises(ValueError, match="lane 1"):
-        env.step(np.array([0, 7]))
-    env.step(np.array([0, 1]))
+    for actions in (np.array([0, 7]), np.array([0.0, 0.5]), np.array([1.0, -1.0])):
+        with pytest.raises(ValueError, match="lane 1"):
+            env.step(actions)
+    env.step(np.array([0.0, 1.0]))
     with pytest.raises(gym.error.ResetNeeded, match="reset_mask"):
         env.step(np.array([0, 1]))
     for mask in (np.array([1, 0]), np.array([True]), [True, False], np.zeros(2, bool)):
