@@ -195,7 +195,7 @@ def is_listed(leaf: Leaf, patterns: Sequence[tuple[str, str]]) -> bool:
     place = leaf.place.replace("[", "(").replace("]", ")")
     for file, listed_place in patterns:
         own = listed_place.replace("[", "(").replace("]", ")")
-        inside = (own, f"{own}.*", f"{own}(*")
+        inside = (own, f"{own}.*", f"{own}:*", f"{own}(*")
         if fnmatchcase(leaf.file, file) and any(fnmatchcase(place, one) for one in inside):
             return True
     return False

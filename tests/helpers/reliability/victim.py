@@ -1,4 +1,7 @@
-"""What is attacked: finished runs of a small panel and of an evaluation."""
+"""What is attacked: finished runs of a small panel and of an evaluation.
+
+The panel has fewer records than a page's sample takes, so that every forged one is in it.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +22,8 @@ def write_spec(
     seeds: tuple[int, int] = (0, 1),
     *,
     name: str = "victim",
-    top: str = 'episodes = 4\ntrainer = "sb3"\nbaselines = ["zero"]',
+    top: str = 'episodes = 4\ntrainer = "sb3"\nbaselines = ["zero"]\n'
+    "ladder = false\nperturbations = []",
     environment: str = "duration = 1.0",
     train: str = 'integrator = "rk4"\ndt = 0.05',
     evaluate: str = 'integrator = "rk4"\ndt = [0.05, 0.025]',
