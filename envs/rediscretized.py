@@ -183,7 +183,9 @@ def add_up(one: Booked, other: Booked) -> Booked:
         one.work + other.work,
         one.dissipated + other.dissipated,
         one.constrained or other.constrained,
-        *(max(pair) for pair in zip(one[3:], other[3:], strict=True)),
+        max(one.iterations, other.iterations),
+        max(one.penetration, other.penetration),
+        max(one.violation, other.violation),
     )
 
 
@@ -633,7 +635,7 @@ class RediscretizedEnv(ForeignWrapper):
             raise InputError(unknown_name("integrator of MuJoCo", chosen, known))
         limit = time_limit(self)
         horizon = 1000 if limit is None else limit
-        delays = {
+        delays: dict[str, Any] = {
             name: getattr(choice, name) or 0.0 for name in ("action_latency", "observation_latency")
         }
         timing = Timing.of(step, period, sensor_period=None, duration=horizon * period, **delays)

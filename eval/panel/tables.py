@@ -170,7 +170,9 @@ def evaluation_cells(
             places = [one for place in many(at) for one in _varied_places(where, place, home)]
         if not rest:
             raise SpecError(f"{where} says `at` and not what is varied; give arguments, or no `at`")
-        variations += vary(convert(where, name, Name | None), rest, tuple(places))
+        variations += vary(
+            None if name is None else convert(where, name, Name), rest, tuple(places)
+        )
     _check_installed(asked, grid)
     return tuple(dict.fromkeys(grid)), tuple(variations), tuple(unmade)
 

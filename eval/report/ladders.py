@@ -234,15 +234,17 @@ def _sweep_plots(
     ticks = tuple((place, f"{value:g}") for value, place in places.items())
     along = ", ".join(filter(None, (argument, panel.units.get(argument))))
     varied = {cell.variation for cell in panel.cells}
-    truths = {row: panel.truth_at(home and home.control_period) for row, home in homes.items()}
+    truths = {
+        row: panel.truth_at(home.control_period if home else None) for row, home in homes.items()
+    }
 
     def points(row: str, home: Cell) -> Iterator[Point]:
         """Success by value at a discretization; the value that no cell has is undisturbed."""
         own = getattr(home, argument, None)
         for value, place in places.items():
-            name, cell = names[value], home
-            if name in varied and not (isinstance(own, float) and are_close(own, value)):
-                cell = _changed(panel, home, argument, value)
+            name = names[value]
+            changed = name in varied and not (isinstance(own, float) and are_close(own, value))
+            cell = _changed(panel, home, argument, value) if changed else home
             entry = cell and panel.entry(row, cell.name)
             if entry:
                 words = f"{panel.in_words(row)}, {argument}={value:g}: success {entry.success}"
@@ -253,8 +255,8 @@ def _sweep_plots(
         ("at home", homes),
     ):
         series = []
-        for number, (row, cell) in enumerate(cells.items()):
-            shown = tuple(points(row, cell)) if cell else ()
+        for number, (row, place) in enumerate(cells.items()):
+            shown = tuple(points(row, place)) if place else ()
             if len(shown) > 1:
                 series.append(Series(row, styles[row], number - (len(homes) - 1) / 2.0, shown))
         if series:

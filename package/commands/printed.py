@@ -84,7 +84,7 @@ def print_plan(spec: PanelSpec, workers: int | None, trains: bool = True) -> Non
 def _cells(spec: PanelSpec) -> str:
     """How many cells there are, and of what kinds."""
     kinds = {cell.name: cell.kind for home in (*spec.train, None) for cell in spec.cells_of(home)}
-    counts = Counter(kinds.values())
+    counts: Counter[str] = Counter(kinds.values())
     words = {"grid": "of the grid", "reference": "of the truth", "varied": "varied"}
     words |= {"ladder": "in which the control period follows dt"}
     parts = [f"{counts[kind]} {what}" for kind, what in words.items() if counts[kind]]

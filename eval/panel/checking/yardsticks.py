@@ -16,6 +16,7 @@ import msgspec
 import numpy as np
 import numpy.typing as npt
 
+from integ_gym.envs.settings import Discretization
 from integ_gym.evidence.fields import ATTEMPT, LATER_ATTEMPT, SECOND_HORIZON
 from integ_gym.evidence.schema import Finding, argument_values
 from integ_gym.evidence.store import EvidenceStore
@@ -109,7 +110,12 @@ def of_replays(
             rows[row["policy_id"]][row["cell"]].append(row)
     can = [(part, statuses(part, directory)) for part in spec.parts()]
     for policy in policies.keys() & rows.keys() & found.keys():
-        before: dict[str, tuple[int, int]] = {}
+        before: dict[Discretization, tuple[int, int]] = {}
+        undisturbed = {
+            cell.name: cell.discretization
+            for cell in spec.cells_of(policies[policy].home)
+            if cell.changes is None
+        }
         for part, status in can:
             own = {
                 cell: [row for row in held if row["episode_index"] in part.latest]
@@ -118,10 +124,11 @@ def of_replays(
             whole = {cell: held for cell, held in own.items() if len(held) == len(part.latest)}
             unknown = given and policies[policy].home is None and policy not in spec.baselines
             yield from _of_policy(part, policies[policy], unknown, whole, later, status, before)
-            for cell, held in whole.items():
-                count, total = before.get(cell, (0, 0))
-                succeeded = sum(bool(row["success"]) for row in held)
-                before[cell] = count + succeeded, total + len(held)
+            for place, held in ((undisturbed.get(name), held) for name, held in whole.items()):
+                if place is not None:
+                    count, total = before.get(place, (0, 0))
+                    succeeded = sum(bool(row["success"]) for row in held)
+                    before[place] = count + succeeded, total + len(held)
 
 
 def _of_policy(
@@ -131,7 +138,7 @@ def _of_policy(
     rows: Mapping[str, list[dict[str, Any]]],
     later: Mapping[tuple[str, str], Mapping[int, bool]],
     status: Mapping[str, str],
-    before: Mapping[str, tuple[int, int]],
+    before: Mapping[Discretization, tuple[int, int]],
 ) -> Iterator[Finding]:
     """What the records of one policy, from the starts that came last, say of its replays."""
     cells = [cell for cell in spec.cells_of(policy.home) if cell.name in rows]
