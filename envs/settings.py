@@ -20,6 +20,7 @@ from integ_gym.support.parameters import (
     one_of,
     optional,
     parameter,
+    plain_table,
     positive,
     suggestion,
     text,
@@ -259,6 +260,12 @@ class Settings:
     engine: str = parameter(
         NATIVE, "", "what advances the plant: ours, or a simulator such as `mujoco`", text
     )
+    solver: Mapping[str, Any] | None = parameter(
+        None,
+        "",
+        "settings of the engine's solver, in its own names; `None`: the engine's defaults",
+        optional(plain_table),
+    )
     duration: float = parameter(
         10.0, "s", "truncation after ceil(duration / control_period) decisions", positive
     )
@@ -318,8 +325,7 @@ class Setup:
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state)
         if isinstance(self.engine, type):
-            engine = self.engine(self.system, self.settings.integrator, self.timing.dt)
-            vars(self)["engine"] = engine
+            vars(self)["engine"] = _engine(self.settings, self.system, self.timing.dt)
 
     @property
     def fingerprinted(self) -> str:
@@ -378,8 +384,7 @@ class Setup:
         if self.engine.batched:
             engine = self.engine.at(system, timing.dt)
         else:
-            kind: Any = type(self.engine)
-            engine = kind(system, self.settings.integrator, timing.dt)
+            engine = _engine(self.settings, system, timing.dt)
         return replace(self, plant=plant, task=task, timing=timing, system=system, engine=engine)
 
 
@@ -432,8 +437,12 @@ def build_setup(
             f"`contact`='engine' needs stops, and this {the_plant.name} has none; give its limit"
         )
     system = PlantSystem(the_plant, settings.max_speed, settings.contact == "engine")
-    engine = make_engine(settings.engine, system, settings.integrator, timing.dt)
+    engine = _engine(settings, system, timing.dt)
     return Setup(settings, timing, the_plant, _parse(task, values), system, engine)
+
+
+def _engine(settings: Settings, system: PlantSystem, dt: Component) -> Engine:
+    return make_engine(settings.engine, system, settings.integrator, dt, settings.solver)
 
 
 def _timing(settings: Settings) -> Timing:

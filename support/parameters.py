@@ -104,6 +104,15 @@ def optional(check: Check) -> Check:
     return check_optional
 
 
+def plain_table(value: Any) -> str | None:
+    """A dictionary of numbers, truth values and strings."""
+    if isinstance(value, Mapping) and all(
+        isinstance(key, str) and isinstance(x, (bool, int, float, str)) for key, x in value.items()
+    ):
+        return None
+    return 'must be like {"iterations": 10}'
+
+
 def one_of(*choices: str) -> Check:
     """One of the given strings."""
 

@@ -19,14 +19,11 @@ from .rigid import Array
 from .simulator import MappedEngine, Run, guard
 from .stepping import PlantSystem
 
-TOLERANCE = 1e-12
-"""Of Newton's defect and correction, and of the local error of an adaptive integrator."""
+NEWTON = {"abstol": 1e-12, "max_iter": 50}
+"""Of Newton's defect and correction, and most iterations per step."""
 
-NEWTON_CAP = 50
-"""Most Newton iterations per step."""
-
-INNER_CAP = 5000
-"""Most inner steps of an adaptive integrator per step."""
+ADAPTIVE = {"abstol": 1e-12, "reltol": 1e-12, "max_num_steps": 5000}
+"""Of the local error of an adaptive integrator, and most inner steps per step."""
 
 _ONE_ELEMENT = {"number_of_finite_elements": 1}
 """CasADi divides a step in 20 by default."""
@@ -60,16 +57,29 @@ class CasadiEngine(MappedEngine):
         "cvodes": "reference",
         "idas": "reference",
     }
+    solver_defaults: ClassVar[Mapping[str, Mapping[str, Any]]] = {
+        name: ADAPTIVE if own == "reference" else NEWTON
+        for name, own in maps.items()
+        if name != "rk"
+    }
 
-    def __init__(self, system: PlantSystem, integrator: str, dt: float) -> None:
-        super().__init__(system, integrator, dt)
+    def __init__(
+        self,
+        system: PlantSystem,
+        integrator: str,
+        dt: float,
+        solver: Mapping[str, Any] | None = None,
+    ) -> None:
+        super().__init__(system, integrator, dt, solver)
         size = 2 * len(system.plant.coordinates) + len(system.no_losses)
         self._truths = (*[False] * size, False, False, True)
         lost = (*[nan] * size, 0, 0.0, False)
-        self._step = guard(_stepper(_equations(system), integrator, dt), lost)
-        if integrator != "rk":
-            self.solver_tolerance = TOLERANCE
-            self.solver_cap = INNER_CAP if self.map == TRUTH else NEWTON_CAP
+        stepper = _stepper(_equations(system), integrator, dt, self.settings)
+        self._step = guard(stepper, lost)
+        if self.settings:
+            self.solver_tolerance = self.settings["abstol"]
+            cap = "max_num_steps" if self.map == TRUTH else "max_iter"
+            self.solver_cap = self.settings[cap]
 
     def move(
         self, ops: Ops, q: Components, v: Components, losses: Components, control: Component
@@ -95,7 +105,9 @@ def _equations(system: PlantSystem) -> dict[str, Any]:
     return {"x": state, "p": control, "ode": casadi.vertcat(*slopes)}
 
 
-def _stepper(dae: dict[str, Any], integrator: str, dt: float) -> Run:
+def _stepper(
+    dae: dict[str, Any], integrator: str, dt: float, settings: Mapping[str, Any]
+) -> Run:
     """An integrator as a function of floats: (*state, control) to (*state, *report).
 
     A report is (iterations, residual, converged). It takes one step of ``dt`` seconds of the
@@ -104,9 +116,9 @@ def _stepper(dae: dict[str, Any], integrator: str, dt: float) -> Run:
     if integrator == "rk":
         return _runge_kutta(dae, dt)
     if integrator in ("cvodes", "idas"):
-        return _adaptive(dae, dt, integrator)
+        return _adaptive(dae, dt, integrator, settings)
     _, scheme, order = integrator.split("_")
-    return _collocation(dae, dt, scheme, int(order))
+    return _collocation(dae, dt, scheme, int(order), settings)
 
 
 def _runge_kutta(dae: dict[str, Any], dt: float) -> Run:
@@ -122,7 +134,9 @@ def _runge_kutta(dae: dict[str, Any], dt: float) -> Run:
     return run
 
 
-def _collocation(dae: dict[str, Any], dt: float, scheme: str, order: int) -> Run:
+def _collocation(
+    dae: dict[str, Any], dt: float, scheme: str, order: int, settings: Mapping[str, Any]
+) -> Run:
     """Collocation at the points of a scheme, `legendre` or `radau`.
 
     The integrator takes a step by one call of its function `step`, Newton's method on the equations
@@ -136,9 +150,8 @@ def _collocation(dae: dict[str, Any], dt: float, scheme: str, order: int) -> Run
         "collocation_scheme": scheme,
         "interpolation_order": order,
         "rootfinder_options": {
-            "abstol": TOLERANCE,
-            "abstolStep": TOLERANCE,
-            "max_iter": NEWTON_CAP,
+            **settings,
+            "abstolStep": settings["abstol"],
             "error_on_fail": False,
             "show_eval_warnings": False,
         },
@@ -157,28 +170,28 @@ def _collocation(dae: dict[str, Any], dt: float, scheme: str, order: int) -> Run
         test.call()
         statistics = newton.statistics()
         residual = float((abs(defect) / (1.0 + abs(stages))).max())
-        solved = statistics["success"] or residual <= TOLERANCE
+        solved = statistics["success"] or residual <= settings["abstol"]
         return (*end.tolist(), statistics["iter_count"], residual, solved)
 
     return run
 
 
-def _adaptive(dae: dict[str, Any], dt: float, plugin: str) -> Run:
+def _adaptive(
+    dae: dict[str, Any], dt: float, plugin: str, settings: Mapping[str, Any]
+) -> Run:
     """SUNDIALS' `cvodes` or `idas`: iterations are inner steps; the residual is not told and is 0.
 
     Where it gives up there is no state: components are NaN. `idas` then writes to `sys.stderr`,
     whatever `disable_internal_warnings` says, so that this is turned away during the call.
     """
     options = {
-        "abstol": TOLERANCE,
-        "reltol": TOLERANCE,
-        "max_num_steps": INNER_CAP,
+        **settings,
         "disable_internal_warnings": True,
         "show_eval_warnings": False,
     }
     start, end = _arrays(dae)
     step = _Bound(_integrator(plugin, dae, dt, options), x0=start[:-1], p=start[-1:], xf=end)
-    lost = (*[nan] * len(end), INNER_CAP, 0.0, False)
+    lost = (*[nan] * len(end), settings["max_num_steps"], 0.0, False)
 
     def run(*values: float) -> tuple[Any, ...]:
         start[:] = values

@@ -193,16 +193,22 @@ _FACTORIZATIONS = "integrator_num_iteration_matrix_factorizations"
 
 
 def implicit_steps(
-    plant: Any, scheme: str, dt: float, count: int, from_rest: bool, speeds: bool = False
+    plant: Any,
+    scheme: str,
+    dt: float,
+    count: int,
+    accuracy: float,
+    from_rest: bool,
+    speeds: bool = False,
 ) -> Run:
-    """Steps of an implicit integrator, with the most Newton iterations of any.
+    """Steps of an implicit integrator to an accuracy, with the most Newton iterations of any.
 
     A step that Drake divides is told as not converged. From values that are astray there is no
     step, for on some of them Drake crashes. Steps begin with the matrices at rest where
     ``from_rest`` says so. With ``speeds``, each velocity's mean square over the ends of the steps
     comes before the report.
     """
-    stepper, size = Stepper(plant, scheme, dt, from_rest), state_size(plant)
+    stepper, size = Stepper(plant, scheme, dt, accuracy, from_rest), state_size(plant)
     log, lost = Log(count, size), (*(nan,) * (size + speeds * size // 2), 0, 0.0, False)
 
     def run(*values: float) -> tuple[float, ...]:
@@ -224,13 +230,13 @@ def implicit_steps(
     return run
 
 
-def rest_serves(plant: Any, scheme: str, dt: float) -> bool:
+def rest_serves(plant: Any, scheme: str, dt: float, accuracy: float) -> bool:
     """Whether steps from many states take fewer evaluations with the matrices at rest."""
     size = state_size(plant)
     states = np.random.default_rng(0).uniform(-pi, pi, (_TRIALS, size)).tolist()
     spent = {True: 0, False: 0}
     for from_rest in spent:
-        stepper = Stepper(plant, scheme, dt, from_rest)
+        stepper = Stepper(plant, scheme, dt, accuracy, from_rest)
         for state in states:
             try:
                 stepper.step(tuple(state), (0.0,) * (size // 2))
@@ -249,19 +255,22 @@ class Stepper:
         plant: continuous.
         scheme: Drake's name of an implicit integrator.
         dt: s.
+        accuracy: on which its Newton iterations stop.
         from_rest: whether steps begin with the matrices at rest, or with none.
 
     Attributes:
         spoiled: whether the last step has left other matrices than it began with.
     """
 
-    def __init__(self, plant: Any, scheme: str, dt: float, from_rest: bool) -> None:
+    def __init__(
+        self, plant: Any, scheme: str, dt: float, accuracy: float, from_rest: bool
+    ) -> None:
         self._clock = Clock(plant, scheme, dt, _LEAST_SHARE)
         self._context = self._clock.simulator.get_mutable_context()
         self._put = force_setter(plant, self._context)
         self._end = self._context.get_continuous_state_vector().get_value()
         self._integrator, self._from_rest = self._clock.integrator, from_rest
-        self._integrator.set_target_accuracy(ACCURACY)
+        self._integrator.set_target_accuracy(accuracy)
         self._prepare = self._integrator.ResetStatistics if from_rest else self._clock.forget
         self._statistics = self._integrator.GetStatisticsSummary
         names = [name for name, _ in self._statistics()]
@@ -344,6 +353,10 @@ DISCRETE = {
 }
 
 
+CONVEX = ("sap", "similar", "lagged")
+"""Discrete ones whose contact is solved by SAP."""
+
+
 class DrakeEngine(RigidBodyEngine):
     """Drake's `MultibodyPlant`, in float64: continuous under an integrator, or discrete.
 
@@ -359,6 +372,10 @@ class DrakeEngine(RigidBodyEngine):
     tells_speeds: ClassVar[bool] = True
     stopless: ClassVar[frozenset[str]] = frozenset({*EXPLICIT, *IMPLICIT})
     maps: ClassVar[Mapping[str, str]] = {**DISCRETE, **EXPLICIT, **IMPLICIT}
+    solver_defaults: ClassVar[Mapping[str, Mapping[str, Any]]] = {
+        **dict.fromkeys(IMPLICIT, {"accuracy": ACCURACY}),
+        **dict.fromkeys(CONVEX, {"sap_near_rigid_threshold": 1.0}),
+    }
 
     def build(self) -> None:
         """Make the model, finalized, with generalized forces as its only input.
@@ -367,7 +384,7 @@ class DrakeEngine(RigidBodyEngine):
         """
         self.reports = self.integrator not in DISCRETE
         if self.integrator in IMPLICIT:
-            self.solver_tolerance = ACCURACY
+            self.solver_tolerance = self.settings["accuracy"]
         plants = load("pydrake.multibody.plant", "drake")
         self._plant = plant = plants.MultibodyPlant(0.0 if self.reports else self.dt)
         if not self.reports:
@@ -375,6 +392,8 @@ class DrakeEngine(RigidBodyEngine):
             chosen = approximations[f"k{self.integrator.capitalize()}"]
             plant.set_discrete_contact_approximation(chosen)
             plant.SetUseSampledOutputPorts(False)
+        if self.integrator in CONVEX:
+            plant.set_sap_near_rigid_threshold(self.settings["sap_near_rigid_threshold"])
         parent = plant.world_frame()
         for link in self.mechanism.links:
             parent = _hang(plant, parent, link)
@@ -384,10 +403,9 @@ class DrakeEngine(RigidBodyEngine):
     def stop_parameters(self) -> dict[str, Any]:
         """What its law is made of; stiffness and damping follow from the step and the masses."""
         solver = self._plant.get_discrete_contact_solver().name
-        known = {"discrete_contact_solver": solver, "time_step": self._plant.time_step()}
-        if solver == "kSap":
-            known["sap_near_rigid_threshold"] = self._plant.get_sap_near_rigid_threshold()
-        return known
+        return {
+            "discrete_contact_solver": solver, "time_step": self._plant.time_step(), **self.settings,
+        }  # fmt: skip
 
     def at_rest(self, q: Components) -> tuple[Array, Array]:
         """Mass matrix and generalized force of gravity."""
@@ -406,12 +424,12 @@ class DrakeEngine(RigidBodyEngine):
             return discrete_steps(self._plant, count, speeds)
         chosen = self._plant, self.integrator, self.dt, count
         if self.integrator in IMPLICIT:
-            return implicit_steps(*chosen, self._from_rest, speeds)
+            return implicit_steps(*chosen, self.settings["accuracy"], self._from_rest, speeds)
         return explicit_steps(*chosen, speeds)
 
     @cached_property
     def _from_rest(self) -> bool:
-        return rest_serves(self._plant, self.integrator, self.dt)
+        return rest_serves(self._plant, self.integrator, self.dt, self.settings["accuracy"])
 
 
 def _hang(plant: Any, parent: Any, link: Link) -> Any:

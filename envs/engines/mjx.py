@@ -10,12 +10,13 @@ import numpy as np
 from integ_gym.support.optional import load
 
 from ..ops.ops import SCALAR, Component, Components, Ops
+from .mujoco_solver import MujocoSettings, read_solver
 from .rigid import MAPS, Array, LanesEngine, stop_law
 from .simulator import Run, silence_output
 from .stepping import PlantSystem
 
 
-class MjxEngine(LanesEngine):
+class MjxEngine(MujocoSettings, LanesEngine):
     """`mjx.step`, traced in JAX; for floats and NumPy compiled, in float64, on the CPU.
 
     `Euler` and `implicitfast` are symplectic Euler with joint damping taken implicitly, `RK4` is
@@ -33,10 +34,12 @@ class MjxEngine(LanesEngine):
         jax = load("jax", "mjx")
         with silence_output():
             load("mujoco.mjx", "mjx")
+            mujoco = load("mujoco", "mjx")
             from .mjx_program import numbers, program_of
 
         self._jax, self._numbers = jax, numbers
-        self._program, stop = program_of(self.mechanism, self.integrator), self._stop()
+        self._program = program_of(self.mechanism, self.integrator, self.settings)
+        self.settings, stop = read_solver(mujoco, self._program.made), self._stop()
         with jax.enable_x64(True):
             self._values, self._still = (
                 jax.device_put(np.array(numbers(self.mechanism, dt, stop)), jax.devices("cpu")[0])

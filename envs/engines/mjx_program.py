@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -15,6 +15,7 @@ from mujoco.mjx._src import forward
 
 from ..mechanics import Link, Mechanism
 from ..ops.ops import Component
+from .mujoco_solver import taken_by, write_solver
 from .rigid import LEAST_SHARE, mjcf
 
 Array = Any
@@ -36,19 +37,23 @@ def numbers(mechanism: Mechanism, dt: Component, stop: Sequence[Component]) -> l
     return [dt, mechanism.gravity, *(number for link in links for number in link), *stop]
 
 
-def program_of(mechanism: Mechanism, integrator: str) -> Program:
+def program_of(mechanism: Mechanism, integrator: str, solver: Mapping[str, Any]) -> Program:
     """The program that serves all mechanisms of these joints.
 
     Args:
         mechanism: how many joints there are, of what kind, and which has MuJoCo's own stops.
         integrator: MuJoCo's name.
+        solver: settings of its solver that are not MuJoCo's defaults.
+
+    Raises:
+        ValueError: for a setting that MJX does not take.
     """
     ones = (1.0,) * 4
     links = tuple(
         Link(x.coordinate, x.joint, *ones, None if x.limit is None else 1.0)
         for x in mechanism.links
     )
-    return _program(mjcf(Mechanism(links, 1.0), 1.0, integrator))
+    return _program(mjcf(Mechanism(links, 1.0), 1.0, integrator), tuple(sorted(solver.items())))
 
 
 class Program:
@@ -56,6 +61,7 @@ class Program:
 
     Args:
         text: a model in MuJoCo's format; see :func:`numbers` for what is replaced in it.
+        solver: settings of its solver, as pairs.
 
     Attributes:
         made: MuJoCo's model of it.
@@ -63,9 +69,10 @@ class Program:
         lanes: of one call.
     """
 
-    def __init__(self, text: str) -> None:
+    def __init__(self, text: str, solver: tuple[tuple[str, Any], ...]) -> None:
         self.made = made = mujoco.MjModel.from_xml_string(text)
-        with jax.enable_x64(True):
+        write_solver(mujoco, made, dict(solver))
+        with jax.enable_x64(True), taken_by("MJX"):
             model, data = mjx.put_model(made, impl="jax"), mjx.make_data(made, impl="jax")
         self.dof, self.lanes = made.nv, LANES
         self._stopped = next(iter(made.jnt_limited.nonzero()[0].tolist()), None)

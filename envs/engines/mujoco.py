@@ -9,13 +9,14 @@ from typing import Any, ClassVar
 from integ_gym.support.optional import load
 
 from ..ops.ops import Components
+from .mujoco_solver import MujocoSettings, read_solver, write_solver
 from .rigid import LEAST_INERTIA, MAPS, Array, RigidBodyEngine, mass_matrix, mjcf, stop_law
 from .simulator import Run
 
 _TOLD_OF = ("INERTIA", "BADQPOS", "BADQVEL", "BADQACC")
 
 
-class MujocoEngine(RigidBodyEngine):
+class MujocoEngine(MujocoSettings, RigidBodyEngine):
     """MuJoCo's `mj_step`, in float64.
 
     `Euler` and `implicitfast` are symplectic Euler with joint damping taken implicitly, `implicit`
@@ -35,6 +36,7 @@ class MujocoEngine(RigidBodyEngine):
         """Compile the model."""
         self._mujoco = load("mujoco", "mujoco")
         self._model, self._data = self._compile()
+        self.settings = read_solver(self._mujoco, self._model)
         self.reports = self.system.engine_stops is not None
         if self.reports:
             option = self._model.opt
@@ -87,6 +89,7 @@ class MujocoEngine(RigidBodyEngine):
         """A model and its data."""
         text = mjcf(self.mechanism, self.dt, self.integrator, history)
         model = self._mujoco.MjModel.from_xml_string(text)
+        write_solver(self._mujoco, model, self.settings)
         data = self._mujoco.MjData(model)
         silencer(self._mujoco, data)()
         return model, data

@@ -5,8 +5,9 @@ What they mean: https://mujoco.readthedocs.io/en/stable/XMLreference.html#option
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any, Final
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any, ClassVar, Final
 
 from integ_gym.support.errors import InputError
 from integ_gym.support.parameters import unknown_name
@@ -34,6 +35,50 @@ contact's time constant is at least twice the timestep, so that the contact law 
 
 SETTINGS: Final = (*_NUMBERS, *_CHOICES, *_FLAGS)
 """Names of all settings."""
+
+
+class MujocoSettings:
+    """What engines of MuJoCo's family do with settings of the solver: they go into its model.
+
+    Attributes:
+        settings: those that were given; after the model is built, all of its own.
+    """
+
+    integrator: str
+    settings: Mapping[str, Any]
+    maps: ClassVar[Mapping[str, str]]
+
+    def read_solver(self, given: Mapping[str, Any]) -> None:
+        """Keep what was given for the model.
+
+        Raises:
+            ValueError: for a setting that MuJoCo has not.
+        """
+        for name in given:
+            if name not in SETTINGS:
+                raise InputError(unknown_name("setting of MuJoCo's `solver`", name, SETTINGS))
+        self.settings = dict(given)
+
+    @property
+    def map(self) -> str:
+        """Name of the one-step map: `Euler` takes damping explicitly without `eulerdamp`."""
+        explicit = self.integrator.lower().endswith("euler") and not self.settings.get(
+            "eulerdamp", True
+        )
+        return "symplectic_euler" if explicit else self.maps[self.integrator]
+
+
+@contextmanager
+def taken_by(simulator: str) -> Iterator[None]:
+    """Have a simulator take a model of MuJoCo's.
+
+    Raises:
+        ValueError: for a setting of the solver that it does not implement.
+    """
+    try:
+        yield
+    except NotImplementedError as error:
+        raise InputError(f"{simulator} does not take this `solver`: {error}") from None
 
 
 def read_solver(mujoco: Any, model: Any) -> dict[str, Any]:

@@ -8,10 +8,13 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from integ_gym.support.errors import InputError
 from integ_gym.support.optional import load
+from integ_gym.support.parameters import unknown_name
 
 from ..mechanics import Mechanism
 from ..ops.ops import Components
+from .mujoco_solver import SETTINGS, MujocoSettings, read_solver
 from .rigid import LEAST_INERTIA, MAPS, Array, moment
 from .warp import ROWS, WarpEngine, Worlds, constraint_solver, forces_at_rest
 
@@ -20,7 +23,14 @@ FEATHERSTONE = "featherstone"
 _MUJOCO = {f"mujoco_{name.lower()}": one_step_map for name, one_step_map in MAPS.items()}
 
 
-class NewtonEngine(WarpEngine):
+SETTABLE = (
+    *("solver", "cone", "jacobian", "impratio"),
+    *("iterations", "ls_iterations", "tolerance", "ls_tolerance"),
+)
+"""Settings of MuJoCo's solver that Newton takes."""
+
+
+class NewtonEngine(MujocoSettings, WarpEngine):
     """Newton's solvers, in float32, on the CPU; all lanes of a vector environment at once.
 
     `featherstone` is `SolverFeatherstone`, symplectic Euler; `mujoco_euler`, `mujoco_implicitfast`,
@@ -40,6 +50,23 @@ class NewtonEngine(WarpEngine):
     )
     """Modules whose kernels come with derivatives, which take most of the time to compile."""
 
+    def read_solver(self, given: Mapping[str, Any]) -> None:
+        """Keep what was given for Newton's MuJoCo solver, which takes some of its settings.
+
+        Raises:
+            ValueError: for a setting that it does not take; Featherstone's method has none.
+        """
+        own = SETTABLE if self.integrator in _MUJOCO else ()
+        for name in given:
+            if name not in own:
+                what = f"setting of `solver` of engine 'newton' with {self.integrator!r}"
+                raise InputError(
+                    unknown_name(what, name, own)
+                    if own
+                    else f"engine 'newton' has no solver with {self.integrator!r}; leave `solver` out"
+                )
+        self.settings = dict(given)
+
     def open(self) -> None:
         """Load Newton, and MuJoCo Warp where its solver is asked for."""
         self._newton = load("newton", self.name)
@@ -54,6 +81,11 @@ class NewtonEngine(WarpEngine):
         constraints = None
         if self.integrator in _MUJOCO:
             constraints = constraint_solver(self._mjw, solver.mjw_model, solver.mjw_data)
+            self.settings = {
+                name: value
+                for name, value in read_solver(self._mujoco, solver.mj_model).items()
+                if name in SETTABLE
+            } | constraints.limits
 
         def step() -> None:
             if constraints is not None:
@@ -93,6 +125,7 @@ class NewtonEngine(WarpEngine):
             nconmax=0,
             disable_contacts=True,
             kinematic_switchable_roots=False,
+            **self.settings,
         )
 
     def _model(self, count: int, mechanism: Mechanism) -> Any:

@@ -41,7 +41,13 @@ class PinocchioEngine(NativeEngine):
     maps: ClassVar[Mapping[str, str]] = {name: name for name in ("rk4", *INTEGRATORS.parts)}
     """Integrator to the one-step map that it applies: itself. The environments' default first."""
 
-    def __init__(self, system: PlantSystem, integrator: str, dt: float) -> None:
+    def __init__(
+        self,
+        system: PlantSystem,
+        integrator: str,
+        dt: float,
+        solver: Mapping[str, Any] | None = None,
+    ) -> None:
         if integrator not in self.maps and ":" not in integrator:
             raise integrator_error(self.name, integrator, self.maps)
         refuse_arrays(self.name, system)
@@ -49,7 +55,7 @@ class PinocchioEngine(NativeEngine):
         moved = copy(system.plant)
         vars(moved).update(acceleration=bodies.accelerations, jacobian=bodies.slopes)
         stopped = system.engine_stops is not None
-        super().__init__(PlantSystem(moved, system.max_speed, stopped), integrator, dt)
+        super().__init__(PlantSystem(moved, system.max_speed, stopped), integrator, dt, solver)
         self.map = integrator
         check_agreement(self, system.plant)
 

@@ -19,7 +19,7 @@ from .simulator import Run, load_undisturbed
 UNCAPPED = 1e30
 """Joint speed at which Bullet clips, m/s or rad/s; 100 where it is not set."""
 
-STOP_PARAMETERS = {"erp": 0.2, "numSolverIterations": 50, "solverResidualThreshold": 1e-7}
+SOLVER = {"erp": 0.2, "numSolverIterations": 50, "solverResidualThreshold": 1e-7}
 """Bullet's own values of what its joint limits depend on."""
 
 
@@ -39,6 +39,7 @@ class PybulletEngine(RigidBodyEngine):
     package: ClassVar[str] = "pybullet"
     modules: ClassVar[tuple[str, ...]] = ("pybullet",)
     maps: ClassVar[Mapping[str, str]] = {"semi_implicit_euler": "symplectic_euler"}
+    solver_defaults: ClassVar[Mapping[str, Mapping[str, Any]]] = {"semi_implicit_euler": SOLVER}
 
     def build(self) -> None:
         """Load the model into a world of its own."""
@@ -50,10 +51,10 @@ class PybulletEngine(RigidBodyEngine):
         bullet.setTimeStep(self.dt, physicsClientId=client)
         self.reports = self.system.engine_stops is not None
         if self.reports:
-            self.solver_tolerance = STOP_PARAMETERS["solverResidualThreshold"]
-            self.solver_cap = int(STOP_PARAMETERS["numSolverIterations"])
+            self.solver_tolerance = self.settings["solverResidualThreshold"]
+            self.solver_cap = self.settings["numSolverIterations"]
         bullet.setPhysicsEngineParameter(
-            **STOP_PARAMETERS, reportSolverAnalytics=int(self.reports), physicsClientId=client
+            **self.settings, reportSolverAnalytics=int(self.reports), physicsClientId=client
         )
         self._body = self._load()
         for joint in range(len(self.mechanism.links)):
@@ -68,7 +69,7 @@ class PybulletEngine(RigidBodyEngine):
 
     def stop_parameters(self) -> dict[str, Any]:
         """Of the constraint solver, in the names of `setPhysicsEngineParameter`."""
-        return dict(STOP_PARAMETERS)
+        return dict(self.settings)
 
     def at_rest(self, q: Components) -> tuple[Array, Array]:
         """Mass matrix by the composite rigid body algorithm, and minus the force that holds it."""
@@ -88,7 +89,7 @@ class PybulletEngine(RigidBodyEngine):
         step, states = bullet.stepSimulation, bullet.getJointStates
         n = len(self.mechanism.links)
         joints = tuple(range(n))
-        reports, cap = self.reports, STOP_PARAMETERS["numSolverIterations"]
+        reports, cap = self.reports, self.settings["numSolverIterations"]
 
         def run(*values: float) -> tuple[float, ...]:
             for i in joints:

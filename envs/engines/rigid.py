@@ -103,8 +103,14 @@ class RigidBodyEngine(ForeignEngine):
     tells_speeds: ClassVar[bool] = False
     """Whether it has a :meth:`run_with_speeds`."""
 
-    def __init__(self, system: PlantSystem, integrator: str, dt: float) -> None:
-        super().__init__(system, integrator, dt)
+    def __init__(
+        self,
+        system: PlantSystem,
+        integrator: str,
+        dt: float,
+        solver: Mapping[str, Any] | None = None,
+    ) -> None:
+        super().__init__(system, integrator, dt, solver)
         self.free = mechanism_of(self.name, system.plant)
         self.mechanism = self.free.stopped(system.engine_stops)
         self._map = one_step_map(self.map)

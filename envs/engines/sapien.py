@@ -62,6 +62,7 @@ class SapienEngine(RigidBodyEngine):
         "tgs": "symplectic_euler_sequential_damping",
         "pgs": "symplectic_euler_implicit_damping",
     }
+    solver_defaults: ClassVar[Mapping[str, Mapping[str, Any]]] = SOLVERS
 
     def build(self) -> None:
         """Build the articulation; beside it one without stops, and one without weight."""
@@ -70,13 +71,9 @@ class SapienEngine(RigidBodyEngine):
         self._free = self._articulated(self.free)
         self._weightless = self._articulated(Mechanism(undamped, 0.0))
 
-    def describe(self) -> dict[str, Any]:
-        """As every engine, and the solver's iterations."""
-        return {**super().describe(), **SOLVERS[self.integrator]}
-
     def stop_parameters(self) -> dict[str, Any]:
         """PhysX's limits are hard: the solver is all there is."""
-        return {"solver": self.integrator, **SOLVERS[self.integrator]}
+        return {"solver": self.integrator, **self.settings}
 
     def at_rest(self, q: Components) -> tuple[Array, Array]:
         """Mass matrix, and minus the force that holds it.
@@ -103,7 +100,7 @@ class SapienEngine(RigidBodyEngine):
 
     def _articulated(self, mechanism: Mechanism) -> World:
         """The mechanism in a scene of its own."""
-        sapien, iterations = load_undisturbed("sapien", "sapien"), SOLVERS[self.integrator]
+        sapien, iterations = load_undisturbed("sapien", "sapien"), self.settings
         system = _system(sapien.physx, mechanism.gravity, self.integrator == "tgs")
         system.timestep = self.dt
         scene = sapien.Scene([system])
@@ -149,7 +146,7 @@ class SapienEngine(RigidBodyEngine):
             raise InputError(
                 f"engine 'sapien' with integrator {self.integrator!r} is not the map {self.map!r} "
                 "on this plant, whose damping its solver does not resolve in "
-                f"{SOLVERS[self.integrator]['position_iterations']} iterations; give a smaller "
+                f"{self.settings['position_iterations']} iterations; give a smaller "
                 "`dt` or less damping, or integrator 'tgs'"
             )
 

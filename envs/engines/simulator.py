@@ -20,7 +20,7 @@ from integ_gym.support.parameters import suggestion
 
 from ..integrators.interface import Step
 from ..ops.ops import Component, Components, Ops
-from .stepping import DIVERGENCE_SPEED, Motion, PlantSystem, Segments, SteppedEngine, within_bounds
+from .stepping import DIVERGENCE_SPEED, Motion, PlantSystem, Segments, SteppedEngine, solver_with, within_bounds
 
 
 class MappedEngine(SteppedEngine):
@@ -30,10 +30,11 @@ class MappedEngine(SteppedEngine):
         system: plant with its stops, friction and speed limit.
         integrator: one of the engine's own; see :attr:`maps`.
         dt: integration step, s.
+        solver: settings of the engine's solver that are not its defaults, in its own names.
 
     Raises:
-        ValueError: for an integrator that the engine lacks, with those it has, and for plant
-            parameters given as arrays.
+        ValueError: for an integrator that the engine lacks, with those it has, for plant
+            parameters given as arrays, and for settings that the engine lacks.
     """
 
     batched: ClassVar[bool] = False
@@ -41,10 +42,18 @@ class MappedEngine(SteppedEngine):
     """Modules that it imports from other packages."""
     maps: ClassVar[Mapping[str, str]]
     """Integrator, as the engine calls it, to the one-step map that it applies."""
+    solver_defaults: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
+    """Integrator to settings of its solver, in the engine's own names, with their defaults."""
     stopless: ClassVar[frozenset[str]] = frozenset()
     """Integrators to which the joint stops of an engine that has them do nothing."""
 
-    def __init__(self, system: PlantSystem, integrator: str, dt: float) -> None:
+    def __init__(
+        self,
+        system: PlantSystem,
+        integrator: str,
+        dt: float,
+        solver: Mapping[str, Any] | None = None,
+    ) -> None:
         super().__init__(system, dt)
         if integrator not in self.maps:
             raise integrator_error(self.name, integrator, self.maps)
@@ -56,6 +65,16 @@ class MappedEngine(SteppedEngine):
                 f"`integrator`: {others}, or `contact`='compliant', the same law in every engine"
             )
         self.integrator = integrator
+        self.read_solver(solver or {})
+
+    def read_solver(self, given: Mapping[str, Any]) -> None:
+        """Take settings of the solver: those of :attr:`solver_defaults`, or no others.
+
+        Raises:
+            ValueError: for settings that it has not, and impossible values.
+        """
+        defaults = self.solver_defaults.get(self.integrator, {})
+        self.settings = solver_with(self.name, defaults, given)
 
     @property
     def map(self) -> str:
@@ -115,8 +134,14 @@ class ForeignEngine(MappedEngine):
     guarded_strides: ClassVar[bool] = False
     """Whether runs of several steps, too, are kept from values that are astray."""
 
-    def __init__(self, system: PlantSystem, integrator: str, dt: float) -> None:
-        super().__init__(system, integrator, dt)
+    def __init__(
+        self,
+        system: PlantSystem,
+        integrator: str,
+        dt: float,
+        solver: Mapping[str, Any] | None = None,
+    ) -> None:
+        super().__init__(system, integrator, dt, solver)
         self._run = cache(self._safe_run)
 
     @abstractmethod

@@ -5,12 +5,15 @@ from __future__ import annotations
 import copy
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any, ClassVar, NamedTuple, Protocol, Self
 
 from integ_gym.support.errors import InputError, InputTypeError
 from integ_gym.support.optional import check_versions, not_installed, running_version
+from integ_gym.support.parameters import unknown_name
 
 from ..integrators.interface import Step
+from ..integrators.newton import Solved
 from ..mechanics import Friction, Stops
 from ..ops.ops import FLOAT32_MAX, Component, Components, Ops
 from ..plants.interface import Plant
@@ -239,7 +242,9 @@ def missing_modules(engine: str) -> list[str]:
     return not_installed(getattr(ENGINES.load(engine), "modules", ()))
 
 
-def make_engine(name: str, system: Any, integrator: str, dt: Any) -> Engine:
+def make_engine(
+    name: str, system: Any, integrator: str, dt: Any, solver: Mapping[str, Any] | None = None
+) -> Engine:
     """An engine for a system.
 
     Args:
@@ -247,15 +252,45 @@ def make_engine(name: str, system: Any, integrator: str, dt: Any) -> Engine:
         system: a `PlantSystem`.
         integrator: as the engine calls it.
         dt: integration step, s.
+        solver: settings of the engine's solver that are not its defaults.
 
     Raises:
-        ValueError: for an unknown engine or integrator, or a package of the engine that is older
-            than its extra asks for; see `check_versions`.
+        ValueError: for an unknown engine, integrator or setting, or a package of the engine that is
+            older than its extra asks for; see `check_versions`.
     """
     kind = ENGINES.load(name)
     check_versions(name)
-    engine: Engine = kind(system, integrator, dt)
+    engine: Engine = (
+        kind(system, integrator, dt, solver) if solver else kind(system, integrator, dt)
+    )
     return engine
+
+
+def solver_with(
+    engine: str, defaults: Mapping[str, Any], given: Mapping[str, Any] | None
+) -> dict[str, Any]:
+    """Settings of a solver: the defaults, and those that were given in their place.
+
+    Raises:
+        ValueError: for a setting that is not among the defaults, and for a value that is no number
+            above 0, or no whole one where the default is whole.
+    """
+    settings = dict(defaults)
+    for name, value in (given or {}).items():
+        if name not in settings:
+            raise InputError(
+                unknown_name(f"setting of `solver` of engine {engine!r}", name, settings)
+                if settings
+                else f"engine {engine!r} has no settings of a solver with this integrator; leave "
+                "`solver` out"
+            )
+        kind = type(settings[name])
+        number = isinstance(value, (int, float)) and not isinstance(value, bool) and value > 0
+        if not number or kind(value) != value:
+            whole = "a whole number" if kind is int else "a number"
+            raise InputError(f"`solver.{name}` must be {whole} above 0, got {value!r}")
+        settings[name] = kind(value)
+    return settings
 
 
 def integrators_of(engine: str) -> tuple[str, ...]:
@@ -293,6 +328,8 @@ class SteppedEngine(ABC):
     """Of a solver, if it has one."""
     solver_cap: int | None = None
     """Most iterations of a solver, if it has one."""
+    settings: Mapping[str, Any] = MappingProxyType({})
+    """Of its solver, as they are in the simulator, in its own names; empty without a solver."""
 
     def __init__(self, system: PlantSystem, dt: Component) -> None:
         if system.engine_stops is not None and not self.own_stops:
@@ -332,6 +369,7 @@ class SteppedEngine(ABC):
         held = self.holds_resistance
         acts = "held over the step" if held else "within the integrator's stages"
         return {
+            **({"solver": dict(self.settings)} if self.settings else {}),
             "width": self.width,
             "constraint_violation": CONSTRAINT_VIOLATION,
             "resistance": acts if self.system.steep else None,
@@ -421,9 +459,10 @@ class NativeEngine(SteppedEngine):
         system: plant with its stops, friction and speed limit.
         integrator: a registered name or ``"module:Class"``.
         dt: integration step, s.
+        solver: ``tolerance`` and ``iterations`` of Newton's method, of our implicit integrators.
 
     Raises:
-        ValueError: for an unknown integrator.
+        ValueError: for an unknown integrator, or settings of a solver that it has not.
     """
 
     name: ClassVar[str] = "native"
@@ -432,9 +471,21 @@ class NativeEngine(SteppedEngine):
     batched: ClassVar[bool] = True
     reports: bool = True
 
-    def __init__(self, system: PlantSystem, integrator: str, dt: Component) -> None:
+    def __init__(
+        self,
+        system: PlantSystem,
+        integrator: str,
+        dt: Component,
+        solver: Mapping[str, Any] | None = None,
+    ) -> None:
         super().__init__(system, dt)
-        self.integrator = INTEGRATORS.load(integrator)()
+        self.integrator = made = INTEGRATORS.load(integrator)()
+        defaults = {}
+        if isinstance(made, Solved):
+            defaults = {"tolerance": made.solver_tolerance, "iterations": made.solver_cap}
+        self.settings = solver_with(self.name, defaults, solver)
+        if self.settings:
+            made.solver_tolerance, made.solver_cap = self.settings.values()
         self.solver_tolerance = getattr(self.integrator, "solver_tolerance", None)
         self.solver_cap = getattr(self.integrator, "solver_cap", None)
 

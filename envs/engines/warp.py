@@ -16,6 +16,7 @@ from integ_gym.support.optional import load
 
 from ..mechanics import Mechanism
 from ..ops.ops import Components
+from .mujoco_solver import MujocoSettings, read_solver, taken_by, write_solver
 from .rigid import LEAST_INERTIA, MAPS, Array, LanesEngine, mass_matrix, mjcf, stop_law
 from .simulator import Run, silence_output
 
@@ -37,6 +38,11 @@ class ConstraintSolver(NamedTuple):
     """Of the last step in each world: the simulator's own memory, (worlds,)."""
     tolerance: float
     cap: int
+
+    @property
+    def limits(self) -> dict[str, Any]:
+        """Where it stops, by MuJoCo's names."""
+        return {"tolerance": self.tolerance, "iterations": self.cap}
 
 
 @dataclass(frozen=True)
@@ -191,7 +197,7 @@ def forces_at_rest(
     return mass_matrix(mujoco, made, packed), np.array(data.qfrc_smooth.numpy()[0], np.float64)
 
 
-class MujocoWarpEngine(WarpEngine):
+class MujocoWarpEngine(MujocoSettings, WarpEngine):
     """`mujoco_warp.step`, in float32, on the CPU; all lanes of a vector environment at once.
 
     Its integrators are MuJoCo's; see :class:`integ_gym.envs.engines.mujoco.MujocoEngine`.
@@ -213,7 +219,8 @@ class MujocoWarpEngine(WarpEngine):
     def worlds(self, count: int, mechanism: Mechanism) -> Worlds:
         """One model, with data for ``count`` worlds."""
         made = self._compiled(mechanism)
-        model = self._mjw.put_model(made)
+        with taken_by("MuJoCo Warp"):
+            model = self._mjw.put_model(made)
         data = self._mjw.make_data(made, nworld=count, nconmax=0, njmax=ROWS)
 
         def step() -> None:
@@ -222,6 +229,7 @@ class MujocoWarpEngine(WarpEngine):
 
         q, v, force = (x.numpy() for x in (data.qpos, data.qvel, data.qfrc_applied))
         solver = constraint_solver(self._mjw, model, data)
+        self.settings = {**read_solver(self._mujoco, made), **solver.limits}
         return Worlds(q, v, force, step, (made, model, data), solver)
 
     def stop_parameters(self) -> dict[str, Any]:
@@ -238,5 +246,6 @@ class MujocoWarpEngine(WarpEngine):
         """MuJoCo's model; MuJoCo Warp has no automatic reset, and does not know its flag."""
         text = mjcf(mechanism, self.dt, self.integrator)
         model = self._mujoco.MjModel.from_xml_string(text)
+        write_solver(self._mujoco, model, self.settings)
         model.opt.disableflags &= ~int(self._mujoco.mjtDisableBit.mjDSBL_AUTORESET)
         return model

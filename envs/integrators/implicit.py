@@ -42,7 +42,7 @@ class ImplicitEuler(Solved):
         control: Component,
         dt: Component,
     ) -> Step:
-        v, *report = solve_velocity(ops, system, q, v, control, dt, dt)
+        v, *report = solve_velocity(ops, system, q, v, control, dt, dt, self.limits)
         q = along(q, dt, v)
         _, loss_rates = system.rates(ops, q, v, control)
         return Step(q, v, along(losses, dt, loss_rates), *report)
@@ -83,7 +83,9 @@ class StormerVerlet(Solved):
         kicked = along(v, half, acceleration)
         losses = along(losses, half, loss_rates)
         drifted = along(q, dt, kicked)
-        v, *report = solve_velocity(ops, system, drifted, kicked, control, half, 0.0 * dt)
+        v, *report = solve_velocity(
+            ops, system, drifted, kicked, control, half, 0.0 * dt, self.limits
+        )
         _, loss_rates = system.rates(ops, drifted, v, control)
         return Step(drifted, v, along(losses, half, loss_rates), *report)
 
@@ -116,7 +118,7 @@ class ImplicitMidpoint(Solved):
         dt: Component,
     ) -> Step:
         half = 0.5 * dt
-        middle, *report = solve_velocity(ops, system, q, v, control, half, half)
+        middle, *report = solve_velocity(ops, system, q, v, control, half, half, self.limits)
         acceleration, loss_rates = system.rates(ops, along(q, half, middle), middle, control)
         return Step(
             along(q, dt, along(v, half, acceleration)),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 from ..ops.ops import Component, Components, Ops, along
 from .interface import System
@@ -61,11 +61,28 @@ _IMPROVEMENT = 0.5
 """Below the tolerance, an iteration that gains less than this factor is the last."""
 
 
-class Solved:
-    """What integrators say of this method that solve their equations by it."""
+class Limits(NamedTuple):
+    """Where Newton's method stops: scaled residual and iterations."""
 
-    solver_tolerance: ClassVar[float] = TOLERANCE
-    solver_cap: ClassVar[int] = CAP
+    tolerance: float = TOLERANCE
+    cap: int = CAP
+
+
+class Solved:
+    """What integrators say of this method that solve their equations by it.
+
+    Attributes:
+        solver_tolerance: scaled residual above which a solution is `not_converged`.
+        solver_cap: most Newton iterations per step.
+    """
+
+    solver_tolerance: float = TOLERANCE
+    solver_cap: int = CAP
+
+    @property
+    def limits(self) -> Limits:
+        """Where its solver stops."""
+        return Limits(self.solver_tolerance, self.solver_cap)
 
 
 class Solution(NamedTuple):
@@ -85,16 +102,24 @@ def solve_velocity(
     control: Component,
     kick: Component,
     drift: Component,
+    limits: Limits = Limits(),  # noqa: B008
 ) -> Solution:
     """Solve V = v + kick · a(q + drift · V, V) for V by Newton's method, from V = v.
 
     ``kick`` and ``drift`` are times in seconds. The Jacobian is the plant's, or a forward
     difference where the plant has none.
     """
-    return solve(ops, _VelocityEquation(ops, system, q, v, control, kick, drift), v, system.steep)
+    equation = _VelocityEquation(ops, system, q, v, control, kick, drift)
+    return solve(ops, equation, v, system.steep, limits)
 
 
-def solve(ops: Ops, equation: Any, start: Components, steep: bool) -> Solution:
+def solve(
+    ops: Ops,
+    equation: Any,
+    start: Components,
+    steep: bool,
+    limits: Limits = Limits(),  # noqa: B008
+) -> Solution:
     """Solve F(V) = 0 by Newton's method, in velocities of all degrees of freedom and stages.
 
     ``equation`` has ``defect(velocity)``, which gives F, and ``derivative(velocity, f)``, which
@@ -103,13 +128,13 @@ def solve(ops: Ops, equation: Any, start: Components, steep: bool) -> Solution:
     In a steep system a correction after which the defect would be larger is halved, so that
     friction and stops do not throw the iteration from side to side.
     """
-    tolerance = max(TOLERANCE, 4.0 * _ROUNDING * ops.epsilon)
+    tolerance = max(limits.tolerance, 4.0 * _ROUNDING * ops.epsilon)
     n = len(start)
 
     def unfinished(carry: tuple[Component, ...]) -> Component:
         residual, previous, iterations = carry[2 * n : 2 * n + 3]
         improving = (residual > tolerance) | (residual < _IMPROVEMENT * previous)
-        return (residual > _ROUNDING * ops.epsilon) & improving & (iterations < CAP)
+        return (residual > _ROUNDING * ops.epsilon) & improving & (iterations < limits.cap)
 
     def newton(carry: tuple[Component, ...]) -> tuple[Component, ...]:
         velocity, f = carry[:n], carry[n : 2 * n]
