@@ -51,6 +51,7 @@ def structure_of(env_id: str, setup: Setup, dtype: str) -> Structure:
         "sensor_period": setup.timing.sensor is not None,
         "max_speed": setup.settings.max_speed is not None,
         "observation_noise": setup.settings.observation_noise > 0.0,
+        "solver": tuple((setup.settings.solver or {}).items()),
         **{part: getattr(setup.plant, part, None) is not None for part in OPTIONAL},
     }
     delays = setup.timing.delay, setup.timing.sight

@@ -655,7 +655,8 @@ class RediscretizedEnv(ForeignWrapper):
         return ForeignSetup(
             settings=Settings(
                 integrator=chosen, dt=step, control_period=period, engine="mujoco",
-                duration=horizon * period, start="the task's own", **delays,
+                duration=horizon * period, start="the task's own",
+                solver=read_solver(mujoco, model), **delays,
             ),
             timing=timing,
             plant=plant_of(mujoco, model, type(inner).__name__),

@@ -35,7 +35,9 @@ def engine_description(setup: Setup, _: int) -> str:
     """What the engine says of itself, and what it was measured to be, if it is not ours; JSON."""
     settings, described = setup.settings, setup.engine.describe()
     if settings.engine not in (NATIVE, None) and setup.fingerprinted is not None:
-        measured = numerics.fingerprint(settings.engine, settings.integrator, setup.fingerprinted)
+        solver = tuple((settings.solver or {}).items())
+        method = settings.engine, settings.integrator
+        measured = numerics.fingerprint(*method, setup.fingerprinted, solver)
         described = {**described, "fingerprint": measured.to_json()}
     testbed = getattr(setup, "testbed", None)
     return json_text(described if testbed is None else {**described, "testbed": testbed})

@@ -74,6 +74,7 @@ class IntegCartPoleEnv(IntegEnv, Env[Any, Any]):
     | `dt` | 0.02 | s | integration step |
     | `control_period` | `None` | s | time between two decisions, a whole multiple of `dt`; `None`: `dt` |
     | `engine` | `"native"` | | what advances the plant: ours, or a simulator such as `mujoco` |
+    | `solver` | `None` | | settings of the engine's solver, in its own names; `None`: the engine's defaults |
     | `duration` | 10.0 | s | truncation after ceil(duration / control_period) decisions |
     | `action_latency` | 0.0 | s | delay of every command, a whole multiple of `dt` |
     | `observation_latency` | 0.0 | s | age of every sample that is shown, a whole multiple of `dt` |

@@ -105,9 +105,7 @@ def _equations(system: PlantSystem) -> dict[str, Any]:
     return {"x": state, "p": control, "ode": casadi.vertcat(*slopes)}
 
 
-def _stepper(
-    dae: dict[str, Any], integrator: str, dt: float, settings: Mapping[str, Any]
-) -> Run:
+def _stepper(dae: dict[str, Any], integrator: str, dt: float, settings: Mapping[str, Any]) -> Run:
     """An integrator as a function of floats: (*state, control) to (*state, *report).
 
     A report is (iterations, residual, converged). It takes one step of ``dt`` seconds of the
@@ -176,9 +174,7 @@ def _collocation(
     return run
 
 
-def _adaptive(
-    dae: dict[str, Any], dt: float, plugin: str, settings: Mapping[str, Any]
-) -> Run:
+def _adaptive(dae: dict[str, Any], dt: float, plugin: str, settings: Mapping[str, Any]) -> Run:
     """SUNDIALS' `cvodes` or `idas`: iterations are inner steps; the residual is not told and is 0.
 
     Where it gives up there is no state: components are NaN. `idas` then writes to `sys.stderr`,

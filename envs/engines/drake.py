@@ -373,8 +373,8 @@ class DrakeEngine(RigidBodyEngine):
     stopless: ClassVar[frozenset[str]] = frozenset({*EXPLICIT, *IMPLICIT})
     maps: ClassVar[Mapping[str, str]] = {**DISCRETE, **EXPLICIT, **IMPLICIT}
     solver_defaults: ClassVar[Mapping[str, Mapping[str, Any]]] = {
-        **dict.fromkeys(IMPLICIT, {"accuracy": ACCURACY}),
-        **dict.fromkeys(CONVEX, {"sap_near_rigid_threshold": 1.0}),
+        **{name: {"accuracy": ACCURACY} for name in IMPLICIT},
+        **{name: {"sap_near_rigid_threshold": 1.0} for name in CONVEX},
     }
 
     def build(self) -> None:
@@ -403,9 +403,8 @@ class DrakeEngine(RigidBodyEngine):
     def stop_parameters(self) -> dict[str, Any]:
         """What its law is made of; stiffness and damping follow from the step and the masses."""
         solver = self._plant.get_discrete_contact_solver().name
-        return {
-            "discrete_contact_solver": solver, "time_step": self._plant.time_step(), **self.settings,
-        }  # fmt: skip
+        known = {"discrete_contact_solver": solver, "time_step": self._plant.time_step()}
+        return {**known, **self.settings}
 
     def at_rest(self, q: Components) -> tuple[Array, Array]:
         """Mass matrix and generalized force of gravity."""
@@ -424,7 +423,8 @@ class DrakeEngine(RigidBodyEngine):
             return discrete_steps(self._plant, count, speeds)
         chosen = self._plant, self.integrator, self.dt, count
         if self.integrator in IMPLICIT:
-            return implicit_steps(*chosen, self.settings["accuracy"], self._from_rest, speeds)
+            accuracy = self.settings["accuracy"]
+            return implicit_steps(*chosen, accuracy, self._from_rest, speeds)
         return explicit_steps(*chosen, speeds)
 
     @cached_property

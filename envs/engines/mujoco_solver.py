@@ -49,15 +49,12 @@ class MujocoSettings:
     maps: ClassVar[Mapping[str, str]]
 
     def read_solver(self, given: Mapping[str, Any]) -> None:
-        """Keep what was given for the model.
+        """Keep what was given, for the model.
 
         Raises:
-            ValueError: for a setting that MuJoCo has not.
+            ValueError: for a setting that MuJoCo has not, or an impossible value.
         """
-        for name in given:
-            if name not in SETTINGS:
-                raise InputError(unknown_name("setting of MuJoCo's `solver`", name, SETTINGS))
-        self.settings = dict(given)
+        self.settings = {name: checked_setting(name, value) for name, value in given.items()}
 
     @property
     def map(self) -> str:
@@ -105,23 +102,37 @@ def write_solver(mujoco: Any, model: Any, settings: Mapping[str, Any]) -> None:
         ValueError: for an unknown setting or an impossible value, with what is possible.
     """
     option = model.opt
-    for name, value in settings.items():
+    for name, given in settings.items():
+        value = checked_setting(name, given)
         if name in _NUMBERS:
-            kind = _NUMBERS[name]
-            if isinstance(value, bool) or not isinstance(value, (int, float)) or value < 0:
-                raise InputError(f"`solver.{name}` must be 0 or above, got {value!r}")
-            if kind(value) != value:
-                raise InputError(f"`solver.{name}` must be a whole number, got {value!r}")
-            setattr(option, name, kind(value))
+            setattr(option, name, value)
         elif name in _CHOICES:
-            values = _CHOICES[name]
-            if value not in values:
-                raise InputError(unknown_name(f"`solver.{name}`", str(value), values))
-            setattr(option, name, values.index(value))
-        elif name in _FLAGS:
-            if not isinstance(value, bool):
-                raise InputError(f"`solver.{name}` must be true or false, got {value!r}")
+            setattr(option, name, _CHOICES[name].index(value))
+        else:
             bit = int(getattr(mujoco.mjtDisableBit, _FLAGS[name]))
             option.disableflags = option.disableflags & ~bit if value else option.disableflags | bit
-        else:
-            raise InputError(unknown_name("setting of MuJoCo's `solver`", name, SETTINGS))
+
+
+def checked_setting(name: str, value: Any) -> Any:
+    """A setting's value, numbers as MuJoCo has them.
+
+    Raises:
+        ValueError: for an unknown setting or an impossible value, with what is possible.
+    """
+    if name in _NUMBERS:
+        kind = _NUMBERS[name]
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not value >= 0:
+            raise InputError(f"`solver.{name}` must be 0 or above, got {value!r}")
+        if kind(value) != value:
+            raise InputError(f"`solver.{name}` must be a whole number, got {value!r}")
+        return kind(value)
+    if name in _CHOICES:
+        values = _CHOICES[name]
+        if value not in values:
+            raise InputError(unknown_name(f"`solver.{name}`", str(value), values))
+    elif name in _FLAGS:
+        if not isinstance(value, bool):
+            raise InputError(f"`solver.{name}` must be true or false, got {value!r}")
+    else:
+        raise InputError(unknown_name("setting of MuJoCo's `solver`", name, SETTINGS))
+    return value

@@ -14,7 +14,7 @@ from integ_gym.support.parameters import unknown_name
 
 from ..mechanics import Mechanism
 from ..ops.ops import Components
-from .mujoco_solver import SETTINGS, MujocoSettings, read_solver
+from .mujoco_solver import MujocoSettings, read_solver
 from .rigid import LEAST_INERTIA, MAPS, Array, moment
 from .warp import ROWS, WarpEngine, Worlds, constraint_solver, forces_at_rest
 
@@ -63,9 +63,9 @@ class NewtonEngine(MujocoSettings, WarpEngine):
                 raise InputError(
                     unknown_name(what, name, own)
                     if own
-                    else f"engine 'newton' has no solver with {self.integrator!r}; leave `solver` out"
+                    else f"engine 'newton' has no solver with {self.integrator!r}; leave it out"
                 )
-        self.settings = dict(given)
+        super().read_solver(given)
 
     def open(self) -> None:
         """Load Newton, and MuJoCo Warp where its solver is asked for."""

@@ -20,7 +20,15 @@ from integ_gym.support.parameters import suggestion
 
 from ..integrators.interface import Step
 from ..ops.ops import Component, Components, Ops
-from .stepping import DIVERGENCE_SPEED, Motion, PlantSystem, Segments, SteppedEngine, solver_with, within_bounds
+from .stepping import (
+    DIVERGENCE_SPEED,
+    Motion,
+    PlantSystem,
+    Segments,
+    SteppedEngine,
+    solver_with,
+    within_bounds,
+)
 
 
 class MappedEngine(SteppedEngine):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields, replace
@@ -335,13 +336,19 @@ class Fingerprint:
 
 
 @cache
-def fingerprint(engine: str, integrator: str, plant: str = "pendulum") -> Fingerprint:
+def fingerprint(
+    engine: str,
+    integrator: str,
+    plant: str = "pendulum",
+    solver: tuple[tuple[str, Any], ...] = (),
+) -> Fingerprint:
     """Measure what an engine's integrator does to a plant; once in a process.
 
     Args:
         engine: a registered name.
         integrator: as the engine calls it.
         plant: a registered name.
+        solver: settings of the engine's solver that are not its defaults, as pairs.
 
     Raises:
         ValueError: for an unknown name, or a plant that the engine does not move.
@@ -351,7 +358,7 @@ def fingerprint(engine: str, integrator: str, plant: str = "pendulum") -> Finger
     >>> found.map, round(found.order, 1), found.defects["damped"] == 0.0
     ('rk4', 4.0, True)
     """
-    method = f"{engine}/{integrator}"
+    method = f"{engine}/{integrator}" + (f" {json.dumps(dict(solver))}" if solver else "")
     free = PLANTS.load(plant)()
     damped = replace(free, **dict.fromkeys(damping_parameters(free), DAMPING))
     made = engine_of(method, PlantSystem(free), FINGERPRINT_STEP)

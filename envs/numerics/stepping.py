@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -34,13 +35,16 @@ class Advance(Protocol):
 def engine_of(integrator: str, system: PlantSystem, dt: Component) -> Any:
     """What advances a plant by an integrator, or by one of an engine's, ``"mujoco/Euler"``.
 
+    Settings of the engine's solver follow it as JSON, ``'mujoco/Euler {"iterations": 1}'``.
+
     Raises:
         ValueError: for an unknown engine or integrator.
     """
     engine, slash, own = integrator.partition("/")
     if not slash:
         engine, own = NativeEngine.name, integrator
-    return make_engine(engine, system, own, dt)
+    own, _, solver = own.partition(" ")
+    return make_engine(engine, system, own, dt, json.loads(solver) if solver else None)
 
 
 def advance(

@@ -5,12 +5,17 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from integ_gym.envs import numerics
-from integ_gym.envs.engines.stepping import CONSTRAINT_VIOLATION, integrators_of, missing_modules
-from integ_gym.envs.registries import ENGINES
+from integ_gym.envs.engines.stepping import (
+    CONSTRAINT_VIOLATION,
+    PlantSystem,
+    integrators_of,
+    missing_modules,
+)
+from integ_gym.envs.registries import ENGINES, PLANTS
 from integ_gym.envs.settings import NATIVE
 from integ_gym.support.errors import InputError
 from integ_gym.support.optional import install_command
@@ -38,7 +43,8 @@ def parser() -> argparse.ArgumentParser:
         "OFF BY the largest error of one step against it, with and without control and damping; "
         "DET J - 1 is what a step of 0.02 s without damping adds to a small volume of phase space, "
         "FREQUENCY and ENERGY what such steps do to small oscillations; OWN STOPS says whether the "
-        f"engine has joint stops. {FITS}",
+        "engine has joint stops. Below stand the settings of solvers, with the values that the "
+        f"engine has, which the argument `solver` changes. {FITS}",
         epilog=EXAMPLES,
     )
     made.add_argument("--engine", nargs="+", default=[], metavar="NAME", help="default: all")
@@ -60,13 +66,15 @@ def main(argv: Sequence[str]) -> int:
         measured += [numerics.fingerprint(name, own, given.plant) for own in integrators_of(name)]
     absent = [name for name in names if name not in installed]
     if given.json:
-        print(json.dumps(_document(measured, absent), indent=2))
+        print(json.dumps(_document(measured, absent, _solvers(installed)), indent=2))
     else:
         if installed:
             rows = [_row(found) for found in measured]
             cells = [list(row.values()) for row in rows]
             print_columns(list(rows[0]), cells, right=[name in _NUMBERS for name in rows[0]])
             print()
+            for line in _solver_lines(installed):
+                print_wrapped(line)
             print_wrapped(f"constraint violation: {CONSTRAINT_VIOLATION}")
         for line in _remedies(absent):
             print_wrapped(line)
@@ -123,9 +131,38 @@ def _remedies(absent: Sequence[str]) -> list[str]:
     ]
 
 
-def _document(measured: Sequence[numerics.Fingerprint], absent: Sequence[str]) -> dict[str, Any]:
+def _solvers(installed: Sequence[str]) -> dict[str, dict[str, dict[str, Any]]]:
+    """Settings of every integrator's solver, as the engine has them, by engine and integrator."""
+    pendulum = PlantSystem(PLANTS.load("pendulum")())
+    return {
+        engine: {
+            own: dict(numerics.engine_of(f"{engine}/{own}", pendulum, 0.02).settings)
+            for own in integrators_of(engine)
+        }
+        for engine in installed
+    }
+
+
+def _solver_lines(installed: Sequence[str]) -> Iterator[str]:
+    """What can be given as `solver`, a line for all integrators of an engine that have the same."""
+    for engine, found in _solvers(installed).items():
+        alike: dict[str, list[str]] = {}
+        for integrator, settings in found.items():
+            words = ", ".join(f"{name}={value}" for name, value in settings.items())
+            alike.setdefault(words, []).append(integrator)
+        for words, integrators in alike.items():
+            if words:
+                yield f"`solver` of {engine} ({', '.join(integrators)}): {words}"
+
+
+def _document(
+    measured: Sequence[numerics.Fingerprint],
+    absent: Sequence[str],
+    solvers: Mapping[str, Mapping[str, Mapping[str, Any]]],
+) -> dict[str, Any]:
     return {
         "constraint_violation": CONSTRAINT_VIOLATION,
+        "solver": solvers,
         "installed": [found.to_json() for found in measured],
         "missing": {
             name: {"modules": missing_modules(name), "install": install_command(name)}

@@ -1,0 +1,108 @@
+"""Settings of solvers: given, read back, recorded, the same in all forms of an environment."""
+
+from __future__ import annotations
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from engine_cases import EVERY, needs
+
+import integ_gym
+from integ_gym import IntegGymError
+from integ_gym.envs import numerics
+from integ_gym.envs.environment import environment_setup
+
+NATIVE = [("native", name) for name in ("implicit_euler", "implicit_midpoint", "stormer_verlet")]
+PENDULUM = "IntegPendulum-v0"
+
+
+def _engine(engine, integrator, **solver):
+    given = {"engine": engine, "integrator": integrator, "solver": solver or None}
+    return environment_setup(PENDULUM, given).engine
+
+
+def _settings(engine, integrator, **solver):
+    return _engine(engine, integrator, **solver).settings
+
+
+def _other(value):
+    return value + 1 if isinstance(value, int) else 2.0 * value
+
+
+@pytest.mark.parametrize(("engine", "integrator"), [*NATIVE, *EVERY])
+def test_every_number_that_is_listed_can_be_changed_and_is_read_back(engine, integrator):
+    needs(engine)
+    own = _settings(engine, integrator)
+    numbers = {name: x for name, x in own.items() if type(x) in (int, float) and x > 0}
+    changed = {name: _other(value) for name, value in numbers.items()}
+    if changed:
+        made = _engine(engine, integrator, **changed)
+        found = {name: made.settings[name] for name in changed}
+        assert found == pytest.approx(changed, rel=1e-6)
+        assert made.describe()["solver"] == made.settings
+    for wrong in ({"no such": 1}, *({name: -1} for name in numbers)):
+        with pytest.raises(IntegGymError, match=r"solver"):
+            _settings(engine, integrator, **wrong)
+
+
+@pytest.mark.parametrize("integrator", ["implicit_euler", "implicit_midpoint"])
+def test_one_iteration_is_another_map_in_every_form(integrator):
+    """Single, vector, compiled and traced environments agree, and say that it has not converged."""
+    arguments = {
+        "integrator": integrator, "dt": 0.2, "damping": 0.5, "max_torque": 5.0,
+        "solver": {"iterations": 1, "tolerance": 1e-12},
+    }  # fmt: skip
+    env = gym.make(PENDULUM, **arguments)
+    env.reset(seed=3)
+    plain_arguments = {**arguments, "solver": None}
+    plain = gym.make(PENDULUM, **plain_arguments)
+    plain.reset(seed=3)
+    mode = "vector_entry_point"
+    lanes, plain_lanes = (
+        [
+            gym.make_vec(PENDULUM, 2, vectorization_mode=mode, compiled=c, **given)
+            for c in (False, True)
+        ]
+        for given in (arguments, plain_arguments)
+    )
+    for one in (*lanes, *plain_lanes):
+        one.reset(seed=[3, 4])
+    for step in range(5):
+        action = np.array([(-1.0) ** step * 5.0])
+        for single, vectors, status in (
+            (env, lanes, "not_converged"), (plain, plain_lanes, "ok"),
+        ):  # fmt: skip
+            *_, info = single.step(action)
+            assert info["solver_status"] == status
+            for one in vectors:
+                one.step(np.array([action, action]))
+                np.testing.assert_array_equal(one.unwrapped.state[0], single.unwrapped.state)
+    assert np.abs(env.unwrapped.state - plain.unwrapped.state).max() > 1e-6
+
+
+def test_traced_programs_of_other_settings_are_others():
+    import jax
+
+    ends = []
+    with jax.enable_x64(True):
+        for solver in (None, {"iterations": 1, "tolerance": 1e-12}):
+            given = {"integrator": "implicit_euler", "dt": 0.2, "damping": 0.5, "solver": solver}
+            single = gym.make(PENDULUM, **given)
+            single.reset(seed=3)
+            env = integ_gym.functional.make(PENDULUM, dtype="float64", **given)
+            state = env.initial_from(single.unwrapped.state, jax.random.key(0))
+            step = jax.jit(env.transition)
+            for k in range(5):
+                own = single.step(np.array([2.0]))[0]
+                state = step(state, np.array([2.0]), jax.random.key(k))
+            ends.append(np.asarray(env.observation(state, None)))
+            np.testing.assert_allclose(ends[-1], own, rtol=1e-6, atol=1e-6)
+    assert np.abs(ends[0] - ends[1]).max() > 1e-6
+
+
+def test_damping_of_euler_is_explicit_where_that_is_asked_for():
+    needs("mujoco")
+    found = numerics.fingerprint("mujoco", "Euler", "pendulum", (("eulerdamp", False),))
+    assert found.map == "symplectic_euler"
+    assert numerics.fingerprint("mujoco", "Euler").map == "symplectic_euler_implicit_damping"
+    assert _engine("mujoco", "Euler", eulerdamp=False).describe()["map"] == "symplectic_euler"
