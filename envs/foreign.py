@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from math import ceil, nan
@@ -21,7 +22,7 @@ from integ_gym.support.parameters import unknown_name
 
 from .environment import at_bounds
 from .lanes import DiscretizedVectorEnv, as_floats
-from .settings import TOLERANCE, Discretization, Mixture, Settings, Timing
+from .settings import TOLERANCE, Discretization, Mixture, Settings, Timing, whole_multiple
 from .transition import AWAY, NOT_REPORTED
 
 _SECONDS = ("dt", "control_period", "duration")
@@ -234,6 +235,11 @@ def _rewards(env: gym.Env[Any, Any]) -> str | None:
     return ASSUMED_RATE if assumed else str(env.get_wrapper_attr("rewards"))
 
 
+def delays_in(arguments: Mapping[str, Any]) -> dict[str, float]:
+    """The delays among a testbed's arguments, s; 0 where they are left out."""
+    return {name: float(arguments.get(name) or 0.0) for name in DELAYS}
+
+
 def describe_setup(
     env: gym.Env[Any, Any],
     applied: Discretization,
@@ -268,7 +274,7 @@ def describe_setup(
             f"{type(env.unwrapped).__name__} has no time limit, so its episodes may never end; "
             "wrap it in gymnasium.wrappers.TimeLimit"
         )
-    period = applied.control_period
+    period, delays = applied.control_period, delays_in(arguments)
     discrete = int(action.n) if isinstance(action, spaces.Discrete) else None
     count = 1 if discrete is not None else int(np.prod(action.shape or (1,)))
     size = int(np.prod(observation.shape or (1,)))
@@ -276,8 +282,11 @@ def describe_setup(
         settings=Settings(
             integrator=applied.integrator, dt=applied.dt, control_period=period,
             engine=applied.engine, duration=limit * period, start="the environment's own",
+            **delays,
         ),
-        timing=Timing.of(applied.dt, period, 0.0, None, limit * period),
+        timing=Timing.of(
+            applied.dt, period, sensor_period=None, duration=limit * period, **delays
+        ),
         plant=ForeignPlant(
             getattr(env.unwrapped, "title", type(env.unwrapped).__name__),
             tuple((f"action{k}", "") for k in range(count))
@@ -378,6 +387,78 @@ class Repeated(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs)
         else:
             earned = self._stretch * earned / self.count + (last if ended else 0.0)
         return observation, earned, terminated, truncated, info
+
+
+class Delayed(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
+    """Actions act, and observations are shown, some steps later.
+
+    Until the first action arrives the one nearest to 0 acts; until the first observation does, that
+    of the start is shown.
+
+    Args:
+        env: whose steps are counted.
+        actions: steps until an action acts.
+        observations: steps until an observation is shown.
+    """
+
+    def __init__(self, env: gym.Env[Any, Any], actions: int, observations: int) -> None:
+        gym.utils.RecordConstructorArgs.__init__(self, actions=actions, observations=observations)
+        super().__init__(env)
+        self._actions, self._observations = actions, observations
+        space: Any = env.action_space
+        self._idle = (
+            max(0, int(space.start))
+            if isinstance(space, spaces.Discrete)
+            else np.clip(np.zeros(space.shape, space.dtype), space.low, space.high)
+        )
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Start an episode with nothing under way."""
+        observation, info = self.env.reset(seed=seed, options=options)
+        self._coming = deque([self._idle] * self._actions)
+        self._seen = deque([np.copy(observation)] * self._observations)
+        return observation, info
+
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+        """Take the action that arrives now, and show the observation that does."""
+        self._coming.append(action)
+        observation, reward, terminated, truncated, info = self.env.step(self._coming.popleft())
+        self._seen.append(np.copy(observation))
+        return self._seen.popleft(), float(reward), terminated, truncated, info
+
+
+DELAYS: Final = ("action_latency", "observation_latency")
+"""Delays that every testbed's environment can have, s."""
+
+
+def with_delays(
+    env: gym.Env[Any, Any], applied: Discretization, delays: Mapping[str, float]
+) -> gym.Env[Any, Any]:
+    """An environment with late actions and observations; it may be changed.
+
+    They are counted in integration steps where a decision's steps are taken one by one, by
+    :class:`Repeated`, and else in decisions.
+
+    Args:
+        env: one step is one decision.
+        applied: its discretization.
+        delays: of :data:`DELAYS`, s.
+
+    Raises:
+        ValueError: for a delay that is no whole number of such steps, with the nearest two.
+    """
+    inner = next((one for one in wrappers_of(env) if isinstance(one, Repeated)), None)
+    unit = "control_period" if inner is None else "dt"
+    step = getattr(applied, unit)
+    counts = [whole_multiple(name, delays[name], unit, step, least=0) for name in DELAYS]
+    if not any(counts):
+        return env
+    if inner is None:
+        return Delayed(env, *counts)
+    inner.env = Delayed(inner.env, *counts)
+    return env
 
 
 def check_wrappers(what: str, chain: Iterable[gym.Env[Any, Any]]) -> None:

@@ -17,13 +17,16 @@ from integ_gym.support.errors import InputError, translate_errors
 from integ_gym.support.parameters import unknown_name
 
 from ..foreign import (
+    DELAYS,
     Repeated,
     ReturnGoal,
     Rewards,
     SequentialVectorEnv,
     StatedEnv,
+    delays_in,
     return_of_success,
     time_limit,
+    with_delays,
     without_time_limit,
 )
 from ..lanes import DiscretizedVectorEnv
@@ -356,6 +359,7 @@ class GymTestbed(SequentialTestbed):
             raise InputError(unknown_name(kind, discretization.integrator, self.choices))
         env = self._build_checked(discretization, arguments)
         applied, wanted = self.read(env).discretization, arguments.get("success_return")
+        env = with_delays(env, applied, delays_in(arguments))
         stretch = self._stretch(applied.control_period)
         return StatedEnv(env, applied, wanted, arguments, stretch)
 
@@ -368,7 +372,8 @@ class GymTestbed(SequentialTestbed):
         self, discretization: Discretization, arguments: Mapping[str, Any]
     ) -> gym.Env[Any, Any]:
         """What :meth:`build` makes, given all arguments of the testbed."""
-        given = {name: x for name, x in arguments.items() if name != "success_return"}
+        own = ("success_return", *DELAYS)
+        given = {name: x for name, x in arguments.items() if name not in own}
         with translate_errors(f"the environment of {self.title} cannot be made"):
             return self.build(discretization, **given)
 
