@@ -274,7 +274,8 @@ def describe_setup(
             f"{type(env.unwrapped).__name__} has no time limit, so its episodes may never end; "
             "wrap it in gymnasium.wrappers.TimeLimit"
         )
-    period, delays = applied.control_period, delays_in(arguments)
+    period = applied.control_period
+    delays: dict[str, Any] = {**delays_in(arguments)}
     discrete = int(action.n) if isinstance(action, spaces.Discrete) else None
     count = 1 if discrete is not None else int(np.prod(action.shape or (1,)))
     size = int(np.prod(observation.shape or (1,)))
