@@ -27,6 +27,7 @@ from integ_gym.support.terminal import plural
 
 from .episodes import choices, told_setup
 from .fields import (
+    DRAWN,
     FIRST_WRITTEN,
     LATER_ATTEMPT,
     SCHEMA_VERSION,
@@ -194,6 +195,8 @@ def _hindrance(record: EvidenceRecord, own_code: bool, decided: bool) -> str | N
         return UNDECIDED
     if decided and _has_lost_noise(record):
         return "whose noise cannot be drawn again"
+    if noise_source(record) is None and any(record.arguments().get(name) for name in DRAWN):
+        return "whose delays cannot be drawn again"
     if fields["float_width"] != 64 and not foreign:
         return "computed in 32 bits, which no environment here does"
     if not own_code and any(":" in text for text in texts_of(record.arguments())):

@@ -17,6 +17,7 @@ from integ_gym.envs.lanes import DiscretizedVectorEnv
 from integ_gym.envs.registries import ENGINES, TRUTH
 from integ_gym.envs.settings import (
     DISCRETIZATION,
+    LATENCIES,
     NATIVE,
     WEIGHT,
     Discretization,
@@ -309,7 +310,7 @@ def axes_between(home: Discretization, cell: Cell) -> dict[str, dict[str, Any]]:
 
 def timing_fault(arguments: Mapping[str, Any]) -> str | None:
     """What is wrong with the times of an environment's arguments, in words; None: nothing."""
-    for name in ("control_period", "action_latency", "observation_latency", "sensor_period"):
+    for name in ("control_period", *LATENCIES, "sensor_period"):
         value = arguments.get(name)
         try:
             if value:
