@@ -97,6 +97,9 @@ def _written(parts: Mapping[str, Any]) -> dict[str, str]:
 LATENCIES = ("action_latency", "latency_jitter", "observation_latency")
 """Constructor arguments that are whole multiples of ``dt``, 0 included."""
 
+DRAWN = ("latency_jitter", "hold_probability")
+"""Constructor arguments for which something is drawn at every decision, if they are not 0."""
+
 TOLERANCE = 1e-9
 """Relative tolerance of a whole multiple."""
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from integ_gym.envs import numerics
 from integ_gym.envs.plants.interface import state_names, state_units
-from integ_gym.envs.settings import NATIVE, Setup
+from integ_gym.envs.settings import DRAWN, NATIVE, Setup
 from integ_gym.envs.transition import STATUS_NAMES
 from integ_gym.support.errors import InputError, InputTypeError
 from integ_gym.support.optional import installed_versions
@@ -22,12 +22,9 @@ from integ_gym.support.processes import host
 
 _PACKAGES = ("integ-gym", "gymnasium", "numpy")
 
-DRAWN = ("latency_jitter", "hold_probability")
-"""Arguments for which something is drawn at every decision, if they are not 0."""
-
 
 def recorded_arguments(setup: Any) -> dict[str, Any]:
-    """All constructor arguments with their values, but for those of :data:`DRAWN` that are 0.
+    """All constructor arguments with their values, but for those of `DRAWN` that are 0.
 
     So records without a drawn delay are what they were before there were any.
     """

@@ -18,7 +18,7 @@ import numpy.typing as npt
 from integ_gym.envs.environment import is_integ_environment
 from integ_gym.envs.foreign import ForeignSetup
 from integ_gym.envs.registries import ENVIRONMENTS
-from integ_gym.envs.settings import DISCRETIZATION, NATIVE, Discretization
+from integ_gym.envs.settings import DISCRETIZATION, DRAWN, NATIVE, Discretization
 from integ_gym.envs.testbeds.gym_testbed import ClassicControl
 from integ_gym.envs.testbeds.making import MujocoTestbed, find_testbed, make_checked
 from integ_gym.support.optional import package_version
@@ -27,7 +27,6 @@ from integ_gym.support.terminal import plural
 
 from .episodes import choices, told_setup
 from .fields import (
-    DRAWN,
     FIRST_WRITTEN,
     LATER_ATTEMPT,
     SCHEMA_VERSION,

@@ -40,7 +40,9 @@ def _setup(env_id, integrator, variant):
 
 def _given(setup, rng, action):
     """What a step takes beside its state."""
-    return (*(tuple(rng.random((2, *np.shape(action)))),) * setup.timing.drawn, action)
+    drawn = rng.random((2, *np.shape(action)))
+    numbers = tuple(drawn if np.ndim(action) else drawn.tolist())
+    return (*(numbers,) * setup.timing.drawn, action)
 
 
 def _actions(setup, rng, shape):

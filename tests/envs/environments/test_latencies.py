@@ -11,6 +11,9 @@ import pytest
 from sameness import assert_same
 
 import integ_gym
+from integ_gym.envs.testbeds.making import find_testbed
+from integ_gym.evidence.replaying import replay
+from integ_gym.evidence.store import EvidenceStore
 
 COMMON = {"integrator": "rk4", "dt": 0.0125, "control_period": 0.05, "duration": 1.5}
 LATENCIES = [0.05, 0.075, 0.1125]
@@ -209,13 +212,15 @@ def test_the_newest_sample_that_can_have_arrived_is_shown():
         assert info["sensor_time"] == pytest.approx(max(0.0, newest))
 
 
-def test_what_is_no_multiple_is_refused():
+def test_what_cannot_be_is_refused():
     for name in ("observation_latency", "latency_jitter"):
         with pytest.raises(ValueError, match=rf"{name}.*nearest valid: 0\.0125 or 0\.025"):
             gym.make("IntegPendulum-v0", **COMMON, **{name: 0.02})
     for wrong in (1.0, -0.1, np.nan, "often"):
         with pytest.raises(ValueError, match="`hold_probability` must be a number from 0 to below"):
             gym.make("IntegPendulum-v0", **COMMON, hold_probability=wrong)
+    with pytest.raises(ValueError, match="'Hopper-v5' has no `hold_probability`"):
+        assert find_testbed("Hopper-v5", {"hold_probability": 0.1}).home
     with pytest.raises(ValueError, match=r"sensor_period.*nearest valid: 0\.05 or 0\.1"):
         gym.make("IntegPendulum-v0", **COMMON, observation_latency=0.075, sensor_period=0.025)
 
@@ -224,8 +229,16 @@ def test_the_truth_takes_a_step_that_divides_the_latency(tmp_path):
     panel = integ_gym.evaluate(
         lambda observation: [0.0], "IntegPendulum-v0", tmp_path,
         home={"integrator": "rk4", "dt": 0.05, "control_period": 0.05}, integrators=["rk4"],
-        dts=[0.05], episodes=2, varied={"observation_latency": [0.02]}, at=["truth"], workers=1,
+        dts=[0.05], episodes=2, at=["truth"], workers=1,
+        varied={"observation_latency": [0, 0.02], "hold_probability": [0, 0.5]},
         environment={"duration": 1.0}, progress=False, on_doubt=lambda doubt: None,
     )  # fmt: skip
-    (late,) = (cell for cell in panel.cells if "observation_latency" in cell.environment)
-    assert late.applied.dt == 0.01
+    varied = {tuple(cell.environment): cell for cell in panel.cells}
+    late, lossy = varied["observation_latency",], varied["hold_probability",]
+    assert (late.applied.dt, lossy.applied.dt) == (0.01, 0.05)
+    assert lossy.environment == {"hold_probability": 0.5}
+    records = EvidenceStore(tmp_path / "evidence").named_records()
+    lossy_ones = [(f, r) for f, r in records if r.arguments().get("hold_probability")]
+    done = replay(lossy_ones, exact=True).settle()
+    assert done.findings == []
+    assert done.exact == done.records > 0
