@@ -28,7 +28,7 @@ from .lanes import Array
 from .ops.ops import SCALAR, Components, split_state
 from .registries import ENVIRONMENTS, PLANTS, TASKS
 from .settings import Mixture, Setup, build_setup, make_mixture
-from .starts import NOISE, check_starts, draw_start, parse_episodes, stream_of_episode
+from .starts import ARRIVAL, NOISE, check_starts, draw_start, parse_episodes, stream_of_episode
 from .steps import WARM_UP, trace_function
 from .tasks import FLOAT32_ROUNDING
 from .transition import (
@@ -110,7 +110,7 @@ class IntegEnv(gym.Env[Observation, Any]):
         """The solver's status in the last step, as a code of `STATUS_NAMES`."""
         self._spec: EnvSpec | None = None
         self._start = partial(scalar_start, self.setup, SCALAR)
-        self._step: Callable[[EnvState, float], tuple[Any, ...]] = self._first_steps
+        self._step: Callable[..., tuple[Any, ...]] = self._first_steps
         self._steps_to_trace = WARM_UP
         self._renderer: Any = None
 
@@ -169,7 +169,8 @@ class IntegEnv(gym.Env[Observation, Any]):
             seed: seeds the environment's generator.
             options: ``state``: the start in Gymnasium's order; or the bounds of the start
                 distribution, named as in Gymnasium (`x_init`, `y_init`; `low`, `high`).
-                ``episode``: the number of the episode since the seed, whose sensor noise is drawn.
+                ``episode``: the number of the episode since the seed, whose sensor noise and
+                arrivals of commands are drawn.
 
         Raises:
             ValueError: for a bound or state that is not possible.
@@ -186,6 +187,8 @@ class IntegEnv(gym.Env[Observation, Any]):
         self._state = EnvState._make(state)
         if self._noise:
             self._noise_stream = stream_of_episode(self.np_random, NOISE, self.episode)
+        if self.setup.timing.drawn:
+            self._arrivals = stream_of_episode(self.np_random, ARRIVAL, self.episode)
         self._control, self._sampled = 0.0, True
         self._terminated = self._warned = False
         self.status_code = info["solver_status"]
@@ -205,11 +208,13 @@ class IntegEnv(gym.Env[Observation, Any]):
             gymnasium.error.ResetNeeded: before the first reset.
         """
         before = self._current()
-        control = self._read_action(action)
+        given: tuple[Any, ...] = (self._read_action(action),)
+        if before.arrivals:
+            given = tuple(self._arrivals.random(2).tolist()), *given
         try:
-            taken = self._step(before, control)
+            taken = self._step(before, *given)
         except (ArithmeticError, ValueError):
-            taken = scalar_step(self.setup, SCALAR, before, control)
+            taken = scalar_step(self.setup, SCALAR, before, *given)
         state, observation, reward, terminated, truncated, info, self._sampled = taken
         self._state, self._control = EnvState._make(state), info["control"]
         self.status_code = info["solver_status"]
@@ -267,12 +272,12 @@ class IntegEnv(gym.Env[Observation, Any]):
         except (KeyError, TypeError):
             return discrete_action(action, self._discrete)
 
-    def _first_steps(self, state: EnvState, action: float) -> tuple[Any, ...]:
+    def _first_steps(self, state: EnvState, *given: Any) -> tuple[Any, ...]:
         """Steps until it pays to have them traced."""
         self._steps_to_trace -= 1
         if self._steps_to_trace <= 0:
             self._trace()
-        return scalar_step(self.setup, SCALAR, state, action)
+        return scalar_step(self.setup, SCALAR, state, *given)
 
     def _trace(self) -> None:
         """Go on by traced functions, where there are any."""

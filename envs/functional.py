@@ -19,7 +19,7 @@ from .environment import environment_mixture, environment_setup, observation_spa
 from .ops.jax_ops import JaxOps, jax, jnp
 from .ops.ops import Component, Components, join_state, split_state
 from .settings import WEIGHT, Setup
-from .starts import GivenNumbers
+from .starts import ARRIVAL, GivenNumbers
 from .transition import EnvState, Outcome, initial_state, sensed_state, step_info, transition
 
 OPTIONAL = ("stops", "dry_friction")
@@ -36,8 +36,9 @@ class Structure(NamedTuple):
     """Float type of the physics."""
     choices: tuple[tuple[str, Any], ...]
     """Arguments that are no numbers, and the presence of those that may be None."""
-    delays: tuple[tuple[int, int], tuple[int, int]]
-    """Action and observation latency, each as (whole decisions, sub-steps beyond them)."""
+    delays: tuple[Any, ...]
+    """Action and observation latency, each as (whole decisions, sub-steps beyond them); and where
+    arrivals are drawn, jitter in sub-steps, probability of a hold, and commands remembered."""
 
 
 def structure_of(env_id: str, setup: Setup, dtype: str) -> Structure:
@@ -54,7 +55,9 @@ def structure_of(env_id: str, setup: Setup, dtype: str) -> Structure:
         "solver": tuple((setup.settings.solver or {}).items()),
         **{part: getattr(setup.plant, part, None) is not None for part in OPTIONAL},
     }
-    delays = setup.timing.delay, setup.timing.sight
+    timing = setup.timing
+    drawn = (timing.jitter, timing.hold, timing.memory) if timing.drawn else ()
+    delays = (timing.delay, timing.sight, *drawn)
     return Structure(env_id, dtype, tuple({**choices, **present}.items()), delays)
 
 
@@ -202,6 +205,7 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
         shares: of each of them.
         structure: what a compiled function depends on.
         start_size: numbers that a start is made of.
+        arrival_size: numbers that are drawn for every command: 2 where arrivals are, else 0.
         default_params: the constructor's values.
     """
 
@@ -227,6 +231,7 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
         self.setups: tuple[Setup, ...] = (self.setup,)
         self.shares: tuple[Fraction, ...] = (Fraction(1),)
         self.start_size = 2 * len(self.setup.plant.coordinates)
+        self.arrival_size = 2 * self.setup.timing.drawn
         self.structure: Hashable = structure_of(env_id, self.setup, dtype)
         self.observation_space = observation_space(self.setup)
         self.action_space = self.setup.action_space
@@ -331,7 +336,7 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
         return self._cast(fresh, jnp.shape(q[0]))  # type: ignore[no-any-return]
 
     def advance(
-        self, env: EnvState, control: Component, params: Params
+        self, env: EnvState, control: Component, params: Params, drawn: Components = ()
     ) -> tuple[EnvState, Outcome]:
         """One control period, without the sensor's noise.
 
@@ -339,8 +344,10 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
             env: components of one shape.
             control: torque, force or action index, of that shape.
             params: values that broadcast against it.
+            drawn: two numbers from [0, 1) of that shape where arrivals of commands are drawn, see
+                :attr:`arrival_size`.
         """
-        after = transition(self._ops, self.setup_of(params), env, control)
+        after = transition(self._ops, self.setup_of(params), env, control, drawn or None)
         return self._cast(after, jnp.shape(env.q[0]))  # type: ignore[no-any-return]
 
     def observe(self, env: EnvState, noise: Components, params: Any) -> Components:
@@ -363,9 +370,16 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
     def transition(
         self, state: FuncState, action: Any, rng: Any, params: Params | None = None
     ) -> FuncState:
-        """The state after one control period under ``action``; ``rng`` is for sensor noise."""
+        """The state after one control period under ``action``.
+
+        ``rng`` is for sensor noise, and for when the command arrives.
+        """
         own = self.lane_params(self._default(params), state.member)
-        env, outcome = self.advance(state.env, self._control(action), own)
+        shape = (self.arrival_size, *jnp.shape(state.env.q[0]))
+        drawn = ()
+        if self.arrival_size:
+            drawn = tuple(jax.random.uniform(jax.random.fold_in(rng, ARRIVAL), shape, self._dtype))
+        env, outcome = self.advance(state.env, self._control(action), own, drawn)
         fresh = self._standard_noise(rng, jnp.shape(outcome.sampled))
         pairs = zip(fresh, state.noise, strict=True)
         noise = tuple(jnp.where(outcome.sampled, new, held) for new, held in pairs)
@@ -459,7 +473,8 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
     def _first(self, env: EnvState, member: Components, rng: Any, params: Params) -> FuncState:
         """The state at time 0: nothing is booked."""
         own = self.lane_params(params, member)
-        _, outcome = jax.eval_shape(lambda e: self.advance(e, 0.0 * e.q[0], own), env)
+        drawn = (0.0 * env.q[0],) * self.arrival_size
+        _, outcome = jax.eval_shape(lambda e: self.advance(e, 0.0 * e.q[0], own, drawn), env)
         nothing = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), outcome)
         noise = self._standard_noise(rng, jnp.shape(env.q[0]))
         return FuncState(env, nothing, noise, member)
@@ -629,17 +644,20 @@ class FunctionalMixture(FunctionalEnv):
         first: Params = params[0]
         return first
 
-    def advance(self, env: EnvState, control: Component, params: Any) -> tuple[EnvState, Outcome]:
+    def advance(
+        self, env: EnvState, control: Component, params: Any, drawn: Components = ()
+    ) -> tuple[EnvState, Outcome]:
         """One control period, each part of the lanes by its group's integrator alone.
 
         Args:
             env: components of shape (…, lanes).
             control: torque, force or action index, of that shape.
             params: see :meth:`lane_params`.
+            drawn: see :meth:`FunctionalEnv.advance`.
         """
         count = env.q[0].shape[-1]
         advanced = [
-            group.env.advance(*_of_lanes((env, control, own), lanes, count))
+            group.env.advance(*_of_lanes((env, control, own, drawn), lanes, count))
             for group, own, lanes in zip(self._groups, params, self._slices(count), strict=True)
         ]
         return jax.tree.map(lambda *parts: jnp.concatenate(parts, axis=-1), *advanced)  # type: ignore[no-any-return]

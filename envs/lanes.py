@@ -150,11 +150,13 @@ class LaneInfo:
     Args:
         lanes: how many.
         status: code of the solver's status where no step has been taken.
+        further: entries beside those of every environment, as they are in a reset's.
     """
 
-    def __init__(self, lanes: int, status: int) -> None:
+    def __init__(self, lanes: int, status: int, further: Mapping[str, Any]) -> None:
         self._lanes = lanes
-        self._blank = {**BLANK, "solver_status": status}
+        self._further = further
+        self._blank = {**BLANK, "solver_status": status, **further}
         self._constants: dict[Any, Array] = {}
         self._alike: Mapping[str, Any] = {}
         self._alike_arrays: Info = {}
@@ -165,11 +167,11 @@ class LaneInfo:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Made anew where it is copied or pickled: arrays would no longer be read-only."""
-        return LaneInfo, (self._lanes, self._blank["solver_status"])
+        return LaneInfo, (self._lanes, self._blank["solver_status"], self._further)
 
     def nothing(self) -> Info:
         """Arrays to be filled in, in which nothing is told."""
-        return {n: np.zeros(self._lanes, _DTYPES[type(value)]) for n, value in BLANK.items()}
+        return {n: np.zeros(self._lanes, _DTYPES[type(value)]) for n, value in self._blank.items()}
 
     def of_step(self, step_values: dict[str, Any], alike: Mapping[str, Any]) -> Info:
         """`info` of what a step has told, and of what is alike; see :class:`.steps.LanesStep`."""
@@ -178,7 +180,7 @@ class LaneInfo:
         info = {**self._alike_arrays, **step_values}
         for name, value in step_values.items():
             if type(value) is not np.ndarray:
-                info[name] = self._one_for_all(name, value, type(BLANK[name]))
+                info[name] = self._one_for_all(name, value, type(self._blank[name]))
         return info
 
     def result(self, name: str, step_values: dict[str, Any], alike: Mapping[str, Any]) -> Array:
@@ -205,9 +207,9 @@ class LaneInfo:
         """Remember what is alike in all lanes, and which of it a reset leaves as it is."""
         self._alike = alike
         self._alike_arrays = {
-            name: self._one_for_all(name, value, type(BLANK[name]))
+            name: self._one_for_all(name, value, type(self._blank[name]))
             for name, value in alike.items()
-            if name in BLANK
+            if name in self._blank
         }
         self._rewritten = {
             name: blank

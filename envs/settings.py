@@ -22,6 +22,7 @@ from integ_gym.support.parameters import (
     parameter,
     plain_table,
     positive,
+    probability,
     suggestion,
     text,
     units,
@@ -94,6 +95,12 @@ def _written(parts: Mapping[str, Any]) -> dict[str, str]:
     return {k: x if isinstance(x, str) else f"{x:.12g}" for k, x in parts.items()}
 
 
+LATENCIES = ("action_latency", "latency_jitter", "observation_latency")
+"""Constructor arguments that are whole multiples of ``dt``, 0 included."""
+
+DRAWN = ("latency_jitter", "hold_probability")
+"""Constructor arguments for which something is drawn at every decision, if they are not 0."""
+
 TOLERANCE = 1e-9
 """Relative tolerance of a whole multiple."""
 
@@ -117,8 +124,7 @@ def dividing_step(arguments: Mapping[str, Any]) -> float:
     The reference may take any step, for its result does not depend on it.
     """
     dt = float(arguments["dt"])
-    names = ("action_latency", "observation_latency", "sensor_period")
-    delays = [arguments.get(name) for name in names]
+    delays = [arguments.get(name) for name in (*LATENCIES, "sensor_period")]
     parts = (dt / count for count in range(1, FINEST_DIVISION + 1))
     fits = (part for part in parts if all(is_multiple(float(x), part) for x in delays if x))
     return next(fits, dt)
@@ -190,6 +196,8 @@ class Timing:
         delay: the latency as (whole decisions, sub-steps beyond them).
         memory: past commands to keep: those still under way, and the last one to hold.
         sight: the observation latency as (whole decisions, sub-steps beyond them).
+        jitter: most integration steps by which a command is later than the latency.
+        hold: probability that a command does not arrive.
     """
 
     dt: float
@@ -201,6 +209,13 @@ class Timing:
     delay: tuple[int, int]
     memory: int
     sight: tuple[int, int] = (0, 0)
+    jitter: int = 0
+    hold: float = 0.0
+
+    @property
+    def drawn(self) -> bool:
+        """Whether it is drawn for every command when it arrives, or whether it does."""
+        return bool(self.jitter or self.hold)
 
     @classmethod
     def of(
@@ -211,6 +226,8 @@ class Timing:
         sensor_period: float | None,
         duration: float,
         observation_latency: float = 0.0,
+        latency_jitter: float = 0.0,
+        hold_probability: float = 0.0,
     ) -> Timing:
         """Check the times against each other and count them.
 
@@ -220,11 +237,13 @@ class Timing:
         """
         period = dt if control_period is None else control_period
         _check_within("control_period" if control_period else "dt", period, duration)
-        _check_within("action_latency", action_latency, duration)
-        _check_within("observation_latency", observation_latency, duration)
         substeps = whole_multiple("control_period", period, "dt", dt)
-        latency = whole_multiple("action_latency", action_latency, "dt", dt, least=0)
-        sight = whole_multiple("observation_latency", observation_latency, "dt", dt, least=0)
+        late_by = []
+        latencies = action_latency, latency_jitter, observation_latency
+        for name, value in zip(LATENCIES, latencies, strict=True):
+            _check_within(name, value, duration)
+            late_by.append(whole_multiple(name, value, "dt", dt, least=0))
+        latency, jitter, sight = late_by
         sensor = None
         if sensor_period is not None:
             sensor = whole_multiple("sensor_period", sensor_period, "dt", dt)
@@ -236,11 +255,14 @@ class Timing:
                 f"{period:.12g} s; give a shorter one"
             )
         horizon = max(1, math.ceil(duration / period * (1.0 - TOLERANCE)))
-        delay = periods, rest = divmod(latency, substeps)
-        memory = max(1, periods + (1 if rest else 0))
         return cls(
-            dt, period, substeps, latency, sensor, horizon, delay, memory, divmod(sight, substeps)
-        )
+            dt, period, substeps, latency, sensor, horizon,
+            delay=divmod(latency, substeps),
+            memory=max(1, -(-(latency + jitter) // substeps)),
+            sight=divmod(sight, substeps),
+            jitter=jitter,
+            hold=hold_probability,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -271,6 +293,18 @@ class Settings:
     )
     action_latency: float = parameter(
         0.0, "s", "delay of every command, a whole multiple of `dt`", nonnegative
+    )
+    latency_jitter: float = parameter(
+        0.0,
+        "s",
+        "most by which a command is later than that, drawn for each, a whole multiple of `dt`",
+        nonnegative,
+    )
+    hold_probability: float = parameter(
+        0.0,
+        "1",
+        "probability that a command does not arrive, drawn for each: the one before it holds",
+        probability,
     )
     observation_latency: float = parameter(
         0.0,
@@ -446,11 +480,8 @@ def _engine(settings: Settings, system: PlantSystem, dt: Component) -> Engine:
 
 
 def _timing(settings: Settings) -> Timing:
-    names = (
-        *("dt", "control_period", "action_latency", "sensor_period", "duration"),
-        "observation_latency",
-    )
-    return Timing.of(*(getattr(settings, name) for name in names))
+    names = ("dt", "control_period", "sensor_period", "duration", "hold_probability", *LATENCIES)
+    return Timing.of(**{name: getattr(settings, name) for name in names})
 
 
 def _parse(owner: type[Any], values: Mapping[str, Any]) -> Any:

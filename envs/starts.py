@@ -21,7 +21,7 @@ from .transition import EnvState, initial_state, top_speed
 Array = npt.NDArray[Any]
 
 
-NOISE, MEMBER = 0x4E01, 0x4E02
+NOISE, MEMBER, ARRIVAL = 0x4E01, 0x4E02, 0x4E03
 """What streams beside that of the starts are for; apart from the numbers that ``spawn`` gives."""
 
 
@@ -33,7 +33,7 @@ def stream_of_episode(starts: np.random.Generator, use: int, episode: int) -> np
 
     Args:
         starts: whose seed it has; nothing is drawn from it.
-        use: `NOISE` or `MEMBER`.
+        use: `NOISE`, `MEMBER` or `ARRIVAL`.
         episode: how many episodes have begun since the seed.
     """
     seeds: Any = starts.bit_generator.seed_seq

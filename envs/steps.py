@@ -56,12 +56,13 @@ def trace_function(setup: Setup, function: Callable[..., Any]) -> Any:
     return None if isinstance(found, NotTraceable) else found
 
 
-def plain_array_step(setup: Setup) -> Callable[[EnvState, Component], tuple[Any, ...]]:
+def plain_array_step(setup: Setup) -> Callable[..., tuple[Any, ...]]:
     """The step of a setup on arrays, as it is written.
 
-    It takes (state, actions) and gives (state, observations, values): observations are rows of
-    float32, shape (lanes, n); values are `info`, with the solver's status as a code, and
-    `RESULTS`. What is alike in all lanes may be one number.
+    It takes (state, actions), or (state, drawn, actions) where :attr:`Timing.drawn`, and gives
+    (state, observations, values): observations are rows of float32, shape (lanes, n); values are
+    `info`, with the solver's status as a code, and `RESULTS`. What is alike in all lanes may be one
+    number.
     """
     return partial(_with_rows, partial(array_step, setup, ARRAY))
 
@@ -149,7 +150,7 @@ class LanesStep:
 
         return EnvState._make(map_leaves(put, tuple(state)))
 
-    def __call__(self, state: EnvState, actions: Any) -> tuple[EnvState, Any, dict[str, Any]]:
+    def __call__(self, state: EnvState, *given: Any) -> tuple[EnvState, Any, dict[str, Any]]:
         """As :func:`plain_array_step`'s, without the values that are :attr:`alike`."""
         if self._steps_to_trace > 0:
             self._steps_to_trace -= 1
@@ -161,14 +162,14 @@ class LanesStep:
                     if state is not self._last:
                         self._carried = self._traced.first(state)
                     after, rows, values, self._carried = self._traced.step(
-                        state, self._carried, actions
+                        state, self._carried, *given
                     )
                     self._last, self.alike = EnvState._make(after), self._traced.alike
                     return self._last, rows, values
                 except Unusual:
                     pass
             self.alike = {}
-            after, rows, values = self._plain(state, actions)
+            after, rows, values = self._plain(state, *given)
         own = {n: x.copy() if np.ndim(x) else np.asarray(x).item() for n, x in values.items()}
         return after, rows, own
 
@@ -211,12 +212,12 @@ def _trace_once(key: _Key) -> Any:
 
     setup, function = key.setup, partial(key.function, key.setup)
     try:
-        rest, state = _patterns(setup)
+        rest, given = _patterns(setup)
         if key.function is scalar_start:
             return compile_trace(SCALARS, function, rest, rest)
         if key.function is scalar_step:
-            return compile_trace(SCALARS, function, state, False)
-        steps = compile_repeated(ARRAYS, function, state, False)
+            return compile_trace(SCALARS, function, *given)
+        steps = compile_repeated(ARRAYS, function, *given)
         return steps._replace(step=partial(_with_rows, steps.step))
     except Exception as error:  # whatever a part of the user's own does with what is not a float
         known = isinstance(error, NotTraceable)
@@ -227,8 +228,8 @@ def _trace_once(key: _Key) -> Any:
 def _compile_loops(key: _Key) -> Any:
     from .ops.compiling import compile_loops
 
-    _, state = _patterns(key.setup)
-    return compile_loops(_trace_once(key), OBSERVED, partial(key.function, key.setup), state, False)
+    _, given = _patterns(key.setup)
+    return compile_loops(_trace_once(key), OBSERVED, partial(key.function, key.setup), *given)
 
 
 def _with_rows(step: Callable[..., Any], *arguments: Any) -> tuple[Any, ...]:
@@ -238,9 +239,10 @@ def _with_rows(step: Callable[..., Any], *arguments: Any) -> tuple[Any, ...]:
 
 
 def _patterns(setup: Setup) -> tuple[Any, Any]:
-    """Coordinates and a state of a setup, True where a truth value stands, else False."""
+    """Coordinates of a setup, and what a step takes; True for a truth value, else False."""
     rest = (0.0,) * len(setup.plant.coordinates)
-    trees = rest, tuple(initial_state(SCALAR, setup, rest, rest))
+    drawn = ((0.0, 0.0),) * setup.timing.drawn
+    trees = rest, (tuple(initial_state(SCALAR, setup, rest, rest)), *drawn, 0.0)
     return map_leaves(lambda value: isinstance(value, bool), trees)  # type: ignore[no-any-return]
 
 
@@ -260,18 +262,18 @@ def script_of(setup: Setup) -> Script | None:
 
     Returns:
         None where they cannot be: where an engine calls what is not of our own arithmetic, a part
-        needs to know the value of a component, or observations are noisy.
+        needs to know the value of a component, observations are noisy, or arrivals are drawn.
     """
     from .ops.compiling import source_of
     from .ops.dialects import JAVASCRIPT
 
-    if setup.settings.observation_noise:
+    if setup.settings.observation_noise or setup.timing.drawn:
         return None
     try:
-        rest, state = _patterns(setup)
+        rest, given = _patterns(setup)
         return Script(
             source_of(JAVASCRIPT, partial(_start, setup), rest, rest),
-            source_of(JAVASCRIPT, partial(_step, setup), state, False),
+            source_of(JAVASCRIPT, partial(_step, setup), *given),
         )
     except Exception:  # whatever a part of the user's own does with what is not a float
         return None

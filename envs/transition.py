@@ -5,6 +5,7 @@ The single, the vector and the functional environment all advance through :func:
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any, NamedTuple
 
 from .engines.stepping import DIVERGENCE_SPEED, Motion, Segments
@@ -19,6 +20,9 @@ STATUS_NAMES: tuple[str, ...] = ("ok", "not_converged", "diverged", "not_reporte
 AWAY = -1.0
 """`goal_since` while the state is not at the goal."""
 
+NEVER = 2.0**60
+"""Integration steps until a command arrives that is lost; so many that no episode has them."""
+
 
 class EnvState(NamedTuple):
     """All that evolves within an episode."""
@@ -28,9 +32,11 @@ class EnvState(NamedTuple):
     energy: Component
     """Energy of (q, v), J."""
     commands: tuple[Component, ...]
-    """Past controls asked for, newest first."""
+    """Past controls asked for, newest first; where arrivals are drawn, then the one in force."""
     fallbacks: tuple[Component, ...]
     """Whether each of them came from the fallback."""
+    arrivals: tuple[Component, ...]
+    """Integration steps from now until each arrives, but for the one in force, where drawn."""
     sensed_q: Components
     """Configuration at the last sample that has arrived."""
     sensed_v: Components
@@ -65,6 +71,10 @@ class Outcome(NamedTuple):
     """Control asked for by this decision, after saturation and fallback."""
     saturated: Component = False
     fallback_used: Component = False
+    held: Component = False
+    """Whether this decision's command does not arrive."""
+    latency: Component = 0.0
+    """After which it arrives otherwise, s."""
     iterations: Component = 0
     solver_residual: Component = 0.0
     status: Component = OK
@@ -82,14 +92,15 @@ def quiet_status(setup: Setup) -> int:
 def initial_state(ops: Ops, setup: Setup, q: Components, v: Components) -> EnvState:
     """Episode state at time 0; no command is under way yet."""
     zero = 0.0 * q[0]
-    memory = setup.timing.memory
+    memory, drawn = setup.timing.memory, setup.timing.drawn
     at_goal = setup.task.at_goal(ops, q, v)
     return EnvState(
         q=q,
         v=v,
         energy=setup.system.energy(ops, q, v),
-        commands=(zero,) * memory,
-        fallbacks=(zero == 0.0,) * memory,
+        commands=(zero,) * (memory + drawn),
+        fallbacks=(zero == 0.0,) * (memory + drawn),
+        arrivals=(zero,) * (memory * drawn),
         sensed_q=q,
         sensed_v=v,
         sensed_time=zero,
@@ -118,26 +129,46 @@ class _Orders(NamedTuple):
     """What is asked of the engine in one control period."""
 
     commands: tuple[Component, ...]
-    """Controls under way, newest first, this decision's included."""
+    """What the next state remembers, as :attr:`EnvState.commands`."""
     fallbacks: tuple[Component, ...]
-    segments: Segments
+    arrivals: tuple[Component, ...]
+    asked: Segments
+    """Of the engine."""
+    acting: tuple[tuple[Component, Component], ...]
+    """(control, number of sub-steps), oldest first; where arrivals are drawn, some for none."""
+    control: Component
+    """In force at the end of the period."""
     fallback_used: Component
     saturated: Component
     sample_at: Component | None
     """Sub-step (from 1) of the last sample in the period that is shown after it or after later
     ones; 0 or below: none; None: the last sub-step."""
+    held: Component = False
+    latency: Component = 0.0
 
 
 def transition(
-    ops: Ops, setup: Setup, state: EnvState, action: Component
+    ops: Ops,
+    setup: Setup,
+    state: EnvState,
+    action: Component,
+    drawn: tuple[Component, Component] | None = None,
 ) -> tuple[EnvState, Outcome]:
     """Advance one control period under ``action`` (torque, force or action index).
 
     A diverged motion leaves the state at the start of the period, with nothing booked.
+
+    Args:
+        ops: arithmetic.
+        setup: of the environment.
+        state: at the decision.
+        action: decided.
+        drawn: where :attr:`Timing.drawn`, two numbers from [0, 1): the command does not arrive if
+            the first is below the probability, and is as late as the second says.
     """
-    orders = _give_orders(ops, setup, state, setup.task.command(ops, action))
+    orders = _give_orders(ops, setup, state, setup.task.command(ops, action), drawn)
     try:
-        motion = setup.engine.advance(ops, state.q, state.v, orders.segments, orders.sample_at)
+        motion = setup.engine.advance(ops, state.q, state.v, orders.asked, orders.sample_at)
     except ArithmeticError:
         q, v = state.q, state.v
         motion = Motion(q, v, q, v, 0.0, setup.system.no_losses, 0.0, 0, 0.0, False, False)
@@ -146,20 +177,91 @@ def transition(
     return after, _outcome(ops, setup, state, after, orders, motion)
 
 
-def _give_orders(ops: Ops, setup: Setup, state: EnvState, command: Command) -> _Orders:
+def _give_orders(
+    ops: Ops,
+    setup: Setup,
+    state: EnvState,
+    command: Command,
+    drawn: tuple[Component, Component] | None,
+) -> _Orders:
     timing = setup.timing
     held = state.commands[0] if setup.settings.fallback == "hold" else 0.0
     valid = ops.assume_true(command.valid)
     commands = (ops.where(valid, command.control, held), *state.commands)
     fallbacks = (_negated(valid), *state.fallbacks)
-    segments, used = _segments(timing.delay, timing.substeps, commands, fallbacks)
     sample_at, rest = None, timing.sight[1]
     if timing.sensor is not None:
         end = (state.steps + 1) * timing.substeps
         sample_at = end - end % timing.sensor - state.steps * timing.substeps
     elif rest:
         sample_at = timing.substeps - rest
-    return _Orders(commands, fallbacks, segments, used, command.saturated, sample_at)
+    if drawn is not None:
+        return _draw_arrival(
+            ops, timing, (commands, fallbacks, state.arrivals), command, sample_at, drawn
+        )
+    segments, used = _segments(timing.delay, timing.substeps, commands, fallbacks)
+    commands, fallbacks = commands[: timing.memory], fallbacks[: timing.memory]
+    return _Orders(
+        commands, fallbacks, (), segments, segments, segments[-1][0], used, command.saturated,
+        sample_at,
+    )  # fmt: skip
+
+
+def _draw_arrival(
+    ops: Ops,
+    timing: Timing,
+    under_way: tuple[Components, Components, Components],
+    command: Command,
+    sample_at: Component | None,
+    drawn: tuple[Component, Component],
+) -> _Orders:
+    """Orders where it is drawn whether and when commands arrive.
+
+    In force is the newest that has arrived: one that arrives after a later decision's is dropped.
+
+    Args:
+        ops: arithmetic.
+        timing: rates.
+        under_way: commands and fallbacks, this decision's first and the one in force last, and
+            the arrivals of those between.
+        command: this decision's.
+        sample_at: see :class:`_Orders`.
+        drawn: see :func:`transition`.
+    """
+    commands, fallbacks, arrivals = under_way
+    (periods, rest), substeps, memory = timing.delay, timing.substeps, timing.memory
+    held = drawn[0] < timing.hold
+    later = ops.minimum(ops.floor(drawn[1] * (timing.jitter + 1.0)), float(timing.jitter))
+    late = periods * substeps + rest + later
+    arrivals = (ops.where(held, NEVER, late), *arrivals)
+    acting, used, end = [], False, substeps
+    for k, arrival in enumerate((*arrivals, 0.0)):
+        begin = ops.minimum(ops.maximum(arrival, 0.0), end)
+        acting.append((commands[k], end - begin))
+        used = used | (fallbacks[k] & (begin < end))
+        end = begin
+    at_end = partial(_newest, ops, arrivals, index=substeps - 1)
+    return _Orders(
+        (*commands[:memory], at_end(commands)),
+        (*fallbacks[:memory], at_end(fallbacks)),
+        tuple([arrival - substeps for arrival in arrivals[:memory]]),
+        ((partial(_newest, ops, arrivals, commands), substeps),),
+        tuple(reversed(acting)),
+        at_end(commands),
+        used,
+        command.saturated,
+        sample_at,
+        held,
+        late * timing.dt,
+    )
+
+
+def _newest(ops: Ops, arrivals: Components, values: Components, index: Component) -> Component:
+    """Of values, newest first and the one in force last, the first that has arrived by a step."""
+    value = values[-1]
+    for arrival, newer in zip(reversed(arrivals), values[-2::-1], strict=True):
+        value = ops.where(arrival <= index, newer, value)
+    return value
 
 
 def _segments(
@@ -190,8 +292,9 @@ def _next_state(
         q=q,
         v=v,
         energy=setup.system.energy(ops, q, v),
-        commands=orders.commands[: timing.memory],
-        fallbacks=orders.fallbacks[: timing.memory],
+        commands=orders.commands,
+        fallbacks=orders.fallbacks,
+        arrivals=orders.arrivals,
         sensed_q=shown[0],
         sensed_v=shown[1],
         sensed_time=shown[2],
@@ -235,7 +338,7 @@ def _outcome(
     stayed = after.steps * timing.control_period - after.goal_since
     rounding = max(1e-9, 64.0 * ops.epsilon)
     reached = (after.goal_since >= 0.0) & (stayed >= task.goal_stay * (1.0 - rounding))
-    period, mean_square = timing.control_period, _mean_square(orders.segments, timing.substeps)
+    period, mean_square = timing.control_period, _mean_square(orders.acting, timing.substeps)
     earned = task.reward(ops, before.q, before.v, mean_square, failed, period)
     left = ops.maximum(timing.horizon - before.steps, 1)
     worst = task.worst_return(ops, left, period, top_speed(setup))
@@ -251,10 +354,12 @@ def _outcome(
         contact_loss=contact_loss,
         clip_loss=clip_loss,
         residual_energy=after.energy - before.energy - work + dissipated + contact_loss + clip_loss,
-        control=orders.segments[-1][0],
+        control=orders.control,
         commanded=orders.commands[0],
         saturated=orders.saturated,
         fallback_used=orders.fallback_used,
+        held=orders.held,
+        latency=orders.latency,
         iterations=motion.iterations,
         solver_residual=ops.where(ok, motion.residual, 0.0),
         status=ops.where(ok, solved, DIVERGED),
@@ -281,11 +386,11 @@ def _sample_time(timing: Timing, steps: Component, sample_at: Component | None) 
     return (steps * timing.substeps + sample_at) * timing.dt
 
 
-def _mean_square(segments: Segments, substeps: int) -> Component:
+def _mean_square(acting: tuple[tuple[Component, Component], ...], substeps: int) -> Component:
     """Time average of the squared control over the period."""
-    if len(segments) == 1:
-        return segments[0][0] * segments[0][0]
-    return sum(count * (control * control) for control, count in segments) / substeps
+    if len(acting) == 1:
+        return acting[0][0] * acting[0][0]
+    return sum(count * (control * control) for control, count in acting) / substeps
 
 
 def top_speed(setup: Setup) -> Component:
@@ -297,14 +402,22 @@ LOSSES = ("dissipated", "contact_loss", "clip_loss")
 """What is taken out of a plant's energy, by its names."""
 
 
+OF_COMMANDS = {"command_held": False, "command_latency": 0.0}
+"""Further entries of `info` where arrivals are drawn, as they are in a reset's."""
+
+
 def reset_info(state: EnvState, status: int = OK) -> dict[str, Any]:
     """`info` of a reset: the keys of a step, nothing booked."""
-    return {**_info_dict(0.0, state, Outcome(status=status)), "sensor_time": 0.0}
+    told = OF_COMMANDS if state.arrivals else {}
+    return {**_info_dict(0.0, state, Outcome(status=status)), "sensor_time": 0.0, **told}
 
 
 def step_info(setup: Setup, state: EnvState, outcome: Outcome) -> dict[str, Any]:
     """`info` of a step."""
-    return _info_dict(state.steps * setup.timing.control_period, state, outcome)
+    told = _info_dict(state.steps * setup.timing.control_period, state, outcome)
+    if state.arrivals:
+        told |= {"command_held": outcome.held, "command_latency": outcome.latency}
+    return told
 
 
 def _info_dict(time: Component, state: EnvState, outcome: Outcome) -> dict[str, Any]:
@@ -331,7 +444,7 @@ def _info_dict(time: Component, state: EnvState, outcome: Outcome) -> dict[str, 
     }
 
 
-BLANK = reset_info(EnvState((), (), 0.0, (), (), (), (), 0.0, (), 0, AWAY))
+BLANK = reset_info(EnvState((), (), 0.0, (), (), (), (), (), 0.0, (), 0, AWAY))
 """What is told about a reset, but for what depends on the start."""
 
 
@@ -345,10 +458,17 @@ def scalar_start(setup: Setup, ops: Ops, q: Components, v: Components) -> tuple[
     return tuple(state), observation, reset_info(state, quiet_status(setup))
 
 
-def scalar_step(
-    setup: Setup, ops: Ops, state: tuple[Any, ...], action: Component
-) -> tuple[Any, ...]:
-    after, outcome = transition(ops, setup, EnvState._make(state), action)
+def scalar_step(setup: Setup, ops: Ops, state: tuple[Any, ...], *given: Any) -> tuple[Any, ...]:
+    """One control period of floats.
+
+    Args:
+        setup: of the environment.
+        ops: arithmetic.
+        state: as :class:`EnvState`.
+        given: what is drawn, see :func:`transition`, if it is; then the action.
+    """
+    *drawn, action = given
+    after, outcome = transition(ops, setup, EnvState._make(state), action, *drawn)
     return (
         tuple(after),
         setup.task.observe(ops, after.sensed_q, after.sensed_v),
@@ -361,8 +481,10 @@ def scalar_step(
 
 
 def array_step(
-    setup: Setup, ops: Ops, state: tuple[Any, ...], action: Component
+    setup: Setup, ops: Ops, state: tuple[Any, ...], *given: Any
 ) -> tuple[EnvState, Components, dict[str, Any]]:
-    after, outcome = transition(ops, setup, EnvState._make(state), action)
+    """The same of arrays."""
+    *drawn, action = given
+    after, outcome = transition(ops, setup, EnvState._make(state), action, *drawn)
     values = step_info(setup, after, outcome) | {n: getattr(outcome, n) for n in RESULTS}
     return after, setup.task.observe(ops, after.sensed_q, after.sensed_v), values

@@ -44,6 +44,7 @@ from .lanes import (
 from .ops.ops import ARRAY, Components, join_state, rows_of, split_state
 from .settings import Mixture, Setup, make_mixture
 from .starts import (
+    ARRIVAL,
     MEMBER,
     NOISE,
     LaneStarts,
@@ -54,7 +55,14 @@ from .starts import (
     stream_of_episode,
 )
 from .steps import LanesStep
-from .transition import RESULTS, EnvState, initial_state, quiet_status, sensed_state
+from .transition import (
+    OF_COMMANDS,
+    RESULTS,
+    EnvState,
+    initial_state,
+    quiet_status,
+    sensed_state,
+)
 
 _FLOATS = np.dtype(np.float64)
 
@@ -126,13 +134,15 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self._lanes_differ = bool(lane_parameters(self.setup))
         self._quiet = np.array([quiet_status(setup) for setup in self.setups])
-        self._info = LaneInfo(num_envs, int(self._quiet[0]))
+        self._drawn = self.setup.timing.drawn
+        self._info = LaneInfo(num_envs, int(self._quiet[0]), OF_COMMANDS if self._drawn else {})
         self._steps = [LanesStep(setup, bool(compiled)) for setup in self.setups]
         self._rngs: list[np.random.Generator] = []
         self._seeds: list[int] = []
         self.episodes = np.full(num_envs, -1)
         """How many episodes each lane has begun since its last seed, before this one."""
         self._noise_streams = dict[int, np.random.Generator]()
+        self._arrivals = dict[int, np.random.Generator]()
         self._starts: LaneStarts | None = None
         self._state: EnvState | None = None
         self._done = np.zeros(num_envs, dtype=bool)
@@ -367,12 +377,14 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         if self.mixed and "mixture_index" in options:
             self._member[lanes] = options["mixture_index"][lanes]
         drawn = self.mixed and "mixture_index" not in options
-        if not (noisy or drawn):
+        if not (noisy or drawn or self._drawn):
             return
         for lane, episode in zip(lanes.tolist(), self.episodes[lanes].tolist(), strict=True):
             rng = self._rngs[lane]
             if noisy:
                 self._noise_streams[lane] = stream_of_episode(rng, NOISE, episode)
+            if self._drawn:
+                self._arrivals[lane] = stream_of_episode(rng, ARRIVAL, episode)
             if drawn:
                 number = stream_of_episode(rng, MEMBER, episode).random()
                 self._member[lane] = self.mixture.member(number)
@@ -422,13 +434,19 @@ class IntegVectorEnv(DiscretizedVectorEnv):
 
     def _advance(self, actions: Array) -> tuple[Array, dict[str, Any], Mapping[str, Any]]:
         """Observations, without noise, what a step tells, and what is alike; see `LanesStep`."""
+        given: tuple[Any, ...] = (actions,)
+        if self._drawn:
+            drawn = np.array([self._arrivals[lane].random(2) for lane in range(self.num_envs)])
+            given = (*drawn.T.copy(),), actions
         if self.mixed:
-            return self._advance_mixture(actions)
+            return self._advance_mixture(given)
         step = self._steps[0]
-        self._state, observation, step_values = step(self._current(), actions)
+        self._state, observation, step_values = step(self._current(), *given)
         return observation, step_values, step.alike
 
-    def _advance_mixture(self, actions: Array) -> tuple[Array, dict[str, Any], Mapping[str, Any]]:
+    def _advance_mixture(
+        self, given: tuple[Any, ...]
+    ) -> tuple[Array, dict[str, Any], Mapping[str, Any]]:
         """Advance the lanes of each discretization as one group."""
         state = self._current()
         merged: dict[str, Any] = {}
@@ -439,7 +457,7 @@ class IntegVectorEnv(DiscretizedVectorEnv):
                 continue
             own = self._for_lanes(setup, lanes)
             step = self._steps[index] if own is setup else LanesStep(own)
-            after, observation[lanes], step_values = step(take(state, lanes), actions[lanes])
+            after, observation[lanes], step_values = step(take(state, lanes), *take(given, lanes))
             state = put(state, lanes, after, self.num_envs)
             for name, value in {**step.alike, **step_values}.items():
                 if name not in merged:

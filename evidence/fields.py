@@ -14,7 +14,7 @@ import numpy as np
 
 from integ_gym.envs import numerics
 from integ_gym.envs.plants.interface import state_names, state_units
-from integ_gym.envs.settings import NATIVE, Setup
+from integ_gym.envs.settings import DRAWN, NATIVE, Setup
 from integ_gym.envs.transition import STATUS_NAMES
 from integ_gym.support.errors import InputError, InputTypeError
 from integ_gym.support.optional import installed_versions
@@ -23,9 +23,17 @@ from integ_gym.support.processes import host
 _PACKAGES = ("integ-gym", "gymnasium", "numpy")
 
 
+def recorded_arguments(setup: Any) -> dict[str, Any]:
+    """All constructor arguments with their values, but for those of `DRAWN` that are 0.
+
+    So records without a drawn delay are what they were before there were any.
+    """
+    return {name: x for name, x in setup.arguments().items() if name not in DRAWN or x}
+
+
 def arguments(setup: Setup, lane: int) -> str:
-    """JSON of {name: {"value": …, "unit": …}} for all constructor arguments."""
-    values, units = setup.arguments(), setup.units()
+    """JSON of {name: {"value": …, "unit": …}} for the arguments that are recorded."""
+    values, units = recorded_arguments(setup), setup.units()
     return json_text(
         {name: {"value": _of_lane(values[name], lane), "unit": units[name]} for name in values}
     )
@@ -60,14 +68,16 @@ def action_latency(setup: Setup, _: int) -> float | None:
 def staleness(setup: Setup) -> float:
     """Action and observation latency plus the greatest age of a sample at a decision, s.
 
-    0 where nothing is known of either.
+    Jitter counts in full, and commands that may not arrive as one control period. 0 where nothing
+    is known of either.
     """
     timing = setup.timing
     if timing.dt is None:
         return 0.0
     age = 0 if timing.sensor is None else timing.sensor - gcd(timing.sensor, timing.substeps)
     periods, rest = timing.sight
-    return (timing.latency + periods * timing.substeps + rest + age) * timing.dt
+    late = timing.latency + timing.jitter + (timing.substeps if timing.hold else 0)
+    return (late + periods * timing.substeps + rest + age) * timing.dt
 
 
 def in_words(fields: Mapping[str, Any]) -> str:

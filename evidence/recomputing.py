@@ -107,7 +107,7 @@ OWN_NOISE = 4
 
 
 def noise_source(record: EvidenceRecord) -> tuple[int, int] | None:
-    """Seed and episode that give a record's sensor noise again; None: it cannot be."""
+    """Seed and episode that give what is drawn in an episode again; None: it cannot be."""
     entropy, _, episode = str(record.fields["rng_key"]).rpartition("/")
     known = entropy.isdecimal() and episode.isdecimal()
     if not known or record.fields["schema_version"] < OWN_NOISE:
@@ -523,8 +523,9 @@ def failure_of(fields: Any, course: Course | None) -> Failure:
         sensor = round(fields["sensor_period"] / dt)
         oldest_sample = dt * (sensor - gcd(sensor, fields["substeps"]))
         told = argument_values(fields["arguments"])
-        shown_late = float(told.get("observation_latency", 0.0))
-        staleness = fields["action_latency"] + shown_late + oldest_sample
+        further = sum(told.get(name, 0.0) for name in ("observation_latency", "latency_jitter"))
+        further += period if told.get("hold_probability") else 0.0
+        staleness = fields["action_latency"] + further + oldest_sample
     facts = EpisodeFacts(
         success=fields["success"],
         time=None if period is None else fields["length"] * period,

@@ -18,7 +18,7 @@ import numpy.typing as npt
 from integ_gym.envs.environment import is_integ_environment
 from integ_gym.envs.foreign import ForeignSetup
 from integ_gym.envs.registries import ENVIRONMENTS
-from integ_gym.envs.settings import DISCRETIZATION, NATIVE, Discretization
+from integ_gym.envs.settings import DISCRETIZATION, DRAWN, NATIVE, Discretization
 from integ_gym.envs.testbeds.gym_testbed import ClassicControl, class_path
 from integ_gym.envs.testbeds.making import MujocoTestbed, find_testbed, make_checked
 from integ_gym.support.optional import package_version
@@ -194,6 +194,8 @@ def _hindrance(record: EvidenceRecord, own_code: bool, decided: bool) -> str | N
         return UNDECIDED
     if decided and _has_lost_noise(record):
         return "whose noise cannot be drawn again"
+    if noise_source(record) is None and any(record.arguments().get(name) for name in DRAWN):
+        return "whose delays cannot be drawn again"
     if fields["float_width"] != 64 and not foreign:
         return "computed in 32 bits, which no environment here does"
     if not own_code and any(":" in text for text in texts_of(record.arguments())):

@@ -84,6 +84,12 @@ def nonnegative(value: Any) -> str | None:
     )
 
 
+def probability(value: Any) -> str | None:
+    """A number from 0 to below 1."""
+    fits = finite_number(value) is None and 0 <= value < 1
+    return None if fits else "must be a number from 0 to below 1"
+
+
 def boolean(value: Any) -> str | None:
     """True or False."""
     return None if isinstance(value, bool) else "must be True or False"

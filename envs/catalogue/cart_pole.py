@@ -34,7 +34,7 @@ class IntegCartPoleEnv(IntegEnv, Env[Any, Any]):
     | Rates | physics every `dt`, decisions every `control_period`, force held in between (zero-order hold), samples every `sensor_period` |
     | Frame | track; x = 0 at its middle, θ = 0 upright, positive towards +x |
     | Units | SI: m, m/s, rad, rad/s, N, kg, s, J |
-    | Uncertainty | start distribution; Gaussian `observation_noise` on each sample of every component |
+    | Uncertainty | start distribution; Gaussian `observation_noise` on each sample of every component; when commands arrive, under `latency_jitter` and `hold_probability` |
     | Fallback | `hold` or `zero` (0 N), before the first command arrives and on non-finite actions; counted |
     | Metric | success: not terminated within `duration`; return in physical time |
     | Likeliest failure | a coarse step hides or invents instability of the balancing loop |
@@ -77,6 +77,8 @@ class IntegCartPoleEnv(IntegEnv, Env[Any, Any]):
     | `solver` | `None` | | settings of the engine's solver, in its own names; `None`: the engine's defaults |
     | `duration` | 10.0 | s | truncation after ceil(duration / control_period) decisions |
     | `action_latency` | 0.0 | s | delay of every command, a whole multiple of `dt` |
+    | `latency_jitter` | 0.0 | s | most by which a command is later than that, drawn for each, a whole multiple of `dt` |
+    | `hold_probability` | 0.0 | 1 | probability that a command does not arrive, drawn for each: the one before it holds |
     | `observation_latency` | 0.0 | s | age of every sample that is shown, a whole multiple of `dt` |
     | `sensor_period` | `None` | s | time between two samples, a whole multiple of `dt`; `None`: one per decision |
     | `observation_noise` | 0.0 | SI | standard deviation of each sensed state component |

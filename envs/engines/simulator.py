@@ -174,7 +174,7 @@ class ForeignEngine(MappedEngine):
         A motion that is fast at either end of a call is done again step by step, so that a step at
         which it diverges is seen.
         """
-        if self.straight and sample_at is None:
+        if self.straight and sample_at is None and not callable(segments[0][0]):
             motion, hurried = self._in_strides(ops, q, v, segments)
             if ops.assume_true(ops.any(hurried) == False):  # noqa: E712
                 return motion

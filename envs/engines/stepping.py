@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Any, ClassVar, NamedTuple, Protocol, Self
 
@@ -192,8 +192,8 @@ class Motion(NamedTuple):
     """Of largest magnitude at the end of any sub-step, N or N m."""
 
 
-Segments = tuple[tuple[Component, int], ...]
-"""(control, number of sub-steps) in the order in which they act."""
+Segments = tuple[tuple[Component | Callable[[Component], Component], int], ...]
+"""(control, or function of the sub-step from 0 to it; number of sub-steps), in their order."""
 
 
 class Engine(Protocol):
@@ -393,11 +393,12 @@ class SteppedEngine(ABC):
             return motion._replace(sampled_q=motion.q, sampled_v=motion.v)
         return motion
 
-    def _booked_step(self, ops: Ops, control: Component, sample_at: Component | None, done: int):  # type: ignore[no-untyped-def]
+    def _booked_step(self, ops: Ops, asked: Any, sample_at: Component | None, done: int):  # type: ignore[no-untyped-def]
         system, move = self.system, self.move
         actuated, stops = system.plant.actuated, system.stops or system.engine_stops
 
         def advance(index: Component, motion: Motion) -> Motion:
+            control = asked(index) if callable(asked) else asked
             (
                 q0, v0, sampled_q, sampled_v, work, losses, clipped, most, worst, converged, ok,
                 depth, push,

@@ -17,6 +17,7 @@ from integ_gym.envs.lanes import DiscretizedVectorEnv
 from integ_gym.envs.registries import ENGINES, TRUTH
 from integ_gym.envs.settings import (
     DISCRETIZATION,
+    LATENCIES,
     NATIVE,
     WEIGHT,
     Discretization,
@@ -312,7 +313,7 @@ def timing_fault(arguments: Mapping[str, Any]) -> str | None:
     problem = positive(arguments["dt"])
     if problem:
         return f"`dt` {problem}, got {arguments['dt']!r}"
-    for name in ("control_period", "action_latency", "observation_latency", "sensor_period"):
+    for name in ("control_period", *LATENCIES, "sensor_period"):
         value = arguments.get(name)
         try:
             if value:

@@ -109,9 +109,10 @@ def _within(low: NDArray[Any], high: NDArray[Any]) -> str:
 
 def _not_finite(existing: Existing, spec: PanelSpec, records: EvidenceStore) -> list[str]:
     """Doubt where the fallback acted in place of the policy, and not before its first command."""
-    name = existing.policy.policy_id
-    periods, rest = spec.nominal.timing.delay
-    late = periods + bool(rest)
+    name, timing = existing.policy.policy_id, spec.nominal.timing
+    if timing.hold:  # the fallback acts for as long as no command happens to arrive
+        return []
+    late = -(-(timing.latency + timing.jitter) // timing.substeps)
     counted = records.query(
         f"SELECT policy_id, sum(greatest(fallback_count - {late}, 0)) AS fallbacks, "
         "sum(length) AS length FROM records "

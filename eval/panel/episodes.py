@@ -21,7 +21,7 @@ from integ_gym.evidence.vector_recorder import RecordVectorEvidence
 from integ_gym.support.processes import report_work
 from integ_gym.train.policy import Policy, PolicyStack
 
-from .cells import Cell, Home, environments_of, place_arguments
+from .cells import DELAYS, Cell, Home, environments_of, place_arguments
 from .costs import cell_seconds
 from .spec import PanelSpec
 
@@ -30,7 +30,7 @@ Key = tuple[Discretization, str | None]
 
 _DISTURBANCES = {
     "without_noise": {"observation_noise"},
-    "without_delay": {"action_latency", "observation_latency", "sensor_period"},
+    "without_delay": {*DELAYS, "sensor_period"},
 }
 """Replays to the arguments that they do without."""
 

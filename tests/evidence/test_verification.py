@@ -35,6 +35,10 @@ SETTINGS = {
         "dt": 0.01, "control_period": 0.02, "action_latency": 0.03, "sensor_period": 0.05,
         "observation_noise": 0.01,
     },
+    "lossy": {
+        "dt": 0.01, "control_period": 0.02, "action_latency": 0.03, "latency_jitter": 0.03,
+        "hold_probability": 0.1,
+    },
     "coarse": {"integrator": "explicit_euler", "dt": 0.2, "control_period": 0.2},
 }  # fmt: skip
 

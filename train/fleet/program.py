@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 from integ_gym.envs.functional import FunctionalEnv, Params
 from integ_gym.envs.ops.jax_ops import jax, jnp
 from integ_gym.envs.ops.ops import Components, join_state
+from integ_gym.envs.starts import ARRIVAL
 from integ_gym.envs.transition import EnvState, Outcome, reset_info, step_info
 from integ_gym.evidence.episodes import Layout
 
@@ -47,6 +48,7 @@ class _Draws(NamedTuple):
     actions: Array
     starts: Array
     noise: Array
+    arrivals: Array
 
 
 class _Step(NamedTuple):
@@ -60,6 +62,7 @@ class _Step(NamedTuple):
     terminated: Array
     truncated: Array
     fresh: Array
+    arrivals: Array
 
 
 class FleetProgram:
@@ -149,6 +152,7 @@ class FleetProgram:
 
     def _draws(self, stack: Stack, keys: Array) -> _Draws:
         for_actions, for_starts, for_noise = split(keys, 3)
+        for_arrivals = jax.vmap(lambda key: jax.random.fold_in(key, ARRIVAL))(keys)
         steps, lanes = self.algorithm.n_steps, self.algorithm.n_envs
         size = stack.weights[-1].shape[2]
 
@@ -159,6 +163,7 @@ class FleetProgram:
             drawn(jax.random.gumbel if self.discrete else jax.random.normal, for_actions, size),
             drawn(jax.random.uniform, for_starts, self.env.start_size),
             drawn(jax.random.normal, for_noise, 2 * self._noise_size),
+            drawn(jax.random.uniform, for_arrivals, self.env.arrival_size),
         )
 
     def _collect(
@@ -179,7 +184,8 @@ class FleetProgram:
             head = outputs(actor, self.algorithm.activation, observed)[:, 0]
             action = self._sample(head, learner.stack.log_std, drawn.actions)
             log_prob, _ = log_prob_and_entropy(head, learner.stack.log_std, action)
-            after, outcome = self.env.advance(env, self._control(action, own), own)
+            arrivals = tuple(jnp.moveaxis(drawn.arrivals, 1, 0))
+            after, outcome = self.env.advance(env, self._control(action, own), own, arrivals)
             ending = outcome.terminated, outcome.truncated
             ended = outcome.terminated | outcome.truncated
             fresh = tuple(jnp.moveaxis(drawn.noise, 1, 0))
@@ -190,7 +196,8 @@ class FleetProgram:
             half = self._noise_size
             next_noise = _where(outcome.sampled, fresh[:half], noise)
             next_noise = _where(ended, fresh[half:], next_noise)
-            kept = _Step(env, noise, member, action, log_prob, *ending, drawn.noise)
+            draws = drawn.noise, drawn.arrivals
+            kept = _Step(env, noise, member, action, log_prob, *ending, *draws)
             return (next_env, next_noise, next_member), kept
 
         return jax.lax.scan(step, (learner.env, learner.noise, learner.member), draws)
@@ -223,7 +230,8 @@ class FleetProgram:
     def _transitions(self, steps: _Step, params: Params) -> tuple[EnvState, Outcome, Array, Array]:
         own = self.env.lane_params(params, steps.member)
         control = self._control(steps.action, own)
-        after, outcome = self.env.advance(steps.env, control, own)
+        arrivals = tuple(jnp.moveaxis(steps.arrivals, 2, 0))
+        after, outcome = self.env.advance(steps.env, control, own, arrivals)
         outcome = outcome._replace(terminated=steps.terminated, truncated=steps.truncated)
         fresh = tuple(jnp.moveaxis(steps.fresh, 2, 0))[: self._noise_size]
         noise = _where(outcome.sampled, fresh, steps.noise)

@@ -16,6 +16,7 @@ from gymnasium import spaces
 
 from integ_gym.envs.environment import is_integ_environment
 from integ_gym.envs.settings import DISCRETIZATION, NATIVE, Mixture
+from integ_gym.evidence.fields import recorded_arguments
 from integ_gym.evidence.schema import EvidenceError, Finding, argument_values, parse_field
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.train.policy_files.card import (
@@ -172,7 +173,7 @@ def _members(config: Any) -> list[dict[str, Any]]:
         config.env_id, 1, vectorization_mode="vector_entry_point", **config.env_arguments
     )
     env.close()
-    return [json.loads(json.dumps(setup.arguments())) for setup in mixture_of(env).setups]
+    return [json.loads(json.dumps(recorded_arguments(setup))) for setup in mixture_of(env).setups]
 
 
 def _told_or_none(row: Mapping[str, Any]) -> Any:
@@ -261,7 +262,7 @@ def _arguments(spec: PanelSpec, cell: Cell) -> dict[str, Any]:
     """Constructor arguments of a cell's environments, as records have them."""
     environments = environments_of(spec.testbed, cell, 1)
     environments.close()
-    told: dict[str, Any] = json.loads(json.dumps(environments.setups[0].arguments()))
+    told: dict[str, Any] = json.loads(json.dumps(recorded_arguments(environments.setups[0])))
     return told
 
 

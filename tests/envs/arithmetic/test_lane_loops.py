@@ -57,7 +57,8 @@ def test_every_variant_gives_the_same_numbers(env_id, integrator, variant):
 
 @pytest.mark.parametrize("mode", AutoresetMode)
 def test_episodes_begin_anew_alike(mode):
-    pair = _both("IntegCartPole-v0", integrator="symplectic_euler", autoreset_mode=mode)
+    given = {"integrator": "symplectic_euler", "hold_probability": 0.2}
+    pair = _both("IntegCartPole-v0", autoreset_mode=mode, **given)
     _compare(*pair, steps=100, reset_ended=mode is AutoresetMode.DISABLED)
 
 

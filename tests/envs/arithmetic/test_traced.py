@@ -38,6 +38,13 @@ def _setup(env_id, integrator, variant):
     return environment_setup(env_id, {"integrator": integrator, **VARIANTS[variant]})
 
 
+def _given(setup, rng, action):
+    """What a step takes beside its state."""
+    drawn = rng.random((2, *np.shape(action)))
+    numbers = tuple(drawn if np.ndim(action) else drawn.tolist())
+    return (*(numbers,) * setup.timing.drawn, action)
+
+
 def _actions(setup, rng, shape):
     if setup.task.discrete is not None:
         return rng.integers(setup.task.discrete, size=shape).astype(float)
@@ -55,12 +62,13 @@ def test_a_traced_step_equals_the_plain_one_to_the_bit(env_id, integrator, varia
     state = initial_state(SCALAR, setup, tuple(q.tolist()), tuple(v.tolist()))
     unusual = [math.nan] if setup.task.discrete is not None else [math.nan, math.inf]
     for action in (*_actions(setup, rng, 18).tolist(), *unusual):
-        expected = plain(state, action)
+        given = _given(setup, rng, action)
+        expected = plain(state, *given)
         if math.isfinite(action):
-            assert repr(step(state, action)) == repr(expected)
+            assert repr(step(state, *given)) == repr(expected)
         else:
             with pytest.raises(Unusual):
-                step(state, action)
+                step(state, *given)
         state = EnvState._make(expected[0])
 
 
@@ -80,10 +88,10 @@ def test_a_traced_step_of_lanes_equals_the_plain_one(env_id, integrator, variant
     state, rng = _lanes(setup), np.random.default_rng(2)
     taken = step.first(state)
     for _ in range(12):
-        actions = _actions(setup, rng, LANES)
+        given = _given(setup, rng, _actions(setup, rng, LANES))
         with np.errstate(all="ignore"):
-            *trees, known = plain(state, actions)
-            *found, told, taken = step.step(state, taken, actions)
+            *trees, known = plain(state, *given)
+            *found, told, taken = step.step(state, taken, *given)
         told = {**told, **step.alike}
         assert told.keys() == known.keys()
         leaves = zip(leaves_of(tuple(found)), leaves_of(tuple(trees)), strict=True)

@@ -58,10 +58,11 @@ def _goes_on_alike(env, before, steps, copied):
     ],
 )
 def test_a_copy_goes_on_alike(env_id, kind, before, way):
+    given = {"hold_probability": 0.2} if way == "pickled" else {}
     if kind == "single":
-        env = gym.make(env_id)
+        env = gym.make(env_id, **given)
     else:
-        env = gym.make_vec(env_id, num_envs=3, compiled=kind == "compiled")
+        env = gym.make_vec(env_id, num_envs=3, compiled=kind == "compiled", **given)
     _goes_on_alike(env, before, STEPS, WAYS[way])
 
 

@@ -30,6 +30,11 @@ CASES = {
         {"action_latency": 0.05, "sensor_period": 0.03, "dt": 0.01, "control_period": 0.02,
          "duration": 0.4},
     ),
+    "lossy": (
+        "IntegCartPole-v0",
+        {"latency_jitter": 0.05, "dt": 0.01, "control_period": 0.02, "hold_probability": 0.2,
+         "duration": 0.4},
+    ),
     "stopped": ("IntegPendulum-v0", {"joint_limit": 1.0, "start": "uniform", "duration": 1.0}),
     "diverging": (
         "IntegPendulum-v0",
@@ -60,6 +65,7 @@ def _states(env):
         ("pendulum", AutoresetMode.NEXT_STEP),
         ("cart_pole", AutoresetMode.SAME_STEP),
         ("late", AutoresetMode.DISABLED),
+        *(("lossy", mode) for mode in AutoresetMode),
         ("stopped", AutoresetMode.NEXT_STEP),
         ("diverging", AutoresetMode.SAME_STEP),
     ],

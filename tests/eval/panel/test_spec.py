@@ -166,7 +166,7 @@ def test_impossible_specifications_name_the_remedy(changes, fragments):
         ({}, 0.05),
         ({"action_latency": 0.05}, 0.05),
         ({"action_latency": 0.0125}, 0.0125),
-        ({"action_latency": 0.02, "sensor_period": 0.025}, 0.005),
+        ({"latency_jitter": 0.02, "sensor_period": 0.025}, 0.005),
     ],
 )
 def test_the_reference_takes_a_step_that_delays_are_multiples_of(environment, step):

@@ -12,5 +12,9 @@ VARIANTS = {
     "later than a decision": {
         "dt": 0.01, "control_period": 0.02, "action_latency": 0.05, "sensor_period": 0.04,
     },
+    "lossy": {
+        "dt": 0.01, "control_period": 0.03, "action_latency": 0.02, "latency_jitter": 0.05,
+        "hold_probability": 0.3,
+    },
     "limited": {"dt": 0.02, "max_speed": 3.0, "damping": 0.1},
 }  # fmt: skip

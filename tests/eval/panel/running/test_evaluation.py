@@ -157,6 +157,7 @@ def test_labels_wait_for_the_replays_that_they_rest_on():
         ({"observation_noise": 0.1}, True, None),
         ({"action_latency": 0.05}, None, True),
         ({"action_latency": 0.05, "sensor_period": 0.1}, None, True),
+        ({"latency_jitter": 0.05, "hold_probability": 0.1}, None, True),
         ({"action_latency": 0.05, "observation_noise": 0.1}, None, None),
         ({"mass": 2.0}, None, None),
     ],

@@ -1,0 +1,244 @@
+"""Observations and commands that are late, or lost, in every form of an environment."""
+
+from __future__ import annotations
+
+from collections import deque
+from statistics import NormalDist
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from sameness import assert_same
+
+import integ_gym
+from integ_gym.envs.testbeds.making import find_testbed
+from integ_gym.evidence.replaying import replay
+from integ_gym.evidence.store import EvidenceStore
+
+COMMON = {"integrator": "rk4", "dt": 0.0125, "control_period": 0.05, "duration": 1.5}
+LATENCIES = [0.05, 0.075, 0.1125]
+LOST = {"hold_probability": 0.3}
+DRAWN = [
+    LOST, {"latency_jitter": 0.025}, {"action_latency": 0.0375, "latency_jitter": 0.1125, **LOST},
+]  # fmt: skip
+
+
+class Late(gym.Wrapper):
+    """Steps one that decides at every integration step, and shows what was so long ago."""
+
+    def __init__(self, env, substeps, late):
+        super().__init__(env)
+        self.substeps, self.late = substeps, late
+
+    def reset(self, **given):
+        observation, info = self.env.reset(**given)
+        self.seen = deque([observation] * (self.late + 1), self.late + 1)
+        return observation, info
+
+    def step(self, action):
+        for _ in range(self.substeps):
+            observation, _, _, truncated, info = self.env.step(action)
+            self.seen.append(observation)
+        return self.seen[0], 0.0, False, truncated, info
+
+
+def _actions(steps):
+    return np.random.default_rng(0).uniform(-2.0, 2.0, (steps, 1)).astype(np.float32)
+
+
+@pytest.mark.parametrize("latency", LATENCIES)
+def test_observations_are_those_of_an_independent_wrapper(latency):
+    env = gym.make("IntegPendulum-v0", **COMMON, observation_latency=latency)
+    fine = gym.make("IntegPendulum-v0", **{**COMMON, "control_period": 0.0125})
+    wrapped = Late(fine, 4, round(latency / 0.0125))
+    assert (env.reset(seed=3)[0] == wrapped.reset(seed=3)[0]).all()
+    for k, action in enumerate(_actions(25)):
+        own, _, _, _, info = env.step(action)
+        assert (own == wrapped.step(action)[0]).all()
+        assert info["sensor_time"] == pytest.approx(max(0.0, (k + 1) * 0.05 - latency))
+
+
+class Wire:
+    """What becomes of commands, by the rule as it is written: the newest that has arrived acts."""
+
+    def __init__(self, fine, actions):
+        self.fine, self.actions, self.arrived = fine, actions, []
+
+    def step(self, k, held, steps):
+        """Decision k, whose command arrives after so many integration steps."""
+        if not held:
+            self.arrived.append((4 * k + steps, k))
+        for instant in range(4 * k, 4 * k + 4):
+            there = [decision for at, decision in self.arrived if at <= instant]
+            self.fine.step(self.actions[max(there)] if there else 0.0 * self.actions[0])
+        return self.fine.unwrapped.state
+
+
+@pytest.mark.parametrize("drawn", DRAWN)
+def test_commands_arrive_as_an_independent_loop_has_them(drawn):
+    """From an environment without delays that decides at every step, to the last bit."""
+    env = gym.make("IntegPendulum-v0", **COMMON, **drawn)
+    fine = gym.make("IntegPendulum-v0", **{**COMMON, "control_period": 0.0125})
+    actions = _actions(30)
+    wire, numbers = Wire(fine, actions), np.random.SeedSequence(3, spawn_key=(0x4E03, 0))
+    rng = np.random.Generator(np.random.PCG64(numbers))
+    env.reset(seed=3), fine.reset(seed=3)
+    most = round(drawn.get("latency_jitter", 0.0) / 0.0125)
+    least = round(drawn.get("action_latency", 0.0) / 0.0125)
+    for k, action in enumerate(actions):
+        held, late = rng.random(2)
+        held, steps = held < drawn.get("hold_probability", 0.0), least + int(late * (most + 1))
+        *_, info = env.step(action)
+        assert info["command_held"] == held
+        assert info["command_latency"] == pytest.approx(steps * 0.0125)
+        assert (env.unwrapped.state == wire.step(k, held, steps)).all()
+
+
+def test_what_is_drawn_has_its_probabilities_and_leaves_starts_and_noise_alone():
+    given = {**COMMON, "observation_noise": 0.01}
+    plain, again, lossy = (
+        gym.make_vec("IntegPendulum-v0", 64, **given, **drawn)
+        for drawn in ({}, {"latency_jitter": 0.0, "hold_probability": 0.0}, DRAWN[-1])
+    )
+    assert (plain.reset(seed=1)[0] == again.reset(seed=1)[0]).all()
+    assert (plain.reset(seed=1)[0] == lossy.reset(seed=1)[0]).all()
+    held, steps = [], []
+    for action in _actions(100):
+        actions = np.repeat(action[None], 64, axis=0)
+        one, other, (*_, info) = (env.step(actions) for env in (plain, again, lossy))
+        assert (one[0] == other[0]).all()
+        assert "command_held" not in other[-1]
+        decided = info["time"] > 0.0
+        held.append(info["command_held"][decided])
+        steps.append(np.round(info["command_latency"][decided] / 0.0125))
+    held, steps = np.concatenate(held), np.concatenate(steps)
+    far = NormalDist().inv_cdf(1.0 - 1e-6)
+    assert abs(held.mean() - 0.3) < far * np.sqrt(0.21 / held.size)
+    assert abs(np.corrcoef(held[64:], held[:-64])[0, 1]) < far / np.sqrt(held.size)
+    counts = np.bincount(steps.astype(int))
+    assert counts[:3].sum() == 0
+    assert len(counts) == 3 + 10
+    assert abs(counts[3:] / held.size - 0.1).max() < far * np.sqrt(0.09 / held.size)
+
+
+@pytest.mark.parametrize(
+    ("late", "sensor_period", "noise"),
+    [
+        *((DRAWN[0], 0.0375, 0.01), (DRAWN[1], None, 0.0), (DRAWN[2], None, 0.0)),
+        *(({"observation_latency": seconds}, *others) for seconds, *others in (
+            (0.05, 0.0375, 0.01), (0.1, 0.0875, 0.0), (0.075, None, 0.0), (0.1125, None, 0.01),
+        )),
+    ],
+)  # fmt: skip
+def test_single_vector_and_compiled_are_the_same(late, sensor_period, noise):
+    given = {**COMMON, **late, "sensor_period": sensor_period, "observation_noise": noise}
+    single = gym.make("IntegCartPoleSwingUp-v0", **given)
+    kinds = [{}] if noise else [{}, {"compiled": True}]
+    vectors = [gym.make_vec("IntegCartPoleSwingUp-v0", 3, **given, **kind) for kind in kinds]
+    first, _ = single.reset(seed=5)
+    for vector in vectors:
+        assert (vector.reset(seed=[4, 5, 6])[0][1] == first).all()
+    for action in 3.0 * _actions(28):
+        own, reward, *_, info = single.step(action)
+        info["observed"], info["reward"] = own, reward
+        for vector in vectors:
+            observation, rewards, *_, infos = vector.step(np.repeat(action[None], 3, axis=0))
+            infos["observed"], infos["reward"] = observation, rewards
+            assert_same({name: infos[name][1] for name in info}, info)
+
+
+def test_the_functional_environment_is_the_same():
+    import jax
+
+    given = {**COMMON, "observation_latency": 0.075}
+    with jax.enable_x64(True):
+        env = integ_gym.functional.make("IntegPendulum-v0", dtype="float64", **given)
+        single = gym.make("IntegPendulum-v0", **given)
+        single.reset(seed=2)
+        state = env.initial_from(single.unwrapped.state, jax.random.key(0))
+        step = jax.jit(env.transition)
+        for k, action in enumerate(_actions(20)):
+            own = single.step(action)[0]
+            state = step(state, action, jax.random.key(k))
+            np.testing.assert_allclose(env.observation(state, None), own, rtol=1e-6, atol=1e-6)
+
+
+@pytest.mark.parametrize("drawn", DRAWN)
+def test_commands_of_the_functional_environment_arrive_by_the_same_rule(drawn):
+    """Of a single one, and in lanes of a mixture whose members step differently."""
+    import jax
+
+    given = {n: x for n, x in COMMON.items() if n not in ("integrator", "dt")} | drawn
+    members = [{"integrator": "rk4", "dt": dt} for dt in (0.0125, 0.00625)]
+    actions = _actions(25)
+    with jax.enable_x64(True):
+        for env in (
+            integ_gym.functional.make("IntegPendulum-v0", dtype="float64", **given, **members[0]),
+            integ_gym.functional.make(
+                "IntegPendulum-v0", dtype="float64", **given, mixture=members
+            ),
+        ):
+            lanes = 4 if env.shares[1:] else 1
+            state = env.initial(jax.random.key(0), lanes=(lanes,))
+            wires = []
+            for k in range(lanes):
+                coarse = not state.member or state.member[0][k] == 0
+                if coarse:
+                    fine = gym.make("IntegPendulum-v0", **{**COMMON, "control_period": 0.0125})
+                    start = float(state.env.q[0][k]), float(state.env.v[0][k])
+                    fine.reset(options={"state": start})
+                    wires.append((k, Wire(fine, actions)))
+            assert wires
+            step = jax.jit(env.transition)
+            for decision, action in enumerate(actions):
+                state = step(state, np.repeat(action[None], lanes, 0), jax.random.key(decision))
+                info = env.state_info(state)
+                for k, wire in wires:
+                    steps = round(float(info["command_latency"][k]) / 0.0125)
+                    q, v = wire.step(decision, bool(info["command_held"][k]), steps)
+                    assert state.env.q[0][k] == pytest.approx(q, rel=1e-9, abs=1e-9)
+                    assert state.env.v[0][k] == pytest.approx(v, rel=1e-9, abs=1e-9)
+            if drawn.get("hold_probability"):
+                assert len({tuple(wire.arrived) for _, wire in wires}) == len(wires)
+
+
+def test_the_newest_sample_that_can_have_arrived_is_shown():
+    """With a sensor that samples more seldom than decisions are taken, too."""
+    env = gym.make("IntegPendulum-v0", **COMMON, observation_latency=0.1, sensor_period=0.0875)
+    env.reset(seed=0)
+    for k in range(20):
+        *_, info = env.step(np.zeros(1, np.float32))
+        newest = np.floor(((k + 1) * 0.05 - 0.1) / 0.0875 + 1e-9) * 0.0875
+        assert info["sensor_time"] == pytest.approx(max(0.0, newest))
+
+
+def test_what_cannot_be_is_refused():
+    for name in ("observation_latency", "latency_jitter"):
+        with pytest.raises(ValueError, match=rf"{name}.*nearest valid: 0\.0125 or 0\.025"):
+            gym.make("IntegPendulum-v0", **COMMON, **{name: 0.02})
+    for wrong in (1.0, -0.1, np.nan, "often"):
+        with pytest.raises(ValueError, match="`hold_probability` must be a number from 0 to below"):
+            gym.make("IntegPendulum-v0", **COMMON, hold_probability=wrong)
+    with pytest.raises(ValueError, match="'Hopper-v5' has no `hold_probability`"):
+        assert find_testbed("Hopper-v5", {"hold_probability": 0.1}).home
+    with pytest.raises(ValueError, match=r"sensor_period.*nearest valid: 0\.05 or 0\.1"):
+        gym.make("IntegPendulum-v0", **COMMON, observation_latency=0.075, sensor_period=0.025)
+
+
+def test_the_truth_takes_a_step_that_divides_the_latency(tmp_path):
+    panel = integ_gym.evaluate(
+        lambda observation: [0.0], "IntegPendulum-v0", tmp_path,
+        home={"integrator": "rk4", "dt": 0.05, "control_period": 0.05}, integrators=["rk4"],
+        dts=[0.05], episodes=2, at=["truth"], workers=1,
+        varied={"observation_latency": [0, 0.02], "hold_probability": [0, 0.5]},
+        environment={"duration": 1.0}, progress=False, on_doubt=lambda doubt: None,
+    )  # fmt: skip
+    varied = {tuple(cell.environment): cell for cell in panel.cells}
+    late, lossy = varied["observation_latency",], varied["hold_probability",]
+    assert (late.applied.dt, lossy.applied.dt) == (0.01, 0.05)
+    assert lossy.environment == {"hold_probability": 0.5}
+    records = EvidenceStore(tmp_path / "evidence").named_records()
+    lossy_ones = [(f, r) for f, r in records if r.arguments().get("hold_probability")]
+    done = replay(lossy_ones, exact=True).settle()
+    assert done.findings == []
+    assert done.exact == done.records > 0
