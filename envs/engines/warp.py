@@ -235,8 +235,5 @@ class MujocoWarpEngine(WarpEngine):
             return forces_at_rest(self._mujoco, self._mjw, made, model, data, q)
 
     def _compiled(self, mechanism: Mechanism) -> Any:
-        """MuJoCo's model; MuJoCo Warp has no automatic reset, and does not know its flag."""
-        text = mjcf(mechanism, self.dt, self.integrator)
-        model = self._mujoco.MjModel.from_xml_string(text)
-        model.opt.disableflags &= ~int(self._mujoco.mjtDisableBit.mjDSBL_AUTORESET)
-        return model
+        """MuJoCo's model."""
+        return self._mujoco.MjModel.from_xml_string(mjcf(mechanism, self.dt, self.integrator))
