@@ -473,7 +473,7 @@ def planned_key(versions: Mapping[str, str], engines: Iterable[str], **parts: An
         engines: packages of foreign engines that the unit depends on.
         parts: see :func:`integ_gym.eval.panel.run_directory.key_of`.
     """
-    names = ("python", *PACKAGES, *engines)
+    names = ("python", *OF_EVERY_RUN, *engines)
     return key_of({name: versions.get(name, "missing") for name in names}, **parts)
 
 
