@@ -27,6 +27,7 @@ from .errors import InputError, IntegGymError
 from .files import write_json
 from .optional import (
     ANY_VERSION,
+    checkout,
     extra_names,
     installed_versions,
     missing_package,
@@ -258,17 +259,15 @@ def _own() -> dict[str, str]:
 @cache
 def _own_source() -> tuple[str, tuple[str, ...]]:
     """Where this package was installed from, and what uv is told to install it from there."""
-    try:
-        text = importlib.metadata.distribution(OWN).read_text("direct_url.json")
-    except importlib.metadata.PackageNotFoundError:
-        text = None
-    told = json.loads(text or "{}")
-    if told.get("dir_info", {}).get("editable"):
-        return told["url"], ("--editable", told["url"].removeprefix("file://"))
-    if "url" in told:
-        return told["url"], (f"{OWN} @ {told['url']}",)
-    version = package_version(OWN)
-    return "", (f"{OWN}=={version}",)
+    folder = checkout()
+    if folder is not None:
+        return str(folder), ("--editable", str(folder))
+    found = importlib.metadata.distributions(name=OWN)
+    urls = (json.loads(own.read_text("direct_url.json") or "{}").get("url") for own in found)
+    url = next(filter(None, urls), None)
+    if url is not None:
+        return url, (f"{OWN} @ {url}",)
+    return "", (f"{OWN}=={package_version(OWN)}",)
 
 
 def find_uv() -> list[str]:

@@ -82,16 +82,16 @@ def install_command(*extras: str) -> str:
     if len(extras) == 1 and extras[0] in ISOLATED:
         return ISOLATED[extras[0]].command
     wanted = ",".join(extras)
-    return (
-        f'pip install -e ".[{wanted}]"' if _in_checkout() else f'pip install "integ-gym[{wanted}]"'
-    )
+    return f'pip install -e ".[{wanted}]"' if checkout() else f'pip install "integ-gym[{wanted}]"'
 
 
 @cache
-def _in_checkout() -> bool:
-    """Whether this package is used from a checkout, into which extras are installed by its path."""
-    project = Path(__file__).resolve().parents[1] / "pyproject.toml"
-    return project.is_file() and 'name = "integ-gym"' in project.read_text(encoding="utf-8")
+def checkout() -> Path | None:
+    """The checkout that this package is used from, into which extras are installed by its path."""
+    folder = Path(__file__).resolve().parents[1]
+    project = folder / "pyproject.toml"
+    own = project.is_file() and 'name = "integ-gym"' in project.read_text(encoding="utf-8")
+    return folder if own else None
 
 
 def not_installed(modules: Iterable[str]) -> list[str]:
