@@ -173,9 +173,9 @@ def replay(
     """
     done = Replayed() if done is None else done
     here, elsewhere = _by_packages(records)
-    for packages, own in elsewhere.items():
-        _replay_there(packages, own, exact, own_code, policy, done)
-        report(len(own))
+    for packages, of_them in elsewhere.items():
+        _replay_there(packages, of_them, exact, own_code, policy, done)
+        report(len(of_them))
     able = []
     for file, record in here:
         try:

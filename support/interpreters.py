@@ -405,9 +405,9 @@ def call_there(
             [str(interpreter.python), "-m", _SERVING],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=words, env=environment,
         )  # fmt: skip
+        assert process.stdin is not None
+        assert process.stdout is not None
         try:
-            assert process.stdin is not None
-            assert process.stdout is not None
             try:
                 pickle.dump(asked, process.stdin)
                 process.stdin.close()
