@@ -66,6 +66,8 @@ class ForeignSetup:
     """Arguments of the environment."""
     fingerprinted: str | None = None
     """The plant on which the integrator's fingerprint is taken; None: it is known by name alone."""
+    testbed: str | None = None
+    """What made the environment, ``"module:Class"``; None: not a testbed."""
 
     def arguments(self) -> dict[str, Any]:
         """Discretization and arguments."""

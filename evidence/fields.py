@@ -37,7 +37,8 @@ def engine_description(setup: Setup, _: int) -> str:
     if settings.engine not in (NATIVE, None) and setup.fingerprinted is not None:
         measured = numerics.fingerprint(settings.engine, settings.integrator, setup.fingerprinted)
         described = {**described, "fingerprint": measured.to_json()}
-    return json_text(described)
+    testbed = getattr(setup, "testbed", None)
+    return json_text(described if testbed is None else {**described, "testbed": testbed})
 
 
 def sensor_period(setup: Setup, _: int) -> float | None:
@@ -296,7 +297,8 @@ _DISCRETIZATION = _group(
     _text("engine?", "what advanced the plant", setup("settings.engine")),
     _text("engine_version?", "version of the engine", setup("engine.version")),
     _json("engine_description", "the engine's float width, map, fingerprint and stops; "
-        "`resistance`, where the force of our stops and friction acts; why no constraint is "
+        "`resistance`, where the force of our stops and friction acts; `testbed`, what made the "
+        "environment; why no constraint is "
         "violated", setup(engine_description)),
     _text("integrator?", "one-step map, as the engine calls it", setup("settings.integrator")),
     _real("dt?", "s", "integration step", setup("timing.dt")),

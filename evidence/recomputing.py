@@ -20,7 +20,14 @@ from integ_gym.envs.transition import STATUS_NAMES
 from integ_gym.support.optional import installed_versions
 
 from .episodes import told_setup
-from .fields import CODED_REASONS, FIRST_WRITTEN, SUMMARY_FIELDS, VOLATILE_NAMES
+from .fields import (
+    CODED_REASONS,
+    FIRST_WRITTEN,
+    SCHEMA_VERSION,
+    SUMMARY_FIELDS,
+    VOLATILE_NAMES,
+    json_text,
+)
 from .labels import (
     EpisodeContext,
     EpisodeFacts,
@@ -113,6 +120,13 @@ def drawn_again(record: EvidenceRecord) -> bool:
     return record.first_of_seed and record.fields["phase"] != "training"
 
 
+def _of_those_told(arguments: str, recorded: str) -> str:
+    """Arguments, JSON, without those that a record of an earlier version did not have yet."""
+    known = argument_values(recorded)
+    made = parse_field("arguments", arguments)
+    return json_text({name: value for name, value in made.items() if name in known})
+
+
 def differences(
     record: EvidenceRecord,
     again: EvidenceRecord,
@@ -139,6 +153,8 @@ def differences(
         if own.name in left_out or own.since > fields["schema_version"]:
             continue
         recorded, computed = fields[own.name], again.fields[own.name]
+        if own.name == "arguments" and fields["schema_version"] < SCHEMA_VERSION:
+            computed = _of_those_told(computed, recorded)
         moved = computed if nudged is None else nudged.fields[own.name]
         slack = 1.0 if tolerance and own.name.startswith(_ITERATIONS) else 0.0
         if not _alike(recorded, computed, moved, tolerance, slack):
@@ -345,6 +361,8 @@ def _derive_fields(fields: Any) -> dict[str, Any]:
     columns = _setup_columns(fields["env_id"], fields["arguments"])
     narrow = fields["float_width"] != 64
     own = {k: x for k, x in columns.items() if not (narrow and k == "engine_description")}
+    if fields["schema_version"] < SCHEMA_VERSION:
+        own["arguments"] = _of_those_told(own["arguments"], fields["arguments"])
     return expected | own
 
 

@@ -19,7 +19,7 @@ from integ_gym.envs.environment import is_integ_environment
 from integ_gym.envs.foreign import ForeignSetup
 from integ_gym.envs.registries import ENVIRONMENTS
 from integ_gym.envs.settings import DISCRETIZATION, NATIVE, Discretization
-from integ_gym.envs.testbeds.gym_testbed import ClassicControl
+from integ_gym.envs.testbeds.gym_testbed import ClassicControl, class_path
 from integ_gym.envs.testbeds.making import MujocoTestbed, find_testbed, make_checked
 from integ_gym.support.interpreters import (
     PACKAGES,
@@ -293,7 +293,7 @@ def _hindrance(record: EvidenceRecord, own_code: bool, decided: bool) -> str | N
     if ":" in fields["env_id"] and not own_code:
         return _OWN_CODE
     foreign = not is_integ_environment(fields["env_id"])
-    if foreign and not _is_seeded(fields["env_id"]):
+    if foreign and not _is_seeded(record):
         return "of an environment whose state cannot be set"
     if foreign and not drawn_again(record):
         return "of training, whose starts are not drawn from seeds of their own"
@@ -310,9 +310,14 @@ def _hindrance(record: EvidenceRecord, own_code: bool, decided: bool) -> str | N
     return None
 
 
-def _is_seeded(env_id: str) -> bool:
-    """Whether an environment of others starts from its seed alone, as far as that is known."""
-    return isinstance(find_testbed(env_id, {}), MujocoTestbed | ClassicControl)
+_SEEDED = tuple(class_path(kind) for kind in (MujocoTestbed, ClassicControl))
+"""Testbeds whose environments start from their seeds alone, and follow from id and arguments."""
+
+
+def _is_seeded(record: EvidenceRecord) -> bool:
+    """Whether a testbed made it whose environments can be made and started again."""
+    described = parse_field("engine_description", record.fields["engine_description"])
+    return described.get("testbed") in _SEEDED
 
 
 def _has_lost_actions(record: EvidenceRecord) -> bool:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Hashable, Mapping
-from dataclasses import dataclass
-from functools import cached_property, partial
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Final, Protocol
 
 import gymnasium as gym
@@ -139,6 +139,11 @@ def split_period(testbed: Testbed, discretization: Discretization) -> tuple[floa
     return period, whole_multiple("control_period", period, "dt", discretization.dt)
 
 
+def class_path(kind: type) -> str:
+    """A class as ``"module:Class"``, by which evidence names the testbed that made a lane."""
+    return f"{kind.__module__}:{kind.__qualname__}"
+
+
 class SequentialTestbed:
     """A testbed without a truth, whose decisions are taken at its home's control period.
 
@@ -204,7 +209,12 @@ class SequentialTestbed:
         if discretization.engine != self.engine:
             kind = f"engine of {self.title}"
             raise InputError(unknown_name(kind, discretization.engine, [self.engine]))
-        make = partial(self.lane, discretization, {**self.arguments, **arguments})
+
+        def make() -> Any:
+            env: Any = self.lane(discretization, {**self.arguments, **arguments})
+            env.setup = replace(env.setup, testbed=class_path(type(self)))
+            return env
+
         return SequentialVectorEnv(make, lanes, autoreset_mode)
 
 

@@ -196,6 +196,8 @@ def read_summary(path: Path) -> Summary:
         origin = msgspec.json.decode((table.schema.metadata or {})[KEY], type=Origin)
     except (KeyError, msgspec.DecodeError, pa.ArrowException) as error:
         raise InputError(f"{path} is no summary of an atlas's block: {error}") from None
+    if origin.specification.get("perturbations") == []:  # as summaries before 1.0.0rc2 have it
+        origin.specification["variations"] = origin.specification.pop("perturbations")
     return Summary(origin, table.replace_schema_metadata(None))
 
 

@@ -29,7 +29,7 @@ from integ_gym.envs.testbeds.making import make_checked
 from integ_gym.support.errors import InputError, IntegGymError
 from integ_gym.support.interpreters import PACKAGES
 from integ_gym.support.optional import running_version
-from integ_gym.support.parameters import unknown_name
+from integ_gym.support.parameters import positive, unknown_name
 
 from ..statistics import Part
 from ..verdict import Achievability, Attempt, CellRole, Search
@@ -320,6 +320,9 @@ def axes_between(home: Discretization, cell: Cell) -> dict[str, dict[str, Any]]:
 
 def timing_fault(arguments: Mapping[str, Any]) -> str | None:
     """What is wrong with the times of an environment's arguments, in words; None: nothing."""
+    problem = positive(arguments["dt"])
+    if problem:
+        return f"`dt` {problem}, got {arguments['dt']!r}"
     for name in ("control_period", "action_latency", "observation_latency", "sensor_period"):
         value = arguments.get(name)
         try:

@@ -254,10 +254,13 @@ def plan(
     engine = around.engine if integrators else testbed.home.engine
     periods = [period] if at else many(varied.get("control_period", period))
     columns, unmade = fitting(
-        Discretization(integrator, dt, one, engine)
-        for integrator in integrators or testbed.integrators(engine)
-        for one in periods
-        for dt in dts or testbed.steps(around)
+        (
+            Discretization(integrator, dt, one, engine)
+            for integrator in integrators or testbed.integrators(engine)
+            for one in periods
+            for dt in dts or testbed.steps(around)
+        ),
+        dts or (),
     )
     if "home" in at and not own:
         raise InputError("the home is unknown, so nothing can be varied there; give --home")

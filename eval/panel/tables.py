@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import product
 from typing import Annotated, Any, TypeAlias
@@ -162,7 +162,7 @@ def evaluation_cells(
             asked.append(convert(where, own, Places))
             places: list[Any] = _expand("evaluate", asked[-1], home)
             if len(many(asked[-1].control_period)) > 1:
-                places, faults = fitting(places)
+                places, faults = fitting(places, [place.dt for place in places])
                 unmade += faults
             if not rest:
                 grid += places
@@ -178,15 +178,30 @@ def evaluation_cells(
     return tuple(dict.fromkeys(grid)), tuple(variations), tuple(unmade)
 
 
-def fitting(places: Iterable[Discretization]) -> tuple[list[Discretization], list[str]]:
-    """Discretizations whose control period is a multiple of their step; sentences on the others."""
+def fitting(
+    places: Iterable[Discretization], steps: Collection[float] = ()
+) -> tuple[list[Discretization], list[str]]:
+    """Discretizations whose control period is a multiple of their step; sentences on the others.
+
+    Args:
+        places: to choose from.
+        steps: that were asked for, s.
+
+    Raises:
+        SpecError: if nothing is left, or nothing with one of these steps.
+    """
     faults = {place: timing_fault(place.arguments()) for place in places}
     sentences = [
         f"{place.name} is not evaluated at a control period of {place.control_period:g} s: {fault}."
         for place, fault in faults.items()
         if fault
     ]
-    return [place for place, fault in faults.items() if not fault], sentences
+    kept = [place for place, fault in faults.items() if not fault]
+    for place, fault in faults.items():
+        lost = place.dt in steps and all(place.dt != one.dt for one in kept)
+        if fault and (lost or not kept):
+            raise SpecError(fault)
+    return kept, sentences
 
 
 def _varied_places(where: str, place: Any, home: Discretization) -> list[Any]:

@@ -97,6 +97,12 @@ BASES = {"evaluate": EVALUATE, "panel": PANEL, "train": TRAIN, "watch": WATCH}
 WHOLE: dict[tuple[str, str], tuple[tuple[str, ...], tuple[str, ...]]] = {
     ("evaluate", "file"): (EVALUATE, ("evaluate", "other.zip", *EVALUATE[2:])),
     ("evaluate", "policy"): (EVALUATE, ("evaluate", "--policy", "a:b", *EVALUATE[2:])),
+    ("evaluate", "vary"): (EVALUATE, (*EVALUATE, "--vary", "action_latency=0,0.05")),
+    ("evaluate", "at"): (
+        (*EVALUATE, "--vary", "mass=2"),
+        (*EVALUATE, "--vary", "mass=2", "--at", "home"),
+    ),
+    ("evaluate", "fail_if"): (EVALUATE, (*EVALUATE, "--fail-if", "loss > 0.1")),
     ("evaluate", "success_return"): (HOPPER, (*HOPPER, "--success-return", "5")),
     ("panel", "spec"): (PANEL, (*PANEL, str(ROOT / "specs" / "cart_pole_swing_up.toml"))),
     ("panel", "plan"): (PANEL, ("panel", "--plan")),
@@ -257,7 +263,8 @@ APPLIED: dict[str, dict[str, Any]] = {
         "policy": other_act, "env_id": "IntegElasticPendulum-v0", "out": "elsewhere",
         "home": "stock", "integrators": ["rk4"], "dts": [0.05], "episodes": 3,
         "environment": {"max_torque": 1.0}, "workers": 2, "progress": False,
-        "on_doubt": print, "command": "mine", "on_home": lambda line: None,
+        "on_doubt": print, "varied": {"mass": [2.0]}, "command": "mine",
+        "on_home": lambda line: None,
     },
     "panelled": {
         "spec": replace(built_in_spec("quick"), episodes=3), "out": "elsewhere", "workers": 3,
@@ -274,6 +281,7 @@ UNUSABLE: dict[str, dict[str, tuple[Any, str]]] = {
         **NOT_FOR_THIS_MACHINE,
         "obs_stats": ("vecnormalize.pkl", "are given for a policy's file"),
         "own_code": (True, "own_code lets a side-car name classes"),
+        "at": (("home",), "nothing is varied at home"),
     },
     "panelled": NOT_FOR_THIS_MACHINE,
 }

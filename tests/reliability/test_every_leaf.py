@@ -61,7 +61,7 @@ def test_a_place_is_listed_with_all_that_is_in_it():
         ("units/train-*.json", "started", False),
         ("units/train-*.json", "start.within", True),
         ("policies/*/policy.json", "versions.torch", True),
-        ("policies/*/policy.json", "versions:torch", True),
+        ("units/train-*.json", "start:within", True),
         ("policies/*/policy.json", "config.versions", False),
     ):
         assert is_listed(Leaf(file, place, "changed", "", ()), patterns) is expected

@@ -114,7 +114,7 @@ def test_a_clean_result_leads_with_that() -> None:
     assert "the reference" not in panel.answer
     assert panel.truth is not None
     assert panel.truth.name == TRUTH.name
-    others, perturbed = (next(x for x in rest if noun in x) for noun in ("discretiz", "perturb"))
+    others, perturbed = (next(x for x in rest if noun in x) for noun in ("discretiz", "variation"))
     assert others.startswith("2 other discretizations against home: 1 lower, 1 practically equal")
     assert f"Largest: {RK4.name} lost 0.80 (0.66 to 0.89)." in others
     assert HEAVY not in others

@@ -108,7 +108,7 @@ def test_damaged_files_are_refused_with_the_place_and_the_remedy(
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("version", [1, 2, 3, 4, 5, 7, None, "6"])
+@pytest.mark.parametrize("version", [1, 2, 3, 4, 5, 6, 8, None, "7"])
 def test_other_versions_are_refused_with_the_remedy(version: Any, tmp_path: Path) -> None:
     message = (
         f"has schema_version {version!r}, and this version of integ-gym reads 7; use the version"

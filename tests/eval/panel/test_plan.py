@@ -32,7 +32,7 @@ LARGER = [
     ({"question": "And now?"}, "question"),
     (
         {"evaluate": [*SMALL["evaluate"], {"at": "truth", "mass": 2.0}]},
-        "variation 'mass=2.0' (mass=2.0)",
+        "variation 'mass=2' (mass=2)",
     ),
     ({"train": [*SMALL["train"], MIXED]}, "row 'both'"),
     ({"train": [*SMALL["train"], {"integrator": "rk4", "dt": 0.0125}]}, "row 'rk4 dt=0.0125'"),

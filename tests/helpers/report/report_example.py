@@ -559,7 +559,8 @@ def none_panel() -> dict[str, Any]:
         judged.update(dict.fromkeys(name for name in judged if name.startswith("p_")))
         for part in ("total", *parts):
             judged[part] |= unbounded
-    panel.update(remedies=[], training_costs={}, spec={}, versions={})
+    variations = {"variations": panel["spec"]["variations"]}
+    panel.update(remedies=[], training_costs={}, spec=variations, versions={})
     panel.update(failures=[], failures_total=0, policy_comparisons=[])
     return panel
 

@@ -185,7 +185,7 @@ WRONG = {
     "another's spaces": ("CartPole-v1", [], "expects observations of shape (17,)"),
     "another's": ("MountainCar-v0", [], "is no MuJoCo task; give IntegCartPole-v0, "),
     "other spaces": ("Hopper-v5", [], "expects observations of shape (17,)"),
-    "does not divide": ("HalfCheetah-v5", ["--dt", "0.03"], "nearest valid: 0.025 or 0.05 s"),
+    "does not divide": ("HalfCheetah-v5", ["--dt", "0.03"], "with `dt` 0.025 or 0.05 s"),
     "not a number": ("HalfCheetah-v5", ["--dt", "nan"], "`dt` must be a finite number above 0"),
     "backwards": ("HalfCheetah-v5", ["--dt=-0.002"], "`dt` must be a finite number above 0, got"),
     "no return": ("HalfCheetah-v5", ["--success-return", "nan"], "must be a finite number, got"),

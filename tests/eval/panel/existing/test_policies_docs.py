@@ -32,7 +32,7 @@ SMALL = ("--integrator", "rk4", "--dt", "0.01", "--episodes", "2", "--env-arg", 
 
 def _commands() -> list[list[str]]:
     blocks = re.findall(r"^```sh\n(.*?)^```", PAGE, re.DOTALL | re.MULTILINE)
-    lines = "".join(blocks).splitlines()
+    lines = "".join(blocks).replace("\\\n", " ").splitlines()
     return [shlex.split(line, comments=True)[2:] for line in lines]
 
 

@@ -71,7 +71,7 @@ def test_a_specification_is_filled_in_from_the_task():
 @pytest.mark.parametrize(
     ("changes", "fragment"),
     [
-        ({"control_period": 0.05}, "`control_period`=0.05 was asked for, but"),
+        ({"control_period": 0.05}, "`control_period`=0.05 s is not a whole multiple"),
         ({"env_id": "CartPole-v1"}, "unknown integrator of ClassicControl"),
         ({"environment": {"mass": 2.0}}, "Gymnasium cannot make"),
         ({"trainer": "fleet"}, "--trainer sb3"),
