@@ -118,6 +118,7 @@ USES: dict[str, list[str | list[str]]] = {
     "ray": [_python("import ray, integ_gym")],
     "dask": [_python("import dask, distributed, integ_gym")],
     "slurm": [_python("import submitit, integ_gym")],
+    "versions": [_python("import uv, integ_gym.support.interpreters")],
     "storage": [_python("import obstore, fsspec, integ_gym")],
     "robotics": [_python("import gymnasium_robotics, mujoco, integ_gym")],
     "playground": [_python("import mujoco_playground, integ_gym")],

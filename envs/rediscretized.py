@@ -213,6 +213,7 @@ class Ledger:
         self._scratch = mujoco.MjData(model)
         self._displacement = np.zeros(model.nv)
         self._damping = np.array(model.dof_damping).reshape(model.nv, -1)[:, 0]
+        self._was_reset = False
         self.accounted = _accounted(model, integrator)
         self._staged = self.accounted and integrator == "RK4"
 
@@ -220,6 +221,8 @@ class Ledger:
         """Kinetic plus potential energy, J, zero where MuJoCo has it."""
         scratch, model, mujoco = self._scratch, self._model, self._mujoco
         scratch.qpos[:], scratch.qvel[:] = data.qpos, data.qvel
+        if not hasattr(mujoco, "mj_makeM"):
+            return self._energy_by_forward()
         mujoco.mj_kinematics(model, scratch)
         mujoco.mj_comPos(model, scratch)
         mujoco.mj_tendon(model, scratch)
@@ -228,14 +231,29 @@ class Ledger:
         mujoco.mj_energyVel(model, scratch)
         return float(scratch.energy.sum())
 
+    def _energy_by_forward(self) -> float:
+        """The same of the scratch data, where MuJoCo has no `mj_makeM`, as before 3.3.
+
+        MuJoCo 3.1 shows the potential energy in place of the kinetic one.
+        """
+        scratch, model, mujoco = self._scratch, self._model, self._mujoco
+        flags = model.opt.enableflags
+        model.opt.enableflags = flags | int(mujoco.mjtEnableBit.mjENBL_ENERGY)
+        mujoco.mj_forward(model, scratch)
+        model.opt.enableflags = flags
+        momentum = np.zeros(model.nv)
+        mujoco.mj_mulM(model, scratch, momentum, scratch.qvel)
+        return float(scratch.energy[0] + 0.5 * momentum @ scratch.qvel)
+
     def step(self, data: Any, count: int) -> Booked:
         """Take ``count`` steps, or as many as there are until the motion has diverged."""
         work = lost = depth = violation = 0.0
         constrained, iterations = False, 0
         for _ in range(count):
-            before = data.qpos.copy()
+            before, time = data.qpos.copy(), data.time
             constrained |= self._taken(data)
-            if is_lost(data):
+            self._was_reset = data.time <= time
+            if self.is_lost(data):
                 break
             moved = self._displacement
             self._mujoco.mj_differentiatePos(self._model, moved, 1.0, before, data.qpos)
@@ -248,6 +266,11 @@ class Ledger:
                 depth = max(depth, -float(data.contact.dist.min()))
         lost = lost if self.accounted else nan
         return Booked(work, lost, constrained, iterations, depth, violation)
+
+    def is_lost(self, data: Any) -> bool:
+        """Whether the motion has diverged, or MuJoCo reset it, which before 3.2 it always does."""
+        finite = np.isfinite(data.qpos).all() and (np.abs(data.qvel) <= FASTEST).all()
+        return self._was_reset or not finite
 
     def put_back(self, booked: Booked) -> Booked:
         """What is booked of a control period whose motion was taken back."""
@@ -269,11 +292,6 @@ class Ledger:
         mujoco.mj_step(model, free)
         model.opt.disableflags = flags
         return bool((free.qpos != data.qpos).any() or (free.qvel != data.qvel).any())
-
-
-def is_lost(data: Any) -> bool:
-    """Whether the motion has diverged."""
-    return not (np.isfinite(data.qpos).all() and (np.abs(data.qvel) <= FASTEST).all())
 
 
 def _accounted(model: Any, integrator: str) -> bool:
@@ -551,7 +569,7 @@ class RediscretizedEnv(ForeignWrapper):
         self._silence()
         with self._timed(timing.dt, timing.substeps):
             self._booked = self._advance(control)
-            self._diverged = is_lost(data)
+            self._diverged = self._ledger.is_lost(data)
             if self._diverged:
                 data.qpos[:], data.qvel[:] = q, v
                 self._mujoco.mj_forward(model, data)
@@ -570,7 +588,7 @@ class RediscretizedEnv(ForeignWrapper):
             data.ctrl[:] = self._held if end <= late else control
             part = self._ledger.step(data, end - begin)
             booked = part if booked is None else add_up(booked, part)
-            if is_lost(data):
+            if self._ledger.is_lost(data):
                 break
             if end == seen < timing.substeps:
                 self._mujoco.mj_forward(self._model, data)
@@ -641,7 +659,7 @@ class RediscretizedEnv(ForeignWrapper):
         timing = Timing.of(step, period, sensor_period=None, duration=horizon * period, **delays)
         model.opt.timestep = step
         model.opt.integrator = known[chosen]
-        model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+        model.opt.disableflags |= int(getattr(mujoco.mjtDisableBit, "mjDSBL_AUTORESET", 0))
         inner.frame_skip = timing.substeps
         size = int(np.prod(self.observation_space.shape or (1,)))
         names = tuple(f"obs{index}" for index in range(size))

@@ -21,6 +21,15 @@ from integ_gym.envs.registries import ENVIRONMENTS
 from integ_gym.envs.settings import DISCRETIZATION, DRAWN, NATIVE, Discretization
 from integ_gym.envs.testbeds.gym_testbed import ClassicControl, class_path
 from integ_gym.envs.testbeds.making import MujocoTestbed, find_testbed, make_checked
+from integ_gym.support.interpreters import (
+    PACKAGES,
+    InterpreterError,
+    are_running,
+    call_there,
+    find_interpreter,
+    needed_versions,
+    parse_packages,
+)
 from integ_gym.support.optional import package_version
 from integ_gym.support.parameters import texts_of
 from integ_gym.support.terminal import plural
@@ -109,6 +118,18 @@ class Replayed:
         """Count records that cannot be played again."""
         self.skipped[reason] = self.skipped.get(reason, 0) + count
 
+    def add(self, other: Replayed) -> None:
+        """Count what came of further records."""
+        self.records += other.records
+        self.exact += other.exact
+        self.findings += other.findings
+        self.sensitive += other.sensitive
+        for file, found in other.close.items():
+            self.close.setdefault(file, []).extend(found)
+        self.of_file += other.of_file
+        for reason, count in other.skipped.items():
+            self.skip(reason, count)
+
     def settle(self) -> Replayed:
         """Judge what deviates by how much of the rest came out to the last bit.
 
@@ -145,13 +166,18 @@ def replay(
         own_code: whether classes that a record names as ``"module:Class"`` may be loaded.
         policy: what acted in a record, which then decides again; a `ValueError` says that it
             cannot be had. Its decisions are the same to the last bit where all its episodes of a
-            cell are among ``records``, for it sees them together.
+            cell are among ``records``, for it sees them together. It is pickled for records of
+            other package versions.
         report: told now and then how many more of ``records`` are done with.
         done: what came of other records, to which these are added.
     """
     done = Replayed() if done is None else done
+    here, elsewhere = _by_packages(records)
+    for packages, of_them in elsewhere.items():
+        _replay_there(packages, of_them, exact, own_code, policy, done)
+        report(len(of_them))
     able = []
-    for file, record in records:
+    for file, record in here:
         try:
             reason = _hindrance(record, own_code, policy is not None)
             if reason is None:
@@ -164,7 +190,7 @@ def replay(
             able.append((file, record))
         else:
             done.skip(reason)
-    report(len(records) - len(able))
+    report(len(here) - len(able))
     own = ("env_id", "arguments", "cell", "policy_id", "policy_hash")
     key = itemgetter(*(own[:2] if policy is None else own))
     able.sort(key=lambda item: key(item[1].fields))
@@ -176,6 +202,89 @@ def replay(
             _play(together, exact, done, policy)
             report(len(together))
     return done
+
+
+def packages_of(record: EvidenceRecord) -> tuple[str, ...]:
+    """Package versions of the record's cell that are not those of this interpreter.
+
+    Raises:
+        EvidenceError, ValueError: for a damaged field.
+    """
+    changed = parse_field("perturbation", record.fields["perturbation"]) or {}
+    packages = parse_packages(changed[PACKAGES]) if PACKAGES in changed else ()
+    return () if are_running(packages) else packages
+
+
+def needed_for(record: EvidenceRecord) -> dict[str, str]:
+    """Versions, as they are here, of what is imported where a record is played again."""
+    fields = record.fields
+    return needed_versions((fields["env_id"].partition(":")[0], str(fields["engine"])))
+
+
+Named = tuple[str, EvidenceRecord]
+
+
+def _by_packages(
+    records: Sequence[Named],
+) -> tuple[list[Named], dict[tuple[str, ...], list[Named]]]:
+    """Records that are played here, and those of other package versions by these."""
+    here: list[Named] = []
+    elsewhere: dict[tuple[str, ...], list[Named]] = {}
+    for named in records:
+        try:
+            packages = packages_of(named[1])
+        except ValueError:  # a damaged one is found as such here
+            packages = ()
+        (elsewhere.setdefault(packages, []) if packages else here).append(named)
+    return here, elsewhere
+
+
+def _replay_there(
+    packages: tuple[str, ...],
+    records: list[Named],
+    exact: bool,
+    own_code: bool,
+    policy: Callable[[EvidenceRecord], Acting] | None,
+    done: Replayed,
+) -> None:
+    """Play records again in the interpreter with their package versions, if it is there."""
+    interpreter = find_interpreter(packages, needed_for(records[0][1]))
+    if interpreter is None:
+        done.skip(
+            f"of {' '.join(packages)}, with which there is no interpreter here: verify with "
+            "--make-interpreters makes it",
+            len(records),
+        )
+        return
+    try:
+        (found,) = call_there(interpreter, _replayed, records, exact, own_code, policy)
+    except InterpreterError as error:
+        done.skip(f"that cannot be played again: {_line(error)}", len(records))
+        return
+    done.add(found)
+
+
+def _replayed(
+    records: Sequence[Named],
+    exact: bool,
+    own_code: bool,
+    policy: Callable[[EvidenceRecord], Acting] | None,
+) -> Iterator[Replayed]:
+    yield replay(records, exact=exact, own_code=own_code, policy=policy)
+
+
+def interpreters_of(store: EvidenceStore) -> dict[tuple[str, ...], EvidenceRecord]:
+    """Package versions of cells that are not those of this interpreter, each with a record."""
+    names = store.query(_VARIED).column("record_id").to_pylist()
+    records = store.named_records(frozenset(names)) if names else ()
+    found = {packages_of(record): record for _, record in records}
+    return {packages: record for packages, record in found.items() if packages}
+
+
+_VARIED = f"""
+SELECT any_value(record_id) AS record_id FROM records
+WHERE perturbation LIKE '%"{PACKAGES}"%' GROUP BY perturbation, env_id, engine
+"""
 
 
 def _hindrance(record: EvidenceRecord, own_code: bool, decided: bool) -> str | None:

@@ -9,7 +9,7 @@ import re
 from collections.abc import Iterable
 from functools import cache
 from importlib.machinery import PathFinder
-from importlib.metadata import PackageNotFoundError, requires
+from importlib.metadata import PackageNotFoundError, metadata, requires
 from importlib.metadata import version as metadata_version
 from importlib.util import find_spec
 from pathlib import Path
@@ -82,16 +82,16 @@ def install_command(*extras: str) -> str:
     if len(extras) == 1 and extras[0] in ISOLATED:
         return ISOLATED[extras[0]].command
     wanted = ",".join(extras)
-    return (
-        f'pip install -e ".[{wanted}]"' if _in_checkout() else f'pip install "integ-gym[{wanted}]"'
-    )
+    return f'pip install -e ".[{wanted}]"' if checkout() else f'pip install "integ-gym[{wanted}]"'
 
 
 @cache
-def _in_checkout() -> bool:
-    """Whether this package is used from a checkout, into which extras are installed by its path."""
-    project = Path(__file__).resolve().parents[1] / "pyproject.toml"
-    return project.is_file() and 'name = "integ-gym"' in project.read_text(encoding="utf-8")
+def checkout() -> Path | None:
+    """The checkout that this package is used from, into which extras are installed by its path."""
+    folder = Path(__file__).resolve().parents[1]
+    project = folder / "pyproject.toml"
+    own = project.is_file() and 'name = "integ-gym"' in project.read_text(encoding="utf-8")
+    return folder if own else None
 
 
 def not_installed(modules: Iterable[str]) -> list[str]:
@@ -158,7 +158,8 @@ def check_versions(extra: str) -> None:
     """Check that no package of an extra is older than the extra asks for.
 
     Packages that are not installed are left to whoever imports them. An extra that is named in the
-    environment variable ``INTEG_GYM_ANY_VERSION`` (several with commas) is not checked.
+    environment variable ``INTEG_GYM_ANY_VERSION`` (several with commas, ``*`` for all) is not
+    checked.
 
     Args:
         extra: its name; of a name that is no extra nothing is asked.
@@ -166,7 +167,7 @@ def check_versions(extra: str) -> None:
     Raises:
         ValueError: for an older one, with the command that installs a newer.
     """
-    if extra in os.environ.get(ANY_VERSION, "").split(","):
+    if {extra, "*"} & set(os.environ.get(ANY_VERSION, "").split(",")):
         return
     for package, least in _least_versions(extra).items():
         found = package_version(package)
@@ -176,6 +177,43 @@ def check_versions(extra: str) -> None:
                 f'run: pip install "{package}>={least}", or set {ANY_VERSION}={extra} to try this '
                 "one"
             )
+
+
+_REQUIRED = re.compile(
+    r"(?P<package>[\w.-]+)(?:\[(?P<extras>[^]]*)\])?[^;]*(?:;(?P<condition>.*))?"
+)
+_OF_EXTRA = re.compile(r"extra == .(?P<extra>[\w-]+)")
+
+
+@cache
+def needed_by_extra(extra: str | None, package: str = "integ-gym") -> frozenset[str]:
+    """Packages that an extra asks for, those of extras in it included; of None what all need."""
+    try:
+        lines = requires(package) or []
+    except PackageNotFoundError:  # run from its sources
+        return frozenset()
+    found: set[str] = set()
+    for asked in filter(None, map(_REQUIRED.match, lines)):
+        condition = _OF_EXTRA.search(asked["condition"] or "")
+        own = None if condition is None else condition["extra"].replace("-", "_")
+        if own != (None if extra is None else extra.replace("-", "_")):
+            continue
+        if asked["package"] == package:
+            for other in (asked["extras"] or "").split(","):
+                found |= needed_by_extra(other, package)
+        else:
+            found.add(asked["package"])
+    return frozenset(found)
+
+
+@cache
+def extra_names() -> frozenset[str]:
+    """Names of this package's extras."""
+    try:
+        told = metadata("integ-gym").get_all("Provides-Extra") or []
+    except PackageNotFoundError:  # run from its sources
+        return frozenset()
+    return frozenset(name.replace("-", "_") for name in told)
 
 
 @cache

@@ -157,7 +157,7 @@ def _guarded(path: Path) -> bool:
     return bool(guards)
 
 
-_report: Callable[[float], None] | None = None
+_report: Callable[[float], object] | None = None
 
 
 class Progress:
@@ -263,7 +263,7 @@ class _AtOnce(Executor):
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         """A future that has ended; what is no `Exception`, as an interruption, is raised."""
         future: Future[Any] = Future()
-        with _reported_by(self._report):
+        with reported_by(self._report):
             try:
                 future.set_result(fn(*args, **kwargs))
             except Exception as error:
@@ -281,12 +281,13 @@ def report_work(amount: float) -> None:
 def reporting() -> Iterator[list[float]]:
     """What is reported in this process while the block lasts, in place of a pool's count."""
     told = list[float]()
-    with _reported_by(told.append):
+    with reported_by(told.append):
         yield told
 
 
 @contextmanager
-def _reported_by(report: Callable[[float], None]) -> Iterator[None]:
+def reported_by(report: Callable[[float], object]) -> Iterator[None]:
+    """Have work that is reported in this process given to a function while the block lasts."""
     global _report
     before, _report = _report, report
     try:
@@ -332,7 +333,7 @@ def _start_worker(
     watched: tuple[int, Any], done: Any, started: Any, prepare: Callable[[int], None] | None
 ) -> None:
     _report_to(done)
-    threading.Thread(target=_end_with, args=watched, daemon=True).start()
+    threading.Thread(target=end_with_parent, args=watched, daemon=True).start()
     limit_threads()
     if prepare is not None:
         with started.get_lock():
@@ -352,8 +353,14 @@ def _add(done: Any, amount: float) -> None:
         done.value += amount
 
 
-def _end_with(parent: int, stopped: Any) -> None:
-    """End this process when its parent is gone or has been interrupted."""
-    while os.getppid() == parent and not stopped.wait(0.5):
+def end_with_parent(parent: int, stopped: Any = None) -> None:
+    """End this process when its parent is gone or has been interrupted.
+
+    Args:
+        parent: its id.
+        stopped: an event that is set with an interruption; None without one.
+    """
+    waiting = threading.Event() if stopped is None else stopped
+    while os.getppid() == parent and not waiting.wait(0.5):
         pass
     os._exit(1)

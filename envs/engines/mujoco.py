@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any, ClassVar
@@ -14,6 +15,9 @@ from .rigid import LEAST_INERTIA, MAPS, Array, RigidBodyEngine, mass_matrix, mjc
 from .simulator import Run
 
 _TOLD_OF = ("INERTIA", "BADQPOS", "BADQVEL", "BADQACC")
+
+_NO_RESET = "mjDSBL_AUTORESET"
+"""The flag that keeps MuJoCo from resetting a motion that diverges; it has had it since 3.2."""
 
 
 class MujocoEngine(MujocoSettings, RigidBodyEngine):
@@ -64,7 +68,18 @@ class MujocoEngine(MujocoSettings, RigidBodyEngine):
             report = step() or ()
             return (*position.tolist(), *velocity.tolist(), *report)
 
-        return run
+        return run if hasattr(self._mujoco.mjtDisableBit, _NO_RESET) else self._lost(run, count)
+
+    def _lost(self, run: Run, count: int) -> Run:
+        """The same where MuJoCo, before 3.2, resets a motion that diverges: that is not finite."""
+        data, size, least = self._data, 2 * len(self._data.qpos), (count - 0.5) * self.dt
+
+        def run_or_lose(*values: float) -> tuple[float, ...]:
+            data.time = 0.0
+            found = run(*values)
+            return found if data.time > least else (math.nan,) * size + found[size:]
+
+        return run_or_lose
 
     def run_with_speeds(self, count: int) -> Run:
         """Take ``count`` steps in one call, of which sensors keep the velocities."""
@@ -90,6 +105,7 @@ class MujocoEngine(MujocoSettings, RigidBodyEngine):
         text = mjcf(self.mechanism, self.dt, self.integrator, history)
         model = self._mujoco.MjModel.from_xml_string(text)
         write_solver(self._mujoco, model, self.settings)
+        model.opt.disableflags |= int(getattr(self._mujoco.mjtDisableBit, _NO_RESET, 0))
         data = self._mujoco.MjData(model)
         silencer(self._mujoco, data)()
         return model, data

@@ -324,7 +324,7 @@ def mjcf(mechanism: Mechanism, dt: float, integrator: str, history: int = 0) -> 
     return (
         '<mujoco><compiler angle="radian" autolimits="false"/>'
         f'<option timestep="{dt!r}" integrator="{integrator}" gravity="0 0 {-mechanism.gravity!r}">'
-        '<flag contact="disable" autoreset="disable"/></option>'
+        '<flag contact="disable"/></option>'
         f"<worldbody>{bodies}{'</body>' * len(mechanism.links)}</worldbody>"
         f"<sensor>{sensors}</sensor></mujoco>"
     )
@@ -352,7 +352,10 @@ def stop_law(model: Any, stops: Stops | None) -> dict[str, Any]:
 def mass_matrix(mujoco: Any, model: Any, data: Any) -> Array:
     """Of a MuJoCo model, (dof, dof), from data that hold it packed."""
     full = np.zeros((model.nv, model.nv))
-    mujoco.mj_fullM(model, data, full)
+    try:
+        mujoco.mj_fullM(model, data, full)
+    except TypeError:  # before 4.0
+        mujoco.mj_fullM(model, full, data.qM)
     return full
 
 

@@ -243,9 +243,7 @@ class MujocoWarpEngine(MujocoSettings, WarpEngine):
             return forces_at_rest(self._mujoco, self._mjw, made, model, data, q)
 
     def _compiled(self, mechanism: Mechanism) -> Any:
-        """MuJoCo's model; MuJoCo Warp has no automatic reset, and does not know its flag."""
-        text = mjcf(mechanism, self.dt, self.integrator)
-        model = self._mujoco.MjModel.from_xml_string(text)
+        """MuJoCo's model, with the settings of its solver."""
+        model = self._mujoco.MjModel.from_xml_string(mjcf(mechanism, self.dt, self.integrator))
         write_solver(self._mujoco, model, self.settings)
-        model.opt.disableflags &= ~int(self._mujoco.mjtDisableBit.mjDSBL_AUTORESET)
         return model

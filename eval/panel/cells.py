@@ -28,6 +28,7 @@ from integ_gym.envs.settings import (
 from integ_gym.envs.testbeds.gym_testbed import Testbed
 from integ_gym.envs.testbeds.making import make_checked
 from integ_gym.support.errors import InputError, IntegGymError
+from integ_gym.support.interpreters import PACKAGES
 from integ_gym.support.optional import running_version
 from integ_gym.support.parameters import positive, unknown_name
 
@@ -134,7 +135,7 @@ AXES: Final[Mapping[str, tuple[str, ...]]] = {
     "delay": (*DELAYS, "fallback"),
     "sensing": SENSING,
     "solver": ("solver",),
-    "version": ("packages",),
+    "version": (PACKAGES,),
 }
 """What a cell can differ from home in, by constructor argument; others are of the plant."""
 
@@ -241,13 +242,19 @@ class Cell(Part, frozen=True, kw_only=True):
         return self.kind != "varied"
 
     @property
+    def packages(self) -> tuple[str, ...]:
+        """Versions of packages that differ there, as ``"name==version"``."""
+        return tuple(self.environment.get(PACKAGES, ()))
+
+    @property
     def changes(self) -> str | None:
         """What is changed beside the discretization, as text that compares; None: nothing."""
         return json.dumps(self.environment, sort_keys=True) if self.environment else None
 
     def arguments(self, environment: Mapping[str, Any]) -> dict[str, Any]:
         """Constructor arguments of this cell's environment."""
-        return place_arguments(self.discretization, environment, **self.environment)
+        changes = {name: x for name, x in self.environment.items() if name != PACKAGES}
+        return place_arguments(self.discretization, environment, **changes)
 
 
 def place_name(place: Discretization, period: float) -> str:
@@ -275,7 +282,11 @@ def place_arguments(
 def changes_name(changes: Mapping[str, Any]) -> str:
     """What a variation is called by default: its arguments with their values."""
     return ", ".join(
-        f"{path}={value:g}" if isinstance(value, float) else f"{path}={value}"
+        " ".join(value)
+        if path == PACKAGES
+        else f"{path}={value:g}"
+        if isinstance(value, float)
+        else f"{path}={value}"
         for path, value in flatten(changes)
     )
 

@@ -18,11 +18,13 @@ from integ_gym.evidence.labels import EpisodeContext, Replays
 from integ_gym.evidence.labels import Home as HomeReplay
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.evidence.vector_recorder import RecordVectorEvidence
+from integ_gym.support.interpreters import are_running, call_there, describe_versions
 from integ_gym.support.processes import report_work
 from integ_gym.train.policy import Policy, PolicyStack
 
 from .cells import DELAYS, Cell, Home, environments_of, place_arguments
 from .costs import cell_seconds
+from .elsewhere import interpreter_for, other_packages
 from .spec import PanelSpec
 
 Flags = npt.NDArray[np.bool_]
@@ -50,6 +52,7 @@ class Successes:
         homeless: policies that were trained nobody says where.
         before: of every policy, of how many of how many earlier episodes at home it succeeded, by
             cell.
+        known: success in cells that are not among these, by policy and cell.
     """
 
     def __init__(
@@ -62,6 +65,7 @@ class Successes:
         whole: bool = True,
         homeless: Collection[int] = (),
         before: Sequence[Mapping[Discretization, tuple[int, int]]] = (),
+        known: Mapping[tuple[int, Key], Flags] | None = None,
     ) -> None:
         self._homes = homes
         self._environment = environment
@@ -71,7 +75,7 @@ class Successes:
         self._homeless = homeless
         self._before = before
         self._awaited = [{_key(cell) for cell in own} for own in cells]
-        self._known: dict[tuple[int, Key], Flags] = {}
+        self._known: dict[tuple[int, Key], Flags] = dict(known or {})
         self._recovered: dict[tuple[int, Key], Flags | None] = {}
 
     def note(
@@ -82,6 +86,11 @@ class Successes:
             self._known[place, _key(cell)] = success[i]
             self._recovered[place, _key(cell)] = None if recovered is None else recovered[i]
             self._awaited[place].discard(_key(cell))
+
+    @property
+    def known(self) -> Mapping[tuple[int, Key], Flags]:
+        """Success in the cells that were noted, by policy and cell."""
+        return self._known
 
     def suffice(self, cell: Cell, policies: Sequence[int]) -> bool:
         """Whether all replays that labels in the cell rest on have been run, of those that will."""
@@ -190,6 +199,11 @@ LATENCY_SAMPLES = 200
 """Decisions at batch size 1 that the inference latency is taken from."""
 
 
+def _apart(cell: Cell) -> bool:
+    """Whether a cell has other package versions than this interpreter."""
+    return not are_running(cell.packages)
+
+
 @dataclass(frozen=True)
 class Subject:
     """A policy under evaluation and where it comes from.
@@ -219,6 +233,12 @@ class Subject:
     def missing(self) -> tuple[Cell, ...]:
         """Cells without records."""
         return tuple(cell for cell in self.cells if cell.name not in self.recorded)
+
+    def within(self, packages: tuple[str, ...]) -> Subject:
+        """The same in the cells alone that have these versions, or, with none, those that are
+        here."""
+        own = (c for c in self.cells if c.packages == packages or not (packages or _apart(c)))
+        return replace(self, cells=tuple(own))
 
     def waiting(self, recorded: Iterable[str]) -> Subject:
         """The same with the cells alone that are wanted where there are records of some."""
@@ -256,8 +276,11 @@ def evaluate(
     episodes: range,
     store: EvidenceStore,
     statuses: Mapping[str, str],
+    known: Mapping[tuple[int, Key], Flags] | None = None,
 ) -> Iterator[Any]:
     """Run all policies side by side, cell by cell; the records of every cell as a table.
+
+    Cells with other package versions come last, each in an interpreter that has them.
 
     A table comes as soon as the replays are known that label its failures, and a cell's work is
     reported when it is done. A record does not depend on which policies are evaluated together.
@@ -268,7 +291,10 @@ def evaluate(
         episodes: those to run, the same starts in every cell; see :meth:`PanelSpec.start_seed`.
         store: where the records are meant for; nothing is written.
         statuses: whether a cell can be solved, by its name.
+        known: success in other cells, by policy and cell, that labels may rest on.
     """
+    everywhere = subjects
+    subjects = [subject.within(()) for subject in everywhere]
     (recorded,) = {subject.recorded for subject in subjects}
     latencies = inference_latencies(spec, subjects)
     successes = Successes(
@@ -280,6 +306,7 @@ def evaluate(
         whole=spec.testbed.batched,
         before=[subject.at_home for subject in subjects],
         homeless=[place for place, subject in enumerate(subjects) if not subject.home_known],
+        known=known,
     )
     waiting: list[_Played] = []
     for cell, places in _schedule(subjects):
@@ -297,6 +324,14 @@ def evaluate(
         waiting = [played for played in waiting if played not in ready]
         for played in ready:
             yield played.recorder.take(successes.replays(played.cell, played.places))
+    for packages in other_packages(cell for subject in everywhere for cell in subject.cells):
+        there = [subject.within(packages) for subject in everywhere]
+        cells = [cell for subject in there for cell in subject.cells]
+        policies = [subject.policy for subject in there]
+        interpreter = interpreter_for(packages, spec, cells, policies)
+        yield from call_there(
+            interpreter, evaluate, spec, there, episodes, store, statuses, successes.known
+        )
 
 
 def _schedule(subjects: Sequence[Subject]) -> list[tuple[Cell, list[int]]]:
@@ -501,6 +536,7 @@ def context_of(
         training_seed=subject.seed,
         home_known=subject.home_known,
         perturbation=cell.environment or None,
+        packages=describe_versions(cell.packages),
         trace_every=trace_every or spec.trace_every,
         inference_latency_mean=None if latency is None else latency[0],
         inference_latency_p99=None if latency is None else latency[1],

@@ -20,6 +20,7 @@ from integ_gym.evidence.store import EvidenceStore
 from integ_gym.support.errors import InputError, InputTypeError
 from integ_gym.support.executors import Cluster, Resources, open_cluster
 from integ_gym.support.files import display_path, replace_file
+from integ_gym.support.interpreters import PACKAGES
 from integ_gym.support.optional import installed_versions, require
 from integ_gym.support.processes import check_spawning, cores
 from integ_gym.support.storage import Storage, open_storage
@@ -31,6 +32,7 @@ from integ_gym.train.policy_files.sidecar import Stated
 from .cells import environments_of, main_home, many
 from .checking.plan import check_records
 from .doubts import doubts_of
+from .elsewhere import make_interpreters
 from .episodes import Subject
 from .evaluate import all_seconds, evaluate_all
 from .home import VARIED, Provenance, provenance
@@ -265,6 +267,9 @@ def plan(
     if "truth" in at and testbed.truth(period) is None:
         raise InputError(f"{env_id} has no truth, so nothing can be varied there; give `home`")
     rest = {name: x for name, x in varied.items() if at or name != "control_period"}
+    if PACKAGES in rest:
+        lists = many(rest[PACKAGES])
+        rest[PACKAGES] = [one.split() if isinstance(one, str) else one for one in lists]
     places: Any = tuple(at) or (*columns, "home", "truth")
     asked = tuple(vary(None, rest, places)) if rest else ()
     spec = PanelSpec(
@@ -346,6 +351,9 @@ def evaluate_existing(
         cluster = Cluster(_processes(workers, all_seconds(spec, subjects)))
     if cluster.workers:
         check_spawning(existing.policy, alone=True)
+    cells = {cell.name: cell for subject in subjects for cell in subject.cells}
+    policies = [subject.policy for subject in subjects]
+    make_interpreters(spec, list(cells.values()), policies, progress)
     with directory.opened():
         for name, source in existing.files.items():
             replace_file(directory.policies / row / name, source.read_bytes())
@@ -434,7 +442,9 @@ def evaluate(
         episodes: paired starts.
         varied: constructor arguments with a value or a list of them, such as
             ``{"control_period": [0.02, 0.1], "action_latency": [0.0, 0.02]}``: every combination
-            is evaluated.
+            is evaluated. ``packages`` takes versions such as ``["mujoco==3.1.0",
+            "mujoco==3.2.7"]``, each for cells of its own, in an interpreter that uv makes; of
+            several at once a list or ``"mujoco==3.1.0 numpy==2.2.0"``.
         at: where: ``"home"``, ``"truth"``, or both; by default in every discretization.
         environment: constructor arguments, without the discretization.
         obs_stats: VecNormalize's statistics, as its ``vecnormalize.pkl`` or as JSON.

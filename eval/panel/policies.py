@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import importlib
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, is_dataclass, replace
+from dataclasses import dataclass, field, is_dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -320,17 +320,29 @@ def policy_of(record: EvidenceRecord, store: EvidenceStore, own_code: bool = Fal
     )
 
 
-def acting_in(store: EvidenceStore, own_code: bool = False) -> Callable[[EvidenceRecord], Acting]:
-    """What acted in the records of a run, each policy found once; see :func:`policy_of`."""
-    found: dict[tuple[str, str], Acting] = {}
+@dataclass
+class ActingIn:
+    """What acted in the records of a run, each policy found once; see :func:`policy_of`.
 
-    def policy(record: EvidenceRecord) -> Acting:
+    Attributes:
+        store: of the run.
+        own_code: whether classes that side-cars name may be loaded.
+    """
+
+    store: EvidenceStore
+    own_code: bool = False
+    _found: dict[tuple[str, str], Acting] = field(default_factory=dict, repr=False)
+
+    def __call__(self, record: EvidenceRecord) -> Acting:
+        """The policy of a record."""
         key = (record["policy_id"], record["policy_hash"])
-        if key not in found:
-            found[key] = policy_of(record, store, own_code).act
-        return found[key]
+        if key not in self._found:
+            self._found[key] = policy_of(record, self.store, self.own_code).act
+        return self._found[key]
 
-    return policy
+    def __getstate__(self) -> dict[str, Any]:
+        """Without the policies, which another process finds for itself."""
+        return {**self.__dict__, "_found": {}}
 
 
 def _files(policies: Path, name: str) -> Iterator[tuple[Path, Path | None]]:

@@ -20,6 +20,7 @@ from integ_gym.train.policy_files.sidecar import read_trained, readable_file
 
 from .cells import SpecError
 from .costs import check_cost
+from .elsewhere import all_cells, make_interpreters
 from .episodes import Subject
 from .evaluate import evaluate_all, evaluated
 from .outputs import phases, write_artefact
@@ -88,7 +89,11 @@ def as_there(spec: PanelSpec, storage: Storage) -> PanelSpec:
 
 @contextmanager
 def opened(
-    spec: PanelSpec, out: Storage, cluster: Cluster | None = None, policies: Path | None = None
+    spec: PanelSpec,
+    out: Storage,
+    cluster: Cluster | None = None,
+    policies: Path | None = None,
+    progress: bool = False,
 ) -> Iterator[RunDirectory]:
     """The directory of a panel that can be run, held; see `complete`.
 
@@ -97,11 +102,15 @@ def opened(
         out: its directory, or where else it is kept.
         cluster: where it runs; by default on this machine.
         policies: directory of a finished panel whose policies are taken instead of training.
+        progress: say which interpreters are made.
 
     Raises:
-        SpecError, RunDirectoryError: for what cannot be run, before anything is written.
+        SpecError, RunDirectoryError, InterpreterError: for what cannot be run, before anything is
+            written.
     """
     check_spec(spec, cluster)
+    baselines = [baseline_of(spec, name) for name in spec.baselines]
+    make_interpreters(spec, all_cells(spec), baselines, progress)
     directory = RunDirectory(out, spec.to_json(), spec.engine_versions())
     source = None if policies is None else finished_policies(policies, spec)
     with directory.opened():
@@ -210,7 +219,7 @@ def run_panel(
         cluster = stack.enter_context(open_cluster(executor, address, wanted))
         place = stack.enter_context(open_storage(out))
         given = as_there(asked, place)
-        directory = stack.enter_context(opened(given, place, cluster, taken))
+        directory = stack.enter_context(opened(given, place, cluster, taken, progress))
         write = partial(
             _write, directory, command=command, workers=cluster.workers, progress=progress
         )

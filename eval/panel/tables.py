@@ -14,6 +14,7 @@ from integ_gym.envs.engines.maps import map_names
 from integ_gym.envs.engines.stepping import missing_modules
 from integ_gym.envs.registries import ENGINES
 from integ_gym.envs.settings import NATIVE, WEIGHT, Discretization
+from integ_gym.support.interpreters import PACKAGES, parse_packages
 from integ_gym.support.isolated import ISOLATED
 from integ_gym.support.optional import install_command
 
@@ -267,11 +268,28 @@ def vary(name: str | None, table: Mapping[str, Any], at: tuple[Any, ...]) -> Ite
 
 
 def expand(table: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Every combination of the values in a table's lists, those of tables in it among them."""
+    """Every combination of the values in a table's lists, those of tables in it among them.
+
+    The value of `packages` is a list itself, and a list of such lists is expanded.
+
+    Raises:
+        ValueError: for `packages` that are no exact versions.
+    """
     choices = [
-        expand(value) if isinstance(value, Mapping) else many(value) for value in table.values()
+        _package_lists(value)
+        if name == PACKAGES
+        else expand(value)
+        if isinstance(value, Mapping)
+        else many(value)
+        for name, value in table.items()
     ]
     return [dict(zip(table, chosen, strict=True)) for chosen in product(*choices)]
+
+
+def _package_lists(value: Any) -> list[list[str]]:
+    listed = many(value)
+    several = bool(listed) and all(isinstance(one, list) for one in listed)
+    return [list(parse_packages(one)) for one in (listed if several else [listed])]
 
 
 def standard_variations(setup: Any) -> tuple[Variation, ...]:

@@ -92,7 +92,8 @@ def parser() -> argparse.ArgumentParser:
     add(
         "--vary", action="append", default=[], type=listed_values, metavar="NAME=V,V",
         help="environment argument with the values that it takes; may be repeated: every "
-        "combination is evaluated, in every discretization",
+        "combination is evaluated, in every discretization. packages=mujoco==3.1.0,mujoco==3.2.7 "
+        "evaluates with these versions, in interpreters that uv makes",
     )  # fmt: skip
     add(
         "--at", action="append", default=[], choices=("home", "truth"),

@@ -8,7 +8,6 @@ import random
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +26,9 @@ from integ_gym.evidence.record import EvidenceRecord
 from integ_gym.evidence.replaying import (
     ELSEWHERE,
     Acting,
+    interpreters_of,
     missing_episodes,
+    needed_for,
     other_columns,
     replay_some,
 )
@@ -46,6 +47,7 @@ from integ_gym.evidence.sealing import (
 )
 from integ_gym.evidence.store import EvidenceStore, merge, open_run
 from integ_gym.support.files import make_folder
+from integ_gym.support.interpreters import make_interpreter
 from integ_gym.support.optional import require
 from integ_gym.support.options import CommandParser, whole_number
 from integ_gym.support.storage import is_remote, local_copy
@@ -100,7 +102,7 @@ def replayed(
         store,
         None if given.all else max(0, given.sample),
         random.Random(given.seed),
-        _policies(store, given.own_code),
+        _Policies(store, given.own_code),
         decide=given.policy,
         exact=given.exact,
         own_code=given.own_code,
@@ -123,16 +125,39 @@ def replayed(
     return list(map(str, done.findings)), told
 
 
-def _policies(store: EvidenceStore, own_code: bool) -> Callable[[EvidenceRecord], Acting]:
-    """What gives the policy of a record, loaded when it is first asked for."""
+class _Policies:
+    """What gives the policy of a record, loaded when it is first asked for, in any process."""
 
-    @cache
-    def found() -> Callable[[EvidenceRecord], Acting]:
-        from integ_gym.eval.panel.policies import acting_in
+    def __init__(self, store: EvidenceStore, own_code: bool) -> None:
+        self._given = store, own_code
+        self._acting: Callable[[EvidenceRecord], Acting] | None = None
 
-        return acting_in(store, own_code)
+    def __call__(self, record: EvidenceRecord) -> Acting:
+        """The policy of a record."""
+        if self._acting is None:
+            from integ_gym.eval.panel.policies import ActingIn
 
-    return lambda record: found()(record)
+            self._acting = ActingIn(*self._given)
+        return self._acting(record)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Without the policies, which another process finds for itself."""
+        return _Policies, self._given
+
+
+def _make_interpreters(store: EvidenceStore, progress: bool) -> None:
+    """Make the interpreters with the package versions of a run's cells that are not there.
+
+    Raises:
+        InterpreterError: for one that cannot be made.
+    """
+    for packages, record in interpreters_of(store).items():
+
+        def report(words: str) -> None:
+            if progress:
+                print(f"{words[0].upper()}{words[1:]} …", file=sys.stderr)
+
+        make_interpreter(packages, needed_for(record), report)
 
 
 def seal_run(given: argparse.Namespace, store: EvidenceStore) -> int:
@@ -182,6 +207,8 @@ def verify(given: argparse.Namespace, store: EvidenceStore) -> int:
         )
     if given.depth == "whole" and given.public_key is not None:
         raise EvidenceError("--public-key is about the seal; leave --depth whole out")
+    if given.make_interpreters:
+        _make_interpreters(store, not given.no_progress)
     with WorkBar("verify", _seconds(store, given), not given.no_progress) as bar:
         found, told = _found(store, given, sealed, exported, bar)
         bar.describe("", draw=False)
@@ -393,6 +420,11 @@ def parser() -> argparse.ArgumentParser:
     command.add_argument(
         "--own-code", action="store_true", help="load classes that records name as module:Class"
     )
+    command.add_argument(
+        "--make-interpreters", action="store_true",
+        help="make with uv the interpreters with other package versions that cells have and this "
+        "machine lacks; without one their records are not simulated again",
+    )  # fmt: skip
     command.add_argument(
         "--public-key", type=Path, metavar="FILE",
         help="demand a signature of the seal by a key of this file, such as id_ed25519.pub; needs "

@@ -9,6 +9,7 @@ from typing import Final, TextIO
 
 from integ_gym.eval.panel.conclusions import next_step
 from integ_gym.eval.panel.costs import fixed_cost, policy_costs, total_cost
+from integ_gym.eval.panel.elsewhere import all_cells, interpreters_of
 from integ_gym.eval.panel.plan import family_power
 from integ_gym.eval.panel.result import FILE_NAME, Look, Panel, read_panel
 from integ_gym.eval.panel.spec import PanelSpec
@@ -79,6 +80,21 @@ def print_plan(spec: PanelSpec, workers: int | None, trains: bool = True) -> Non
         rows,
         right=(False, True, True, True, True, True),
     )  # fmt: skip
+    _print_interpreters(spec)
+
+
+def _print_interpreters(spec: PanelSpec) -> None:
+    """Print which cells have other package versions, and the interpreters that these need."""
+    cells = [cell for cell in all_cells(spec) if cell.packages]
+    if not cells:
+        return
+    found = interpreters_of(spec)
+    words = {False: "to be made with uv", True: "there"}
+    told = [f"{' '.join(packages)} ({words[there]})" for packages, there in found.items()]
+    print_wrapped(
+        f"{plural(len(cells), 'cell')} of these have other package versions, in "
+        f"{plural(len(found), 'interpreter')} of their own: {', '.join(told) or 'none'}."
+    )
 
 
 def _cells(spec: PanelSpec) -> str:

@@ -33,7 +33,7 @@ from ..plan import (
     planned_home,
     planned_spec,
 )
-from ..policies import acting_in, hashes_of
+from ..policies import ActingIn, hashes_of
 from ..result import FILE_NAME, read_panel
 from ..run_directory import (
     MANIFEST,
@@ -394,4 +394,4 @@ def of_sample(directory: RunDirectory) -> Iterator[Finding]:
         for record in records:
             yield from recompute(record, f"evidence/{name}")
         own, chance = store.only(name), random.Random()
-        yield from replay_some(own, most, chance, acting_in(store)).findings
+        yield from replay_some(own, most, chance, ActingIn(store)).findings

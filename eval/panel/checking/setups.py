@@ -19,6 +19,7 @@ from integ_gym.envs.settings import DISCRETIZATION, NATIVE, Mixture
 from integ_gym.evidence.fields import recorded_arguments
 from integ_gym.evidence.schema import EvidenceError, Finding, argument_values, parse_field
 from integ_gym.evidence.store import EvidenceStore
+from integ_gym.support.interpreters import PACKAGES, parse_packages, versions_of
 from integ_gym.train.policy_files.card import (
     LAST_EPISODES,
     episode_summary,
@@ -35,7 +36,8 @@ from ..cells import (
     environments_of,
 )
 from ..plan import planned_home
-from ..run_directory import PACKAGES, key_of
+from ..run_directory import PACKAGES as OF_EVERY_RUN
+from ..run_directory import key_of
 from ..spec import PanelSpec
 from ..units import Unit, trained_units, training_config
 
@@ -59,12 +61,13 @@ SELECT policy_id, seed, rng_key, episode_index FROM records
 WHERE phase = 'training' ORDER BY policy_id, episode_index
 """
 
-BASE = ("python", *(name for name in PACKAGES if name != "scipy"))
+BASE = ("python", *(name for name in OF_EVERY_RUN if name != "scipy"))
 """Packages whose versions every record and every side-car has."""
 
 _VERSIONS = """
-SELECT package_versions, phase = 'training' AS trained, count(*) AS records FROM records
-GROUP BY ALL ORDER BY 1
+SELECT package_versions, phase = 'training' AS trained, count(*) AS records, engine, engine_version,
+       CASE WHEN perturbation LIKE '%"packages"%' THEN perturbation END AS perturbation
+FROM records GROUP BY ALL ORDER BY 1
 """
 
 _PARSED = ("perturbation", "training_discretization")
@@ -210,19 +213,30 @@ def _of_lanes(
 
 
 def of_versions(versions: Mapping[str, str], store: EvidenceStore) -> Iterator[Finding]:
-    """Records of other versions than the manifest's, or without one that others like them have."""
-    read, named = [], {True: set(BASE), False: set(BASE)}
+    """Records of other versions than the manifest's, or without one that others like them have.
+
+    In cells with other package versions those are expected in place of the manifest's.
+    """
+    read: list[tuple[Any, Any, dict[str, str]]] = []
+    named: dict[tuple[bool, str | None], set[str]] = {}
     for row in store.query(_VERSIONS).to_pylist():
         try:
             told = parse_field("package_versions", row["package_versions"])
-        except EvidenceError as error:
+            changes = parse_field("perturbation", row["perturbation"]) or {}
+            changed = versions_of(parse_packages(changes[PACKAGES])) if PACKAGES in changes else {}
+        except ValueError as error:
             yield Finding("evidence", None, f"{row['records']} records: {error}")
             continue
-        read.append((row, told))
-        named[row["trained"]].update(told)
-    for row, told in read:
-        expected = {name: versions.get(name) for name in sorted(named[row["trained"]])}
-        yield from _held({**row, "package_versions": told}, {"package_versions": expected}, None)
+        read.append((row, told, changed))
+        own = named.setdefault((row["trained"], row["perturbation"]), {*BASE, *changed})
+        own.update(told)
+    for row, told, changed in read:
+        there = {**versions, **changed}
+        names = sorted(named[row["trained"], row["perturbation"]])
+        expected: dict[str, Any] = {"package_versions": {name: there.get(name) for name in names}}
+        if changed and row["engine"] in changed:
+            expected["engine_version"] = changed[row["engine"]]
+        yield from _held({**row, "package_versions": told}, expected, None)
 
 
 def _held(
@@ -460,7 +474,7 @@ def planned_key(versions: Mapping[str, str], engines: Iterable[str], **parts: An
         engines: packages of foreign engines that the unit depends on.
         parts: see :func:`integ_gym.eval.panel.run_directory.key_of`.
     """
-    names = ("python", *PACKAGES, *engines)
+    names = ("python", *OF_EVERY_RUN, *engines)
     return key_of({name: versions.get(name, "missing") for name in names}, **parts)
 
 

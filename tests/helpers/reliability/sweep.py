@@ -43,7 +43,7 @@ from integ_gym.eval.panel.checking.page import against_plan
 from integ_gym.eval.panel.existing import given_panel
 from integ_gym.eval.panel.outputs import panel_of, read_call
 from integ_gym.eval.panel.plan import planned_spec
-from integ_gym.eval.panel.policies import acting_in
+from integ_gym.eval.panel.policies import ActingIn
 from integ_gym.eval.panel.result import FILE_NAME, Panel, read_panel, write_panel
 from integ_gym.eval.panel.run_directory import MANIFEST, RunDirectory
 from integ_gym.evidence.fields import PHASES
@@ -217,7 +217,7 @@ class Sweep:
             file.relative_to(work).as_posix(): pq.read_table(file)
             for file in sorted(work.glob("evidence/*.parquet"))
         }
-        self._acting = acting_in(EvidenceStore(work / "evidence"))
+        self._acting = ActingIn(EvidenceStore(work / "evidence"))
         self._rows = {path: table.to_pylist() for path, table in self._tables.items()}
 
     def silent(self, leaves: Sequence[Leaf], every: bool = False) -> list[Leaf]:
@@ -387,7 +387,7 @@ class Sweep:
             lambda: iter(store.verify()),
             lambda: missing_episodes(store),
             lambda: (x for file, one in store.named_records() for x in recompute(one, file)),
-            lambda: iter(replay_some(store, None, random.Random(0), acting_in(store)).findings),
+            lambda: iter(replay_some(store, None, random.Random(0), ActingIn(store)).findings),
         )
         for check in checks:
             try:
