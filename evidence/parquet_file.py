@@ -338,6 +338,10 @@ def _check_reads(engine: Any, connection: Any, sql: str) -> None:
     A `PIVOT` is several statements to DuckDB, and so is what writes its result somewhere.
     """
     reading = (engine.StatementType.SELECT, engine.StatementType.MULTI)
+    try:
+        sql.encode()
+    except UnicodeEncodeError:
+        raise EvidenceError("the query is no text in UTF-8; write it anew") from None
     statements = connection.extract_statements(sql)
     if len(statements) != 1 or statements[0].type not in reading:
         raise EvidenceError(_ONE_STATEMENT)

@@ -404,7 +404,10 @@ def _make_env(records: Sequence[EvidenceRecord]) -> Any:
     env_id, arguments = records[0].fields["env_id"], records[0].arguments()
     if not is_integ_environment(env_id):
         place = Discretization(**{name: arguments.pop(name) for name in DISCRETIZATION})
-        arguments.pop("duration")
+        duration, home = arguments.pop("duration"), find_testbed(env_id, arguments).home
+        limit = round(duration / home.control_period)
+        if limit != gym.spec(env_id).max_episode_steps:  # which Gymnasium keeps out of its kwargs
+            arguments["max_episode_steps"] = limit
         return make_checked(find_testbed(env_id, arguments), place, len(records))
     return gym.make_vec(env_id, len(records), vectorization_mode="vector_entry_point", **arguments)
 
@@ -428,7 +431,7 @@ def _simulate(
         if act is None:
             actions = asked[:, step]  # type: ignore[index]
         else:
-            batched = setup.engine.batched
+            batched = getattr(setup.engine, "batched", False)
             seen = [observation] if batched else np.split(observation, len(observation))
             parts = [np.asarray(act(part), dtype=np.float64) for part in seen]
             actions = np.concatenate(parts).reshape(recorder.action_space.shape)

@@ -179,6 +179,11 @@ _PATTERNS = {
 }
 
 
+def schema_head(title: str) -> dict[str, str]:
+    """How a published JSON Schema begins."""
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": title}
+
+
 def json_schema() -> dict[str, Any]:
     """JSON Schema (2020-12) of one record of any environment.
 
@@ -186,8 +191,7 @@ def json_schema() -> dict[str, Any]:
     names, so that any further property must be a list of numbers.
     """
     return {
-        "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "title": f"EvidenceRecord, version {SCHEMA_VERSION}",
+        **schema_head(f"EvidenceRecord, version {SCHEMA_VERSION}"),
         "type": "object",
         "required": [field.name for field in SUMMARY_FIELDS],
         "properties": {f.name: _property(f) for f in (*SUMMARY_FIELDS, *COMMON_TRACE)}
@@ -201,9 +205,14 @@ def json_schema() -> dict[str, Any]:
     }
 
 
+def published_text(schema: Mapping[str, Any]) -> str:
+    """The content of a published JSON Schema."""
+    return json.dumps(schema, indent=2, ensure_ascii=False) + "\n"
+
+
 def schema_text() -> str:
     """The content of the published file."""
-    return json.dumps(json_schema(), indent=2, ensure_ascii=False) + "\n"
+    return published_text(json_schema())
 
 
 def _property(field: Field) -> dict[str, Any]:

@@ -542,10 +542,22 @@ def _result_or_error(*task: Any) -> tuple[Any, Exception | None]:
         return None, error
 
 
+def _load_submitit() -> Any:
+    """The module, imported without its logging set-up, which closes the process's own handlers."""
+    level = "SUBMITIT_LOG_LEVEL"
+    before = os.environ.get(level)
+    os.environ[level] = before or "NOCONFIG"
+    try:
+        return load("submitit", "slurm")
+    finally:
+        if before is None:
+            del os.environ[level]
+
+
 @contextmanager
 def _slurm_cluster(address: str | None, wanted: Resources) -> Iterator[Cluster]:
     """Jobs of Slurm through submitit, whose files lie in the working directory meanwhile."""
-    submitit = load("submitit", "slurm")
+    submitit = _load_submitit()
     if address not in (None, "local"):
         raise ClusterError(
             f"Slurm has no address, and --address local runs its jobs here; got {address!r}"

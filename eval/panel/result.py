@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-import json
 import math
 import re
 from collections.abc import Iterable, Mapping
@@ -15,6 +14,7 @@ from typing import Any, Final, Literal, NamedTuple, TypeAlias
 import msgspec
 
 from integ_gym.envs.settings import Discretization
+from integ_gym.evidence.schema import published_text, schema_head
 from integ_gym.support.errors import InputError
 from integ_gym.support.files import read_bounded, write_json
 
@@ -794,8 +794,7 @@ def json_schema() -> dict[str, Any]:
     for part in parts.values():
         _describe(part)
     return {
-        "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "title": f"integ-gym panel, version {SCHEMA_VERSION}",
+        **schema_head(f"integ-gym panel, version {SCHEMA_VERSION}"),
         **whole,
         "$defs": parts,
     }
@@ -817,7 +816,7 @@ def _describe(part: dict[str, Any]) -> None:
 
 def schema_text() -> str:
     """The content of the published file."""
-    return json.dumps(json_schema(), indent=2, ensure_ascii=False) + "\n"
+    return published_text(json_schema())
 
 
 def write_schema() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -19,6 +18,7 @@ from integ_gym.envs.registries import INTEGRATORS, TRUTH
 from integ_gym.envs.settings import DISCRETIZATION, WEIGHT, Discretization
 from integ_gym.envs.testbeds.gym_testbed import Testbed
 from integ_gym.envs.testbeds.making import find_testbed
+from integ_gym.evidence.schema import published_text, schema_head
 from integ_gym.support.files import read_bounded
 from integ_gym.support.optional import install_command, package_version
 from integ_gym.train.baselines import BASELINES, possible_baselines
@@ -604,13 +604,8 @@ SCHEMA_PATH = Path(__file__).with_name("specification.schema.json")
 def schema_text() -> str:
     """JSON Schema (2020-12) of a specification, for editors of TOML: the published file."""
     (whole,), parts = msgspec.json.schema_components([_Toml], ref_template="#/$defs/{name}")
-    schema = {
-        "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "title": "integ-gym panel specification",
-        **whole,
-        "$defs": parts,
-    }
-    return json.dumps(schema, indent=2, ensure_ascii=False) + "\n"
+    head = schema_head("integ-gym panel specification")
+    return published_text({**head, **whole, "$defs": parts})
 
 
 def write_schema() -> None:

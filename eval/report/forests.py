@@ -421,15 +421,6 @@ def _check_line(panel: Panel, before: Entry | None, after: Entry) -> Line:
     )
 
 
-def are_alike(one: Cell, other: Cell) -> bool:
-    """Whether two cells are of the same discretization."""
-    return (
-        (one.engine, one.integrator) == (other.engine, other.integrator)
-        and are_close(one.dt, other.dt)
-        and are_close(one.control_period, other.control_period)
-    )
-
-
 def are_close(one: float, other: float) -> bool:
     """Whether two times, s, are the same up to rounding."""
     return math.isclose(one, other, rel_tol=1e-9)

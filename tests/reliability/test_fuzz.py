@@ -5,7 +5,7 @@ from __future__ import annotations
 import gymnasium as gym
 import pytest
 from hostile import ARGUMENTS, VALUES, refused_or
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from recording import recorded
 from victim import command
@@ -48,6 +48,7 @@ def run(tmp_path_factory):
 
 @pytest.mark.parametrize("name", ["show", "query", "verify", "export"])
 @settings(max_examples=5)
+@example(words=["\ud800"])
 @given(words=st.lists(WORD, max_size=3))
 def test_any_look_at_evidence_ends_with_a_code_and_a_sentence(name, words, run):
     code, told = command("evidence", name, run, *words)

@@ -124,11 +124,10 @@ def of_replays(
             whole = {cell: held for cell, held in own.items() if len(held) == len(part.latest)}
             unknown = given and policies[policy].home is None and policy not in spec.baselines
             yield from _of_policy(part, policies[policy], unknown, whole, later, status, before)
-            for place, held in ((undisturbed.get(name), held) for name, held in whole.items()):
-                if place is not None:
-                    count, total = before.get(place, (0, 0))
-                    succeeded = sum(bool(row["success"]) for row in held)
-                    before[place] = count + succeeded, total + len(held)
+            for name in whole.keys() & undisturbed.keys():
+                count, total = before.get(undisturbed[name], (0, 0))
+                succeeded = sum(bool(row["success"]) for row in whole[name])
+                before[undisturbed[name]] = count + succeeded, total + len(whole[name])
 
 
 def _of_policy(

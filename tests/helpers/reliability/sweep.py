@@ -347,7 +347,7 @@ class Sweep:
         The page is made anew of changed records and markers, and not of a changed plan.
         """
         records = [leaf for leaf in leaves if _is_record(leaf)]
-        change_records(self.run, records)
+        change_records(self.run, sorted(records, key=lambda leaf: -len(leaf.keys)))
         others = [leaf for leaf in leaves if not _is_record(leaf) and leaf.file != FILE_NAME]
         for leaf in sorted(others, key=lambda leaf: -len(leaf.keys)):  # what is within, first
             if leaf.file.endswith(".zip"):
