@@ -22,7 +22,15 @@ from integ_gym.support.parameters import unknown_name
 
 from .environment import at_bounds
 from .lanes import DiscretizedVectorEnv, as_floats
-from .settings import TOLERANCE, Discretization, Mixture, Settings, Timing, whole_multiple
+from .settings import (
+    FIXED_DELAYS,
+    TOLERANCE,
+    Discretization,
+    Mixture,
+    Settings,
+    Timing,
+    whole_multiple,
+)
 from .transition import AWAY, NOT_REPORTED
 
 _SECONDS = ("dt", "control_period", "duration")
@@ -77,7 +85,7 @@ class ForeignSetup:
 
     def units(self) -> dict[str, str]:
         """SI unit of every argument; empty where it is not stated."""
-        seconds = (*_SECONDS, "action_latency", "observation_latency")
+        seconds = (*_SECONDS, *FIXED_DELAYS)
         return {name: "s" if name in seconds else "" for name in self.arguments()}
 
 
@@ -237,7 +245,7 @@ def _rewards(env: gym.Env[Any, Any]) -> str | None:
 
 def delays_in(arguments: Mapping[str, Any]) -> dict[str, float]:
     """The delays among a testbed's arguments, s; 0 where they are left out."""
-    return {name: float(arguments.get(name) or 0.0) for name in DELAYS}
+    return {name: float(arguments.get(name) or 0.0) for name in FIXED_DELAYS}
 
 
 def describe_setup(
@@ -430,10 +438,6 @@ class Delayed(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
         return self._seen.popleft(), float(reward), terminated, truncated, info
 
 
-DELAYS: Final = ("action_latency", "observation_latency")
-"""Delays that every testbed's environment can have, s."""
-
-
 def with_delays(
     env: gym.Env[Any, Any], applied: Discretization, delays: Mapping[str, float]
 ) -> gym.Env[Any, Any]:
@@ -445,7 +449,7 @@ def with_delays(
     Args:
         env: one step is one decision.
         applied: its discretization.
-        delays: of :data:`DELAYS`, s.
+        delays: of :data:`~.settings.FIXED_DELAYS`, s.
 
     Raises:
         ValueError: for a delay that is no whole number of such steps, with the nearest two.
@@ -453,7 +457,7 @@ def with_delays(
     inner = next((one for one in wrappers_of(env) if isinstance(one, Repeated)), None)
     unit = "control_period" if inner is None else "dt"
     step = getattr(applied, unit)
-    counts = [whole_multiple(name, delays[name], unit, step, least=0) for name in DELAYS]
+    counts = [whole_multiple(name, delays[name], unit, step, least=0) for name in FIXED_DELAYS]
     if not any(counts):
         return env
     if inner is None:

@@ -44,7 +44,7 @@ from .foreign import (
 )
 from .lanes import as_floats
 from .ops.ops import join_state
-from .settings import Settings, Timing, check_divides, whole_multiple
+from .settings import FIXED_DELAYS, Settings, Timing, check_divides, whole_multiple
 from .transition import DIVERGED, NOT_CONVERGED, OK, STATUS_NAMES
 
 _HEADLESS = ("egl", "osmesa")
@@ -653,9 +653,7 @@ class RediscretizedEnv(ForeignWrapper):
             raise InputError(unknown_name("integrator of MuJoCo", chosen, known))
         limit = time_limit(self)
         horizon = 1000 if limit is None else limit
-        delays: dict[str, Any] = {
-            name: getattr(choice, name) or 0.0 for name in ("action_latency", "observation_latency")
-        }
+        delays: dict[str, Any] = {name: getattr(choice, name) or 0.0 for name in FIXED_DELAYS}
         timing = Timing.of(step, period, sensor_period=None, duration=horizon * period, **delays)
         model.opt.timestep = step
         model.opt.integrator = known[chosen]

@@ -65,6 +65,11 @@ class Discretization:
         return f"{engine}{self.integrator} dt={self.dt:g}"
 
     @property
+    def scheme(self) -> Discretization:
+        """The same at a step of 1 s, which is equal for all steps of one scheme."""
+        return replace(self, dt=1.0)
+
+    @property
     def shares(self) -> dict[Discretization, float]:
         """Share of each discretization that training draws from: this one alone."""
         return {self: 1.0}
@@ -95,11 +100,18 @@ def _written(parts: Mapping[str, Any]) -> dict[str, str]:
     return {k: x if isinstance(x, str) else f"{x:.12g}" for k, x in parts.items()}
 
 
-LATENCIES = ("action_latency", "latency_jitter", "observation_latency")
+FIXED_DELAYS = ("action_latency", "observation_latency")
+"""Constructor arguments of every environment, own or foreign, s: how late all commands and all
+observations are."""
+
+LATENCIES = (*FIXED_DELAYS, "latency_jitter")
 """Constructor arguments that are whole multiples of ``dt``, 0 included."""
 
 DRAWN = ("latency_jitter", "hold_probability")
 """Constructor arguments for which something is drawn at every decision, if they are not 0."""
+
+DELAYS = (*FIXED_DELAYS, *DRAWN)
+"""Constructor arguments by which commands or observations are late."""
 
 TOLERANCE = 1e-9
 """Relative tolerance of a whole multiple."""
@@ -239,11 +251,11 @@ class Timing:
         _check_within("control_period" if control_period else "dt", period, duration)
         substeps = whole_multiple("control_period", period, "dt", dt)
         late_by = []
-        latencies = action_latency, latency_jitter, observation_latency
+        latencies = action_latency, observation_latency, latency_jitter
         for name, value in zip(LATENCIES, latencies, strict=True):
             _check_within(name, value, duration)
             late_by.append(whole_multiple(name, value, "dt", dt, least=0))
-        latency, jitter, sight = late_by
+        latency, sight, jitter = late_by
         sensor = None
         if sensor_period is not None:
             sensor = whole_multiple("sensor_period", sensor_period, "dt", dt)

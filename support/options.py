@@ -131,6 +131,9 @@ def nest(values: Mapping[str, Any]) -> dict[str, Any]:
 
     >>> nest({"dt": 0.1, "solver.iterations": [1, 100]})
     {'dt': 0.1, 'solver': {'iterations': [1, 100]}}
+
+    Raises:
+        ValueError: where something is both a value and a table.
     """
     found: dict[str, Any] = {}
     for path, value in values.items():
@@ -138,6 +141,10 @@ def nest(values: Mapping[str, Any]) -> dict[str, Any]:
         place = found
         for table in tables:
             place = place.setdefault(table, {})
+            if not isinstance(place, dict):
+                break
+        if not isinstance(place, dict) or isinstance(place.get(name), dict):
+            raise InputError(f"{path!r} is said beside a value of which it is a part; give one")
         place[name] = value
     return found
 
@@ -145,7 +152,7 @@ def nest(values: Mapping[str, Any]) -> dict[str, Any]:
 def by_name(
     pairs: Iterable[tuple[str, Any]], flag: str, options: Mapping[str, str]
 ) -> dict[str, Any]:
-    """Values given by name, of which none has an option of its own.
+    """Values given by name, of which none has an option of its own; names with dots are tables.
 
     Args:
         pairs: of :func:`add_named_values`.
@@ -162,7 +169,7 @@ def by_name(
     for name in values:
         if name in options:
             raise InputError(f"give {options[name]} in place of {flag} {name}")
-    return values
+    return nest(values)
 
 
 def refuse_unused(

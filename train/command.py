@@ -31,12 +31,16 @@ examples:
   integ-gym train --trainer fleet --integrator rk4 --dt 0.05 --out runs/rk4
   integ-gym train --algorithm sac --env Hopper-v5 --integrator Euler --out runs/hopper
   integ-gym train --env-arg mass=1.2 --env-arg mass_distribution=point --out runs/heavy
+  integ-gym train --engine mujoco --integrator Euler --env-arg solver.iterations=10 --out runs/ten
   integ-gym train --trainer fleet --control-period 0.05 --out runs/mixed --env-arg \\
       'mixture=[{"integrator": "rk4", "dt": 0.05}, {"integrator": "explicit_euler", "dt": 0.025}]'
 """
 
 _OWN_FLAGS = ("env_id", "env_arguments")
-_ENV_FIELDS = (*fields(Settings), *(f for f in fields(PendulumSwingUp) if f.name == "max_torque"))
+_ENV_FIELDS = (
+    *(f for f in fields(Settings) if f.name != "solver"),
+    *(f for f in fields(PendulumSwingUp) if f.name == "max_torque"),
+)
 
 
 def training_command(

@@ -17,7 +17,6 @@ from integ_gym.support.errors import InputError, translate_errors
 from integ_gym.support.parameters import unknown_name
 
 from ..foreign import (
-    DELAYS,
     Repeated,
     ReturnGoal,
     Rewards,
@@ -30,7 +29,7 @@ from ..foreign import (
     without_time_limit,
 )
 from ..lanes import DiscretizedVectorEnv
-from ..settings import Discretization, whole_multiple
+from ..settings import FIXED_DELAYS, Discretization, whole_multiple
 
 REFINEMENTS = (1, 2, 4)
 """Parts of a home's coarsest step that are evaluated where no steps are given."""
@@ -372,7 +371,7 @@ class GymTestbed(SequentialTestbed):
         self, discretization: Discretization, arguments: Mapping[str, Any]
     ) -> gym.Env[Any, Any]:
         """What :meth:`build` makes, given all arguments of the testbed."""
-        own = ("success_return", *DELAYS)
+        own = ("success_return", *FIXED_DELAYS)
         given = {name: x for name, x in arguments.items() if name not in own}
         with translate_errors(f"the environment of {self.title} cannot be made"):
             return self.build(discretization, **given)

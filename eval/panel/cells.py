@@ -16,6 +16,7 @@ import msgspec
 from integ_gym.envs.lanes import DiscretizedVectorEnv
 from integ_gym.envs.registries import ENGINES, TRUTH
 from integ_gym.envs.settings import (
+    DELAYS,
     DISCRETIZATION,
     LATENCIES,
     NATIVE,
@@ -122,9 +123,6 @@ def main_home(home: Home | None) -> Discretization | None:
     shares = {} if home is None else home.shares
     return max(shares, key=lambda member: shares[member], default=None)
 
-
-DELAYS = ("action_latency", "observation_latency", "latency_jitter", "hold_probability")
-"""Arguments by which commands or observations are late."""
 
 SENSING = ("sensor_period", "observation_noise")
 """Arguments of what a policy is shown."""

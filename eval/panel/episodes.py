@@ -12,7 +12,7 @@ import numpy.typing as npt
 from gymnasium.vector import VectorEnv
 
 from integ_gym.envs.lanes import DiscretizedVectorEnv
-from integ_gym.envs.settings import Discretization, Settings
+from integ_gym.envs.settings import DELAYS, Discretization, Settings
 from integ_gym.evidence.fields import ATTEMPT, LATER_ATTEMPT, SECOND_HORIZON
 from integ_gym.evidence.labels import EpisodeContext, Replays
 from integ_gym.evidence.labels import Home as HomeReplay
@@ -22,7 +22,7 @@ from integ_gym.support.interpreters import are_running, call_there, describe_ver
 from integ_gym.support.processes import report_work
 from integ_gym.train.policy import Policy, PolicyStack
 
-from .cells import DELAYS, Cell, Home, environments_of, place_arguments
+from .cells import Cell, Home, environments_of, place_arguments
 from .costs import cell_seconds
 from .elsewhere import interpreter_for, other_packages
 from .spec import PanelSpec

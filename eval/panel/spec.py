@@ -15,7 +15,7 @@ from typing import Any, get_type_hints
 import msgspec
 
 from integ_gym.envs.registries import INTEGRATORS, TRUTH
-from integ_gym.envs.settings import DISCRETIZATION, WEIGHT, Discretization
+from integ_gym.envs.settings import DELAYS, DISCRETIZATION, WEIGHT, Discretization
 from integ_gym.envs.testbeds.gym_testbed import Testbed
 from integ_gym.envs.testbeds.making import find_testbed
 from integ_gym.evidence.schema import published_text, schema_head
@@ -26,7 +26,6 @@ from integ_gym.train.runs import ALGORITHMS, Algorithm
 
 from ..verdict import MIN_SEEDS
 from .cells import (
-    DELAYS,
     SENSING,
     Cell,
     CellKind,
@@ -228,9 +227,9 @@ class PanelSpec:
 
     def _decides(self, discretization: Discretization) -> bool:
         """Whether it is its integrator's finest step, a quarter of what it was trained at."""
-        alike = replace(discretization, dt=1.0)
-        dts = [d.dt for d in self.grid if replace(d, dt=1.0) == alike]
-        homes = [d.dt for d in self.trained_on() if replace(d, dt=1.0) == alike]
+        scheme = discretization.scheme
+        dts = [d.dt for d in self.grid if d.scheme == scheme]
+        homes = [d.dt for d in self.trained_on() if d.scheme == scheme]
         coarsest = max(homes, default=discretization.control_period)
         finest = discretization.dt <= min(dts)
         return finest and discretization.dt * 4.0 <= coarsest * (1.0 + 1e-9)
@@ -545,8 +544,8 @@ def _check_comparison(spec: PanelSpec, pair: tuple[str, str]) -> None:
         )
     homes = {d for home in spec.train if spec.name_of(home) in pair for d in home.shares}
     by_step = sorted(homes - {spec.reference}, key=lambda d: (d.dt, d.name))
-    for own, home in {replace(d, dt=1.0): d for d in by_step}.items():
-        finest = min(d.dt for d in spec.grid if replace(d, dt=1.0) == own)
+    for scheme, home in {d.scheme: d for d in by_step}.items():
+        finest = min(d.dt for d in spec.grid if d.scheme == scheme)
         if finest * 4.0 > home.dt * (1.0 + 1e-9):
             raise SpecError(
                 f"`compare` needs {home.integrator} evaluated at dt={home.dt / 4.0:g} or finer, a "

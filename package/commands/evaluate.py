@@ -18,7 +18,6 @@ from integ_gym.support.options import (
     by_name,
     display_command,
     listed_values,
-    nest,
     run_place,
     whole_number,
 )
@@ -157,7 +156,7 @@ def main(argv: Sequence[str]) -> int:
         integrators=given.integrator,
         dts=given.dt,
         episodes=given.episodes,
-        varied=nest(by_name(given.vary, "--vary", {})),
+        varied=by_name(given.vary, "--vary", {}),
         at=given.at,
         environment=arguments,
         obs_stats=given.obs_stats,

@@ -238,8 +238,8 @@ def panelled(monkeypatch, tmp_path):
         found: list[Any] = []
 
         @contextmanager
-        def opened(spec, place, cluster, policies):
-            found.append((spec.to_json(), str(place), cluster.workers, policies))
+        def opened(spec, place, cluster, policies, progress):
+            found.append((spec.to_json(), str(place), cluster.workers, policies, progress))
             yield SimpleNamespace(markers=lambda under: set(), finish_work=lambda: None)
 
         def noted(*args, **kwargs):
