@@ -189,8 +189,8 @@ def test_work_that_is_booked_by_half(tmp_path, monkeypatch):
 def test_commands_that_act_at_the_wrong_time(late, tmp_path, monkeypatch):
     """Latencies ignored, or one step too long wherever there is one."""
 
-    def mistimed(cls, *given):
-        timing = right(*given)
+    def mistimed(cls, **given):
+        timing = right(**given)
         return replace(timing, delay=divmod(_wrong(timing, late), timing.substeps))
 
     right = Timing.of

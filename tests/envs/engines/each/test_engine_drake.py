@@ -64,7 +64,9 @@ def test_what_is_solved_is_reported_where_drake_tells(integrator):
 def test_no_step_leaves_a_trace(integrator, dt):
     """To the last bit: not whole ones, nor those that Drake divides, nor those that it gives up."""
     engine, rng = _setup(integrator, dt=dt).engine, np.random.default_rng(11)
-    chosen = engine._plant, integrator, dt, 1, rest_serves(engine._plant, integrator, dt)
+    accuracy = engine.settings["accuracy"]
+    from_rest = rest_serves(engine._plant, integrator, dt, accuracy)
+    chosen = engine._plant, integrator, dt, 1, accuracy, from_rest
     cases = [
         (*rng.uniform(-3.0, 3.0, 2), *rng.uniform(-speed, speed, 2), rng.choice([-2.0, 0.0]), 0.0)
         for speed in np.repeat([1.0, 25.0, 150.0, 3e3, 3e5], 12)
