@@ -6,6 +6,7 @@ import json
 import math
 import re
 import sys
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -49,8 +50,9 @@ def check_known(kind: str, name: str, valid: Iterable[str]) -> None:
 
 def check_unique(label: str, values: Sequence[Any]) -> None:
     """Refuse a list that holds something twice."""
-    if len(set(values)) != len(values):
-        raise SpecError(f"`{label}` lists something twice: {list(values)}")
+    twice = [value for value, count in Counter(values).items() if count > 1]
+    if twice:
+        raise SpecError(f"`{label}` lists something twice: {', '.join(map(str, twice))}")
 
 
 def many(value: Any) -> list[Any]:

@@ -19,6 +19,7 @@ from integ_gym.envs.settings import DELAYS, DISCRETIZATION, WEIGHT, Discretizati
 from integ_gym.envs.testbeds.gym_testbed import Testbed
 from integ_gym.envs.testbeds.making import find_testbed
 from integ_gym.evidence.schema import published_text, schema_head
+from integ_gym.support.errors import InputError
 from integ_gym.support.files import read_bounded
 from integ_gym.support.optional import install_command, package_version
 from integ_gym.train.baselines import BASELINES, possible_baselines
@@ -331,9 +332,19 @@ class PanelSpec:
                 rest = {k: x for name, own in axes.items() if name != axis for k, x in own.items()}
                 for changes in (alone, rest):
                     found = self.vary(home, Variation(changes_name(changes), changes))
-                    fits = found and timing_fault(found.arguments(self.environment)) is None
-                    if found is not None and fits:
+                    if found is not None and self._can_be_made(found):
                         yield found
+
+    def _can_be_made(self, cell: Cell) -> bool:
+        """Whether its times fit and the engine has the settings of its solver, if it names some."""
+        if timing_fault(cell.arguments(self.environment)) is not None:
+            return False
+        try:
+            if "solver" in cell.environment:
+                environments_of(self.testbed, cell, 1).close()
+        except InputError:
+            return False
+        return True
 
     def _unmade(self) -> list[str]:
         """Cells of variations that cannot be had, in sentences."""

@@ -175,7 +175,17 @@ def evaluation_cells(
             None if name is None else convert(where, name, Name), rest, tuple(places)
         )
     _check_installed(asked, grid)
-    return tuple(dict.fromkeys(grid)), tuple(variations), tuple(unmade)
+    return tuple(dict.fromkeys(grid)), tuple(_join(variations)), tuple(unmade)
+
+
+def _join(variations: Sequence[Variation]) -> Iterator[Variation]:
+    """Variations that change the same as one, at the places of all."""
+    alike: dict[str, list[Variation]] = {}
+    for one in variations:
+        alike.setdefault(repr((one.name, one.changes)), []).append(one)
+    for first, *others in alike.values():
+        at = (*first.at, *(place for other in others for place in other.at))
+        yield msgspec.structs.replace(first, at=tuple(dict.fromkeys(at)))
 
 
 def fitting(

@@ -37,7 +37,7 @@ examples:
       --obs-stats vecnormalize.pkl --out runs/mine
   integ-gym evaluate policy.zip --env Hopper-v5 --home stock --out runs/hopper \\
       --integrator Euler --integrator implicitfast --integrator RK4 --dt 0.002 --dt 0.001
-  integ-gym evaluate policy.zip --env IntegPendulum-v0 --out runs/mine --at home \
+  integ-gym evaluate policy.zip --env IntegPendulum-v0 --out runs/mine --at home \\
       --vary control_period=0.05,0.1 --vary action_latency=0,0.05 --fail-if "loss > 0.1"
   integ-gym evaluate --policy my_module:my_function --env IntegPendulum-v0 --out runs/mine
 

@@ -84,6 +84,25 @@ def test_what_the_fleet_cannot_train_is_refused_with_the_other_trainer():
     check_spec(replace(spec, trainer="sb3"))
 
 
+SOLVERS = [
+    {"engine": "mujoco", "integrator": "Euler", "dt": 0.05, "solver": {"iterations": [1, 100]}},
+    {"integrator": "implicit_midpoint", "dt": 0.05, "solver": {"iterations": [1, 50]}},
+]
+
+
+def test_one_setting_of_several_solvers_varies_each_and_is_separated_where_home_has_it():
+    data = small_data()
+    spec = parse_spec({**data, "evaluate": [*data["evaluate"], *SOLVERS]}, "test")
+    once = [one for one in spec.variations if one.name == "solver.iterations=1"]
+    assert [place.engine for place in once[0].at] == ["mujoco", "native"]
+    assert len(once) == 1
+    for home in spec.train:
+        cells = {cell.name: cell for cell in spec.cells_of(home)}
+        assert "mujoco Euler dt=0.05, solver.iterations=1" in cells
+        assert "implicit_midpoint dt=0.05, solver.iterations=50" in cells
+        assert f"{home.name}, solver.iterations=1" not in cells
+
+
 def test_cells_of_a_row_begin_at_home_and_replays_come_first():
     spec = parse_spec(small_data(), "test")
     home = spec.train[1]
