@@ -450,7 +450,7 @@ def told_setup(env_id: str, arguments: str) -> Any:
         env_id: one of integ-gym's environments.
         arguments: as a record has them.
     """
-    given = {**argument_values(arguments), "engine": NATIVE, "integrator": TRUTH}
+    given = {**argument_values(arguments), "engine": NATIVE, "integrator": TRUTH, "solver": None}
     return environment_setup(env_id, given)
 
 

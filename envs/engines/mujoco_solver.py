@@ -48,6 +48,11 @@ class MujocoSettings:
     settings: Mapping[str, Any]
     maps: ClassVar[Mapping[str, str]]
 
+    @classmethod
+    def solves(cls, integrator: str) -> bool:
+        """Every integrator has MuJoCo's."""
+        return True
+
     def read_solver(self, given: Mapping[str, Any]) -> None:
         """Keep what was given, for the model.
 

@@ -75,6 +75,11 @@ class MappedEngine(SteppedEngine):
         self.integrator = integrator
         self.read_solver(solver or {})
 
+    @classmethod
+    def solves(cls, integrator: str) -> bool:
+        """Whether there are settings of its solver."""
+        return bool(cls.solver_defaults.get(integrator))
+
     def read_solver(self, given: Mapping[str, Any]) -> None:
         """Take settings of the solver: those of :attr:`solver_defaults`, or no others.
 

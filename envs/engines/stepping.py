@@ -293,6 +293,18 @@ def solver_with(
     return settings
 
 
+def has_solver(engine: str, integrator: str) -> bool:
+    """Whether an integrator has settings of a solver; of an unknown engine's that is not denied."""
+    known = engine in ENGINES.names()
+    return not known or bool(ENGINES.load(engine).solves(integrator))
+
+
+def without_idle_solver(arguments: Mapping[str, Any]) -> dict[str, Any]:
+    """Constructor arguments of an environment, without `solver` where its integrator has none."""
+    idle = arguments.get("solver") and not has_solver(arguments["engine"], arguments["integrator"])
+    return {**arguments, "solver": None} if idle else dict(arguments)
+
+
 def integrators_of(engine: str) -> tuple[str, ...]:
     """The integrators of an engine, as it calls them; ours without the exact one."""
     return tuple(ENGINES.load(engine).maps)
@@ -330,6 +342,11 @@ class SteppedEngine(ABC):
     """Most iterations of a solver, if it has one."""
     settings: Mapping[str, Any] = MappingProxyType({})
     """Of its solver, as they are in the simulator, in its own names; empty without a solver."""
+
+    @classmethod
+    def solves(cls, integrator: str) -> bool:
+        """Whether an integrator has a solver, whose settings can be given."""
+        return False
 
     def __init__(self, system: PlantSystem, dt: Component) -> None:
         if system.engine_stops is not None and not self.own_stops:
@@ -471,6 +488,11 @@ class NativeEngine(SteppedEngine):
     maps: ClassVar[Mapping[str, str]] = {n: n for n in INTEGRATORS.parts if n != TRUTH}
     batched: ClassVar[bool] = True
     reports: bool = True
+
+    @classmethod
+    def solves(cls, integrator: str) -> bool:
+        """Whether it is one that solves equations by Newton's method."""
+        return issubclass(INTEGRATORS.load(integrator), Solved)
 
     def __init__(
         self,

@@ -21,6 +21,7 @@ from integ_gym.support.errors import (
 from integ_gym.support.optional import check_versions, load
 from integ_gym.support.parameters import suggestion
 
+from ..engines.stepping import without_idle_solver
 from ..environment import OTHER_TESTBEDS, environment_class, environment_setup, is_integ_environment
 from ..lanes import DiscretizedVectorEnv
 from ..rediscretized import RediscretizedEnv, integrator_numbers, rediscretize
@@ -192,8 +193,8 @@ class IntegTestbed:
     def make(
         self, discretization: Discretization, lanes: int, **arguments: Any
     ) -> DiscretizedVectorEnv:
-        """As ``gymnasium.make_vec``."""
-        given = {**self.arguments, **discretization.arguments(), **arguments}
+        """As ``gymnasium.make_vec``; settings of a solver act where the integrator has one."""
+        given = without_idle_solver({**self.arguments, **discretization.arguments(), **arguments})
         env = gym.make_vec(self.env_id, lanes, vectorization_mode="vector_entry_point", **given)
         assert isinstance(env, DiscretizedVectorEnv)
         return env

@@ -14,6 +14,7 @@ from typing import Annotated, Any, Final, Literal, TypeAlias, TypeVar
 
 import msgspec
 
+from integ_gym.envs.engines.stepping import without_idle_solver
 from integ_gym.envs.lanes import DiscretizedVectorEnv
 from integ_gym.envs.registries import ENGINES, TRUTH
 from integ_gym.envs.settings import (
@@ -273,9 +274,13 @@ def place_arguments(
 ) -> dict[str, Any]:
     """Constructor arguments of an environment in a discretization.
 
-    The reference's step is one that divides delays.
+    The reference's step is one that divides delays. Changed settings of a solver come beside the
+    environment's, and integrators that have no solver take none.
     """
     values = {**environment, **place.arguments(), **changes}
+    if "solver" in changes:
+        values["solver"] = {**(environment.get("solver") or {}), **changes["solver"]}
+    values = without_idle_solver(values)
     return {**values, "dt": dividing_step(values)} if place.integrator == TRUTH else values
 
 

@@ -18,7 +18,7 @@ from integ_gym.evidence.labels import EpisodeContext, Replays
 from integ_gym.evidence.labels import Home as HomeReplay
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.evidence.vector_recorder import RecordVectorEvidence
-from integ_gym.support.interpreters import are_running, call_there, describe_versions
+from integ_gym.support.interpreters import PACKAGES, are_running, call_there, describe_versions
 from integ_gym.support.processes import report_work
 from integ_gym.train.policy import Policy, PolicyStack
 
@@ -148,7 +148,10 @@ class Successes:
         return np.any(known, axis=0) if len(known) == len(runs) else None
 
     def _undisturbed(self, cell: Cell, place: int) -> dict[str, Flags | None]:
-        """The cell without changes answers for noise and delays that a variation brings in."""
+        """The cell without changes answers for noise and delays that a variation brings in.
+
+        That cell is one with the packages that run here.
+        """
         plain = self._known.get((place, (cell.discretization, None)))
         return {
             replay: plain if self._changes_only(cell, names) else None
@@ -157,7 +160,8 @@ class Successes:
 
     def _changes_only(self, cell: Cell, names: set[str]) -> bool:
         """Whether these arguments alone are changed, from their undisturbed values."""
-        if not cell.environment or not set(cell.environment) <= names:
+        changed = {*cell.environment} - {PACKAGES}
+        if not changed or not changed <= names:
             return False
         plain = place_arguments(cell.discretization, self._environment)
         return all(plain.get(n, getattr(Settings, n)) == getattr(Settings, n) for n in names)
@@ -325,12 +329,18 @@ def evaluate(
         for played in ready:
             yield played.recorder.take(successes.replays(played.cell, played.places))
     for packages in other_packages(cell for subject in everywhere for cell in subject.cells):
-        there = [subject.within(packages) for subject in everywhere]
+        within = enumerate(subject.within(packages) for subject in everywhere)
+        at, there = zip(*((k, own) for k, own in within if own.cells), strict=True)
         cells = [cell for subject in there for cell in subject.cells]
         policies = [subject.policy for subject in there]
         interpreter = interpreter_for(packages, spec, cells, policies)
+        renumbered = {
+            (at.index(place), key): success
+            for (place, key), success in successes.known.items()
+            if place in at
+        }
         yield from call_there(
-            interpreter, evaluate, spec, there, episodes, store, statuses, successes.known
+            interpreter, evaluate, spec, [*there], episodes, store, statuses, renumbered
         )
 
 
@@ -491,8 +501,14 @@ def attempts(
 
 
 def inference_latencies(spec: PanelSpec, subjects: Sequence[Subject]) -> list[tuple[float, float]]:
-    """Mean and 99th percentile of the time of one decision at batch size 1, ns, by policy."""
-    environments = environments_of(spec.testbed, subjects[0].cells[0], 1)
+    """Mean and 99th percentile of the time of one decision at batch size 1, ns, by policy.
+
+    Nothing where there is no cell.
+    """
+    cell = next((cell for subject in subjects for cell in subject.cells), None)
+    if cell is None:
+        return []
+    environments = environments_of(spec.testbed, cell, 1)
     observation, _ = environments.reset(seed=spec.start_seed(subjects[0].starts, 0))
     environments.close()
     return [inference_latency(subject.policy, observation) for subject in subjects]

@@ -280,7 +280,8 @@ def _is_sb3_model(target: Any) -> bool:
 
 def _observations(env_id: str, arguments: Mapping[str, Any]) -> NDArray[Any]:
     """Observations of the environment under random actions, the same every time."""
-    environments = make_training_environments(env_id, arguments, LANES)
+    own = {name: value for name, value in arguments.items() if name != "solver"}
+    environments = make_training_environments(env_id, own, LANES)
     environments.action_space.seed(0)
     observation, _ = environments.reset(seed=list(range(LANES)))  # type: ignore[arg-type]
     seen = [observation.copy()]

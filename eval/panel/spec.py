@@ -14,6 +14,7 @@ from typing import Any, get_type_hints
 
 import msgspec
 
+from integ_gym.envs.engines.stepping import has_solver
 from integ_gym.envs.registries import INTEGRATORS, TRUTH
 from integ_gym.envs.settings import DELAYS, DISCRETIZATION, WEIGHT, Discretization
 from integ_gym.envs.testbeds.gym_testbed import Testbed
@@ -301,6 +302,10 @@ class PanelSpec:
             if not _is_same(undisturbed.get(name), value)
         }
         steps = {name: changes.pop(name) for name in DISCRETIZATION if name in changes}
+        if not has_solver(
+            steps.get("engine", place.engine), steps.get("integrator", place.integrator)
+        ):
+            changes.pop("solver", None)
         there: Discretization | None = replace(place, **steps)
         if place == self.testbed.truth(place.control_period):
             period = steps.pop("control_period", None)
@@ -361,7 +366,9 @@ class PanelSpec:
 
     def engine_versions(self) -> dict[str, str]:
         """Version of the distribution behind each foreign engine that is used."""
-        return engine_versions({d.engine for d in (*self.trained_on(), *self.grid)})
+        cells = [cell for home in (*self.train, None) for cell in self.cells_of(home)]
+        here = {cell.engine for cell in cells if not cell.packages}
+        return engine_versions({d.engine for d in self.trained_on()} | here)
 
     def to_json(self) -> dict[str, Any]:
         """The specification as plain data, everything resolved."""

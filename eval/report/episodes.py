@@ -17,7 +17,7 @@ import numpy.typing as npt
 from integ_gym.envs.environment import environment_setup
 from integ_gym.envs.ops.ops import SCALAR
 from integ_gym.envs.registries import ENVIRONMENTS, INTEGRATORS
-from integ_gym.envs.settings import DISCRETIZATION, NATIVE, Setup
+from integ_gym.envs.settings import NATIVE, Setup
 from integ_gym.envs.steps import Script, script_of
 from integ_gym.evidence.labels import SENTENCE_COLUMNS
 from integ_gym.evidence.store import EvidenceStore, sql_literal
@@ -467,9 +467,8 @@ def live_of(
         known = cell.engine == NATIVE and cell.integrator in INTEGRATORS.names()
         if not known or not cell.plain or len(scripts) == MOST_CELLS:
             continue
-        parts = {part: getattr(cell, part) for part in DISCRETIZATION}
         try:
-            own = environment_setup(env_id, {**panel.spec.get("environment", {}), **parts})
+            own = environment_setup(env_id, cell.arguments(panel.spec.get("environment", {})))
         except (TypeError, ValueError):
             continue
         if script := script_of(own):

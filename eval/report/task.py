@@ -42,7 +42,7 @@ def describe_task(panel: Panel) -> Task | None:
     decisions = "one every {:g} s, held in between"
     if is_integ_environment(env_id):
         same = {"dt": periods[0], "control_period": periods[0]} if periods else {}
-        setup = environment_setup(env_id, {**given, **same})
+        setup = environment_setup(env_id, {**given, **same, "solver": None})
         plant, duration = setup.plant, f"{setup.settings.duration:g} s"
         goal = setup.task.goal.replace("theta", "θ").replace("`duration`", duration)
         motor = f"{plant.control_name} up to ±{_limit(setup):g} {plant.control_unit}"
