@@ -27,7 +27,7 @@ from integ_gym.support.parameters import (
 )
 
 from .engines.mujoco import silencer
-from .engines.mujoco_solver import read_solver, write_solver
+from .engines.mujoco_solver import NO_RESET, read_solver, was_reset, write_solver
 from .environment import at_bounds
 from .foreign import (
     ForeignPlant,
@@ -213,7 +213,6 @@ class Ledger:
         self._scratch = mujoco.MjData(model)
         self._displacement = np.zeros(model.nv)
         self._damping = np.array(model.dof_damping).reshape(model.nv, -1)[:, 0]
-        self._was_reset = False
         self.accounted = _accounted(model, integrator)
         self._staged = self.accounted and integrator == "RK4"
 
@@ -250,9 +249,8 @@ class Ledger:
         work = lost = depth = violation = 0.0
         constrained, iterations = False, 0
         for _ in range(count):
-            before, time = data.qpos.copy(), data.time
+            before = data.qpos.copy()
             constrained |= self._taken(data)
-            self._was_reset = data.time <= time
             if self.is_lost(data):
                 break
             moved = self._displacement
@@ -270,7 +268,7 @@ class Ledger:
     def is_lost(self, data: Any) -> bool:
         """Whether the motion has diverged, or MuJoCo reset it, which before 3.2 it always does."""
         finite = np.isfinite(data.qpos).all() and (np.abs(data.qvel) <= FASTEST).all()
-        return self._was_reset or not finite
+        return was_reset(self._mujoco, data) or not finite
 
     def put_back(self, booked: Booked) -> Booked:
         """What is booked of a control period whose motion was taken back."""
@@ -657,7 +655,7 @@ class RediscretizedEnv(ForeignWrapper):
         timing = Timing.of(step, period, sensor_period=None, duration=horizon * period, **delays)
         model.opt.timestep = step
         model.opt.integrator = known[chosen]
-        model.opt.disableflags |= int(getattr(mujoco.mjtDisableBit, "mjDSBL_AUTORESET", 0))
+        model.opt.disableflags |= int(getattr(mujoco.mjtDisableBit, NO_RESET, 0))
         inner.frame_skip = timing.substeps
         size = int(np.prod(self.observation_space.shape or (1,)))
         names = tuple(f"obs{index}" for index in range(size))

@@ -24,11 +24,12 @@ _PACKAGES = ("integ-gym", "gymnasium", "numpy")
 
 
 def recorded_arguments(setup: Any) -> dict[str, Any]:
-    """All constructor arguments with their values, but for those of `DRAWN` that are 0.
+    """All constructor arguments with their values, but for drawn delays of 0 and no `solver`.
 
-    So records without a drawn delay are what they were before there were any.
+    So records without them are what they were before there were any.
     """
-    return {name: x for name, x in setup.arguments().items() if name not in DRAWN or x}
+    later = (*DRAWN, "solver")
+    return {name: x for name, x in setup.arguments().items() if name not in later or x}
 
 
 def arguments(setup: Setup, lane: int) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import random
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import chain, groupby, islice
@@ -215,17 +215,21 @@ def packages_of(record: EvidenceRecord) -> tuple[str, ...]:
     return () if are_running(packages) else packages
 
 
-def needed_for(record: EvidenceRecord) -> dict[str, str]:
-    """Versions, as they are here, of what is imported where a record is played again."""
-    fields = record.fields
-    return needed_versions((fields["env_id"].partition(":")[0], str(fields["engine"])))
+def needed_for(records: Iterable[EvidenceRecord]) -> dict[str, str]:
+    """Versions, as they are here, of what is imported where records are played again."""
+    names = {
+        name
+        for fields in (record.fields for record in records)
+        for name in (fields["env_id"].partition(":")[0], str(fields["engine"]))
+    }
+    return needed_versions(sorted(names))
 
 
 Named = tuple[str, EvidenceRecord]
 
 
 def _by_packages(
-    records: Sequence[Named],
+    records: Iterable[Named],
 ) -> tuple[list[Named], dict[tuple[str, ...], list[Named]]]:
     """Records that are played here, and those of other package versions by these."""
     here: list[Named] = []
@@ -248,7 +252,7 @@ def _replay_there(
     done: Replayed,
 ) -> None:
     """Play records again in the interpreter with their package versions, if it is there."""
-    interpreter = find_interpreter(packages, needed_for(records[0][1]))
+    interpreter = find_interpreter(packages, needed_for(record for _, record in records))
     if interpreter is None:
         done.skip(
             f"of {' '.join(packages)}, with which there is no interpreter here: verify with "
@@ -273,12 +277,12 @@ def _replayed(
     yield replay(records, exact=exact, own_code=own_code, policy=policy)
 
 
-def interpreters_of(store: EvidenceStore) -> dict[tuple[str, ...], EvidenceRecord]:
-    """Package versions of cells that are not those of this interpreter, each with a record."""
+def interpreters_of(store: EvidenceStore) -> dict[tuple[str, ...], list[EvidenceRecord]]:
+    """Package versions of cells that are not those of this interpreter, with records of each."""
     names = store.query(_VARIED).column("record_id").to_pylist()
     records = store.named_records(frozenset(names)) if names else ()
-    found = {packages_of(record): record for _, record in records}
-    return {packages: record for packages, record in found.items() if packages}
+    _, elsewhere = _by_packages(records)
+    return {packages: [record for _, record in own] for packages, own in elsewhere.items()}
 
 
 _VARIED = f"""

@@ -86,7 +86,10 @@ def parse_packages(words: Any) -> tuple[str, ...]:
     for name in {"python", OWN} & set(names):
         raise InputError(f"`{PACKAGES}` cannot change {name}; install another one for all cells")
     if not found or len(set(names)) < len(names):
-        raise InputError(f"`{PACKAGES}` takes one version of each package, got {list(listed)}")
+        raise InputError(
+            f"`{PACKAGES}` takes one version of each package, got {list(listed)}; a list of lists "
+            'is several cells: [["mujoco==3.1.0"], ["mujoco==3.2.7"]]'
+        )
     return tuple(found)
 
 
@@ -258,16 +261,28 @@ def _own() -> dict[str, str]:
 
 @cache
 def _own_source() -> tuple[str, tuple[str, ...]]:
-    """Where this package was installed from, and what uv is told to install it from there."""
+    """Where this package was installed from, and what uv is told to install it from there.
+
+    Raises:
+        InterpreterError: for a copy of a folder, which may have changed since.
+    """
     folder = checkout()
     if folder is not None:
         return str(folder), ("--editable", str(folder))
     found = importlib.metadata.distributions(name=OWN)
-    urls = (json.loads(own.read_text("direct_url.json") or "{}").get("url") for own in found)
-    url = next(filter(None, urls), None)
-    if url is not None:
-        return url, (f"{OWN} @ {url}",)
-    return "", (f"{OWN}=={package_version(OWN)}",)
+    origins = (json.loads(own.read_text("direct_url.json") or "{}") for own in found)
+    origin = next((one for one in origins if "url" in one), None)
+    if origin is None:
+        return "", (f"{OWN}=={package_version(OWN)}",)
+    if "dir_info" in origin:
+        raise InterpreterError(
+            f"{OWN} is a copy of {origin['url']}, which may have changed since; install that "
+            "folder with pip install -e"
+        )
+    url = origin["url"]
+    if "vcs_info" in origin:
+        url = f"{origin['vcs_info']['vcs']}+{url}@{origin['vcs_info']['commit_id']}"
+    return url, (f"{OWN} @ {url}",)
 
 
 def find_uv() -> list[str]:
@@ -365,7 +380,7 @@ def _check_installed(python: str, packages: Sequence[str], wanted: Mapping[str, 
         if there != version:
             remedy = f"install {name} here again, as `uv` finds another one now"
             if name in versions_of(packages):
-                remedy = f"write {name}=={there}"
+                remedy = f"write {name}=={there}" if there else "name a version that installs"
             raise InterpreterError(
                 f"no interpreter with {' '.join(packages)} can be made: it has {name} {there}, and "
                 f"{version} is wanted; {remedy}"
@@ -396,7 +411,7 @@ def call_there(
         "main": None,
         "task": task,
     }
-    if "__main__" in modules_in((function, given, named)):
+    if {"__main__", "__mp_main__"} & modules_in((function, given, named)):
         check_spawning(given)
         asked["main"] = getattr(sys.modules["__main__"], "__file__", None)
     environment = {**os.environ, ANY_VERSION: "*"}

@@ -372,6 +372,7 @@ class DrakeEngine(RigidBodyEngine):
     tells_speeds: ClassVar[bool] = True
     stopless: ClassVar[frozenset[str]] = frozenset({*EXPLICIT, *IMPLICIT})
     maps: ClassVar[Mapping[str, str]] = {**DISCRETE, **EXPLICIT, **IMPLICIT}
+    zero_settings: ClassVar[tuple[str, ...]] = ("sap_near_rigid_threshold",)
     solver_defaults: ClassVar[Mapping[str, Mapping[str, Any]]] = {
         **{name: {"accuracy": ACCURACY} for name in IMPLICIT},
         **{name: {"sap_near_rigid_threshold": 1.0} for name in CONVEX},
@@ -394,6 +395,7 @@ class DrakeEngine(RigidBodyEngine):
             plant.SetUseSampledOutputPorts(False)
         if self.integrator in CONVEX:
             plant.set_sap_near_rigid_threshold(self.settings["sap_near_rigid_threshold"])
+            self.settings = {"sap_near_rigid_threshold": plant.get_sap_near_rigid_threshold()}
         parent = plant.world_frame()
         for link in self.mechanism.links:
             parent = _hang(plant, parent, link)

@@ -7,13 +7,18 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from integ_gym.support.errors import InputError
 from integ_gym.support.optional import load
+from integ_gym.support.parameters import unknown_name
 
 from ..ops.ops import SCALAR, Component, Components, Ops
-from .mujoco_solver import MujocoSettings, read_solver
+from .mujoco_solver import SETTINGS, MujocoSettings, read_solver
 from .rigid import MAPS, Array, LanesEngine, stop_law
 from .simulator import Run, silence_output
 from .stepping import PlantSystem
+
+SETTABLE = tuple(name for name in SETTINGS if not name.startswith(("noslip", "cone")))
+"""Settings of MuJoCo's solver that MJX takes for plants without contacts."""
 
 
 class MjxEngine(MujocoSettings, LanesEngine):
@@ -29,6 +34,17 @@ class MjxEngine(MujocoSettings, LanesEngine):
     batched: ClassVar[bool] = True
     maps: ClassVar[Mapping[str, str]] = {own: MAPS[own] for own in ("Euler", "implicitfast", "RK4")}
 
+    def read_solver(self, given: Mapping[str, Any]) -> None:
+        """Keep what was given, for the model.
+
+        Raises:
+            ValueError: for a setting that MJX has not, or an impossible value.
+        """
+        for name in given:
+            if name not in SETTABLE:
+                raise InputError(unknown_name("setting of MJX's `solver`", name, SETTABLE))
+        super().read_solver(given)
+
     def build(self) -> None:
         """Make the program and place the model's numbers."""
         jax = load("jax", "mjx")
@@ -39,7 +55,12 @@ class MjxEngine(MujocoSettings, LanesEngine):
 
         self._jax, self._numbers = jax, numbers
         self._program = program_of(self.mechanism, self.integrator, self.settings)
-        self.settings, stop = read_solver(mujoco, self._program.made), self._stop()
+        self.settings = {
+            name: value
+            for name, value in read_solver(mujoco, self._program.made).items()
+            if name in SETTABLE
+        }
+        stop = self._stop()
         with jax.enable_x64(True):
             self._values, self._still = (
                 jax.device_put(np.array(numbers(self.mechanism, dt, stop)), jax.devices("cpu")[0])

@@ -10,13 +10,12 @@ from typing import Any, ClassVar
 from integ_gym.support.optional import load
 
 from ..ops.ops import Components
-from .mujoco_solver import MujocoSettings, read_solver, write_solver
+from .mujoco_solver import NO_RESET, MujocoSettings, read_solver, write_solver
 from .rigid import LEAST_INERTIA, MAPS, Array, RigidBodyEngine, mass_matrix, mjcf, stop_law
 from .simulator import Run
 
 _TOLD_OF = ("INERTIA", "BADQPOS", "BADQVEL", "BADQACC")
 
-_NO_RESET = "mjDSBL_AUTORESET"
 """The flag that keeps MuJoCo from resetting a motion that diverges; it has had it since 3.2."""
 
 
@@ -68,16 +67,16 @@ class MujocoEngine(MujocoSettings, RigidBodyEngine):
             report = step() or ()
             return (*position.tolist(), *velocity.tolist(), *report)
 
-        return run if hasattr(self._mujoco.mjtDisableBit, _NO_RESET) else self._lost(run, count)
+        return run if hasattr(self._mujoco.mjtDisableBit, NO_RESET) else self._lost(run)
 
-    def _lost(self, run: Run, count: int) -> Run:
+    def _lost(self, run: Run) -> Run:
         """The same where MuJoCo, before 3.2, resets a motion that diverges: that is not finite."""
-        data, size, least = self._data, 2 * len(self._data.qpos), (count - 0.5) * self.dt
+        data, size, begun = self._data, 2 * len(self._data.qpos), 1.0
 
         def run_or_lose(*values: float) -> tuple[float, ...]:
-            data.time = 0.0
+            data.time = begun
             found = run(*values)
-            return found if data.time > least else (math.nan,) * size + found[size:]
+            return found if data.time >= begun else (math.nan,) * size + found[size:]
 
         return run_or_lose
 
@@ -105,7 +104,7 @@ class MujocoEngine(MujocoSettings, RigidBodyEngine):
         text = mjcf(self.mechanism, self.dt, self.integrator, history)
         model = self._mujoco.MjModel.from_xml_string(text)
         write_solver(self._mujoco, model, self.settings)
-        model.opt.disableflags |= int(getattr(self._mujoco.mjtDisableBit, _NO_RESET, 0))
+        model.opt.disableflags |= int(getattr(self._mujoco.mjtDisableBit, NO_RESET, 0))
         data = self._mujoco.MjData(model)
         silencer(self._mujoco, data)()
         return model, data

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from math import isfinite
 from typing import Any, ClassVar, Final
 
 from integ_gym.support.errors import InputError
@@ -35,6 +36,19 @@ contact's time constant is at least twice the timestep, so that the contact law 
 
 SETTINGS: Final = (*_NUMBERS, *_CHOICES, *_FLAGS)
 """Names of all settings."""
+
+
+def was_reset(mujoco: Any, data: Any) -> bool:
+    """Whether MuJoCo has reset a motion that diverged, which before 3.2 it always does."""
+    if hasattr(mujoco.mjtDisableBit, NO_RESET):
+        return False
+    kinds = mujoco.mjtWarning
+    bad = kinds.mjWARN_BADQPOS, kinds.mjWARN_BADQVEL, kinds.mjWARN_BADQACC
+    return any(data.warning[int(kind)].number for kind in bad)
+
+
+NO_RESET: Final = "mjDSBL_AUTORESET"
+"""Name of MuJoCo's flag, from 3.2 on, against resets."""
 
 
 class MujocoSettings:
@@ -126,8 +140,9 @@ def checked_setting(name: str, value: Any) -> Any:
     """
     if name in _NUMBERS:
         kind = _NUMBERS[name]
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not value >= 0:
-            raise InputError(f"`solver.{name}` must be 0 or above, got {value!r}")
+        number = isinstance(value, (int, float)) and not isinstance(value, bool)
+        if not (number and isfinite(value) and value >= 0):
+            raise InputError(f"`solver.{name}` must be 0 or above and finite, got {value!r}")
         if kind(value) != value:
             raise InputError(f"`solver.{name}` must be a whole number, got {value!r}")
         return kind(value)

@@ -39,6 +39,7 @@ class PybulletEngine(RigidBodyEngine):
     package: ClassVar[str] = "pybullet"
     modules: ClassVar[tuple[str, ...]] = ("pybullet",)
     maps: ClassVar[Mapping[str, str]] = {"semi_implicit_euler": "symplectic_euler"}
+    zero_settings: ClassVar[tuple[str, ...]] = ("erp", "solverResidualThreshold")
     solver_defaults: ClassVar[Mapping[str, Mapping[str, Any]]] = {"semi_implicit_euler": SOLVER}
 
     def build(self) -> None:

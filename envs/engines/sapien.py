@@ -62,6 +62,7 @@ class SapienEngine(RigidBodyEngine):
         "tgs": "symplectic_euler_sequential_damping",
         "pgs": "symplectic_euler_implicit_damping",
     }
+    zero_settings: ClassVar[tuple[str, ...]] = ("velocity_iterations",)
     solver_defaults: ClassVar[Mapping[str, Mapping[str, Any]]] = SOLVERS
 
     def build(self) -> None:

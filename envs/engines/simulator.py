@@ -50,6 +50,8 @@ class MappedEngine(SteppedEngine):
     """Modules that it imports from other packages."""
     maps: ClassVar[Mapping[str, str]]
     """Integrator, as the engine calls it, to the one-step map that it applies."""
+    zero_settings: ClassVar[tuple[str, ...]] = ()
+    """Settings of a solver that may be 0."""
     solver_defaults: ClassVar[Mapping[str, Mapping[str, Any]]] = {}
     """Integrator to settings of its solver, in the engine's own names, with their defaults."""
     stopless: ClassVar[frozenset[str]] = frozenset()
@@ -87,7 +89,7 @@ class MappedEngine(SteppedEngine):
             ValueError: for settings that it has not, and impossible values.
         """
         defaults = self.solver_defaults.get(self.integrator, {})
-        self.settings = solver_with(self.name, defaults, given)
+        self.settings = solver_with(self.name, defaults, given, self.zero_settings)
 
     @property
     def map(self) -> str:

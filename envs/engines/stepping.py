@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import copy
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
+from math import isfinite
 from types import MappingProxyType
 from typing import Any, ClassVar, NamedTuple, Protocol, Self
 
@@ -13,7 +14,7 @@ from integ_gym.support.optional import check_versions, not_installed, running_ve
 from integ_gym.support.parameters import unknown_name
 
 from ..integrators.interface import Step
-from ..integrators.newton import Solved
+from ..integrators.newton import LEAST_TOLERANCE, Solved
 from ..mechanics import Friction, Stops
 from ..ops.ops import FLOAT32_MAX, Component, Components, Ops
 from ..plants.interface import Plant
@@ -267,13 +268,22 @@ def make_engine(
 
 
 def solver_with(
-    engine: str, defaults: Mapping[str, Any], given: Mapping[str, Any] | None
+    engine: str,
+    defaults: Mapping[str, Any],
+    given: Mapping[str, Any] | None,
+    zeros: Collection[str] = (),
 ) -> dict[str, Any]:
     """Settings of a solver: the defaults, and those that were given in their place.
 
+    Args:
+        engine: its name.
+        defaults: all settings, with their values.
+        given: in their place.
+        zeros: names of those that may be 0.
+
     Raises:
-        ValueError: for a setting that is not among the defaults, and for a value that is no number
-            above 0, or no whole one where the default is whole.
+        ValueError: for a setting that is not among the defaults, and for a value that is no finite
+            number above 0, or no whole one where the default is whole.
     """
     settings = dict(defaults)
     for name, value in (given or {}).items():
@@ -285,10 +295,12 @@ def solver_with(
                 "`solver` out"
             )
         kind = type(settings[name])
-        number = isinstance(value, (int, float)) and not isinstance(value, bool) and value > 0
-        if not number or kind(value) != value:
+        number = isinstance(value, (int, float)) and not isinstance(value, bool)
+        positive = number and isfinite(value) and (value > 0 or (name in zeros and value == 0))
+        if not positive or kind(value) != value:
             whole = "a whole number" if kind is int else "a number"
-            raise InputError(f"`solver.{name}` must be {whole} above 0, got {value!r}")
+            least = "of at least 0" if name in zeros else "above 0"
+            raise InputError(f"`solver.{name}` must be {whole} {least}, got {value!r}")
         settings[name] = kind(value)
     return settings
 
@@ -507,6 +519,11 @@ class NativeEngine(SteppedEngine):
         if isinstance(made, Solved):
             defaults = {"tolerance": made.solver_tolerance, "iterations": made.solver_cap}
         self.settings = solver_with(self.name, defaults, solver)
+        if self.settings and self.settings["tolerance"] < LEAST_TOLERANCE:
+            raise InputError(
+                f"`solver.tolerance` must be at least {LEAST_TOLERANCE:.2g}, for rounding leaves "
+                f"no smaller residual, got {self.settings['tolerance']}"
+            )
         if self.settings:
             made.solver_tolerance, made.solver_cap = self.settings.values()
         self.solver_tolerance = getattr(self.integrator, "solver_tolerance", None)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from ..ops.ops import Component, Components, Ops, along
 from .interface import System
 
@@ -57,12 +59,18 @@ CAP = 50
 _ROUNDING = 16.0
 """Residuals below this many machine epsilons cannot be improved."""
 
+LEAST_TOLERANCE = 4.0 * _ROUNDING * float(np.finfo(np.float64).eps)
+"""Rounding leaves no smaller residual (float64)."""
+
 _IMPROVEMENT = 0.5
 """Below the tolerance, an iteration that gains less than this factor is the last."""
 
 
 class Limits(NamedTuple):
-    """Where Newton's method stops: scaled residual and iterations."""
+    """Where Newton's method stops: scaled residual and iterations.
+
+    At the default tolerance and below, iterations also go on while they help.
+    """
 
     tolerance: float = TOLERANCE
     cap: int = CAP
@@ -133,7 +141,9 @@ def solve(
 
     def unfinished(carry: tuple[Component, ...]) -> Component:
         residual, previous, iterations = carry[2 * n : 2 * n + 3]
-        improving = (residual > tolerance) | (residual < _IMPROVEMENT * previous)
+        improving = residual > tolerance
+        if limits.tolerance <= TOLERANCE:
+            improving = improving | (residual < _IMPROVEMENT * previous)
         return (residual > _ROUNDING * ops.epsilon) & improving & (iterations < limits.cap)
 
     def newton(carry: tuple[Component, ...]) -> tuple[Component, ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -268,8 +269,10 @@ def plan(
         raise InputError(f"{env_id} has no truth, so nothing can be varied there; give `home`")
     rest = {name: x for name, x in varied.items() if at or name != "control_period"}
     if PACKAGES in rest:
-        lists = many(rest[PACKAGES])
-        rest[PACKAGES] = [one.split() if isinstance(one, str) else one for one in lists]
+        rest[PACKAGES] = [
+            re.sub(r"\s*==\s*", "==", one).split() if isinstance(one, str) else one
+            for one in many(rest[PACKAGES])
+        ]
     places: Any = tuple(at) or (*columns, "home", "truth")
     asked = tuple(vary(None, rest, places)) if rest else ()
     spec = PanelSpec(

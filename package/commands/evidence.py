@@ -151,13 +151,13 @@ def _make_interpreters(store: EvidenceStore, progress: bool) -> None:
     Raises:
         InterpreterError: for one that cannot be made.
     """
-    for packages, record in interpreters_of(store).items():
+    for packages, records in interpreters_of(store).items():
 
         def report(words: str) -> None:
             if progress:
                 print(f"{words[0].upper()}{words[1:]} …", file=sys.stderr)
 
-        make_interpreter(packages, needed_for(record), report)
+        make_interpreter(packages, needed_for(records), report)
 
 
 def seal_run(given: argparse.Namespace, store: EvidenceStore) -> int:

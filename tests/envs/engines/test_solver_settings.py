@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -9,11 +11,71 @@ from engine_cases import EVERY, needs
 
 import integ_gym
 from integ_gym import IntegGymError
+from integ_gym.cli import main
 from integ_gym.envs import numerics
 from integ_gym.envs.environment import environment_setup
 
 NATIVE = [("native", name) for name in ("implicit_euler", "implicit_midpoint", "stormer_verlet")]
 PENDULUM = "IntegPendulum-v0"
+
+
+def hold(observation):
+    """No torque."""
+    return [0.0]
+
+
+def test_a_home_with_settings_is_judged_where_others_have_no_solver_and_verified(tmp_path, capsys):
+    home = {"integrator": "implicit_midpoint", "dt": 0.05, "control_period": 0.05}
+    panel = integ_gym.evaluate(
+        hold, PENDULUM, tmp_path / "out", home=home, integrators=["implicit_midpoint", "rk4"],
+        dts=[0.05], episodes=2, workers=1, progress=False,
+        environment={"duration": 0.5, "solver": {"tolerance": 1e-3}},
+        varied={"solver": {"iterations": [1]}},
+    )  # fmt: skip
+    names = {cell.name for cell in panel.cells}
+    assert {"reference dt=0.05", "rk4 dt=0.05"} < names
+    assert [name for name in names if "solver" in name] == [
+        "implicit_midpoint dt=0.05, solver.iterations=1"
+    ]
+    rows = integ_gym.EvidenceStore(tmp_path / "out" / "evidence").query(
+        "SELECT cell, arguments FROM records WHERE phase = 'evaluation'"
+    )
+    given = {
+        row["cell"]: json.loads(row["arguments"]).get("solver", {}).get("value")
+        for row in rows.to_pylist()
+    }
+    assert given["implicit_midpoint dt=0.05"] == {"tolerance": 1e-3}
+    changed = {"tolerance": 1e-3, "iterations": 1}
+    assert given["implicit_midpoint dt=0.05, solver.iterations=1"] == changed
+    assert given["rk4 dt=0.05"] is given["reference dt=0.05"] is None
+    assert main(["evidence", "verify", str(tmp_path / "out"), "--all", "--no-progress"]) == 0
+    assert "to the last bit" in capsys.readouterr().out
+
+
+def test_a_coarse_tolerance_takes_fewer_iterations_and_one_below_rounding_is_refused():
+    found = []
+    for tolerance in (1e-10, 1e-2):
+        env = gym.make(
+            PENDULUM, integrator="implicit_euler", dt=0.2, solver={"tolerance": tolerance}
+        )
+        env.reset(options={"state": (1.0, 3.0)})
+        found.append(env.step([1.0])[4]["solver_iterations"])
+    assert found[1] < found[0]
+    with pytest.raises(IntegGymError, match="rounding leaves no smaller residual"):
+        gym.make(PENDULUM, integrator="implicit_euler", solver={"tolerance": 1e-30})
+
+
+@pytest.mark.parametrize(
+    ("engine", "integrator", "name", "value"),
+    [
+        ("mjx", "Euler", "noslip_iterations", 3),
+        ("native", "implicit_euler", "iterations", float("inf")),
+    ],
+)
+def test_what_could_not_act_is_refused(engine, integrator, name, value):
+    needs(engine)
+    with pytest.raises(IntegGymError, match="solver"):
+        _engine(engine, integrator, **{name: value})
 
 
 def _engine(engine, integrator, **solver):
@@ -30,7 +92,7 @@ def _other(value):
 
 
 @pytest.mark.parametrize(("engine", "integrator"), [*NATIVE, *EVERY])
-def test_every_number_that_is_listed_can_be_changed_and_is_read_back(engine, integrator):
+def test_every_number_that_is_listed_can_be_changed_and_is_recorded(engine, integrator):
     needs(engine)
     own = _settings(engine, integrator)
     numbers = {name: x for name, x in own.items() if type(x) in (int, float) and x > 0}

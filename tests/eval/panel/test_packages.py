@@ -15,6 +15,7 @@ import integ_gym
 from integ_gym.cli import main
 from integ_gym.eval.panel.cells import SpecError, axes_between
 from integ_gym.eval.panel.checking.setups import of_versions
+from integ_gym.eval.panel.episodes import Subject, evaluate
 from integ_gym.eval.panel.plan import planned_spec
 from integ_gym.eval.panel.result import read_panel
 from integ_gym.eval.panel.run_directory import read_manifest
@@ -22,6 +23,7 @@ from integ_gym.eval.panel.spec import parse_spec
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.support.interpreters import InterpreterError, interpreters_folder
 from integ_gym.support.optional import package_version
+from integ_gym.train.baselines import make_baseline
 
 HOME = {"integrator": "explicit_euler", "dt": 0.02, "control_period": 0.02}
 
@@ -128,6 +130,16 @@ def test_what_versions_cost_is_told_apart(judged):
     for one in found:
         (version,) = (axis for axis in one.axes if axis.axis == "version")
         assert version.lost_alone.estimate == 0.0
+
+
+def test_a_policy_without_such_cells_is_evaluated_beside_one_that_has_them(cache, tmp_path):
+    spec = _spec(at="home", packages=[*TINY])
+    (home,) = spec.train
+    idle, random = (make_baseline(name, spec.nominal) for name in ("zero", "random"))
+    subjects = [Subject(idle, spec.cells_of(None)), Subject(random, spec.cells_of(home), home)]
+    tables = list(evaluate(spec, subjects, range(1), EvidenceStore(tmp_path), {}))
+    found = [record for table in tables for record in table.to_pylist()]
+    assert {r["policy_id"] for r in found if "tiny" in r["cell"]} == {"random"}
 
 
 def _verify(run, capsys, *further):
