@@ -31,8 +31,8 @@ from .optional import (
     extra_names,
     installed_versions,
     missing_package,
-    needed_by_extra,
     package_version,
+    required_by_extra,
 )
 from .processes import check_spawning, report_work
 from .storage import FileLock
@@ -116,10 +116,10 @@ def needed_versions(names: Iterable[str] = (), modules: Iterable[str] = ()) -> d
     """
     extras = [name for name in dict.fromkeys(names) if name in extra_names()]
     wanted = {
-        *needed_by_extra(None),
-        *(p for x in (*_BASE_EXTRAS, *extras) for p in needed_by_extra(x)),
+        *required_by_extra(None),
+        *(p for x in (*_BASE_EXTRAS, *extras) for p in required_by_extra(x)),
     }
-    wanted |= {p for extra in extras for p in needed_by_extra(extra, "gymnasium")}
+    wanted |= {p for extra in extras for p in required_by_extra(extra, "gymnasium")}
     for module in {module.partition(".")[0] for module in modules}:
         wanted |= set(_distributions().get(module, ()))
     names_here = {_normalize(name) for name in wanted} - _NOT_IMPORTED - {OWN}

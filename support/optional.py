@@ -6,7 +6,7 @@ import importlib
 import os
 import platform
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from functools import cache
 from importlib.machinery import PathFinder
 from importlib.metadata import PackageNotFoundError, metadata, requires
@@ -149,9 +149,11 @@ ANY_VERSION = "INTEG_GYM_ANY_VERSION"
 
 _REQUIREMENT = re.compile(
     r"(?P<package>[\w.-]+)(?:\[(?P<extras>[^]]*)\])?[^;]*?(?:>=(?P<least>[\d.]+))?[^;]*"
-    r";.*extra == .(?P<extra>[\w-]+)"
+    r"(?:;(?P<condition>.*))?"
 )
-"""A line of the metadata of this package about an extra."""
+"""A line of a package's metadata about what it requires."""
+
+_OF_EXTRA = re.compile(r"extra == .(?P<extra>[\w-]+)")
 
 
 def check_versions(extra: str) -> None:
@@ -169,9 +171,9 @@ def check_versions(extra: str) -> None:
     """
     if {extra, "*"} & set(os.environ.get(ANY_VERSION, "").split(",")):
         return
-    for package, least in _least_versions(extra).items():
+    for package, least in required_by_extra(extra).items():
         found = package_version(package)
-        if found is not None and _release(found) < _release(least):
+        if least and found is not None and _release(found) < _release(least):
             raise InputError(
                 f"{package} {found} is installed, and integ-gym[{extra}] needs {least} or newer; "
                 f'run: pip install "{package}>={least}", or set {ANY_VERSION}={extra} to try this '
@@ -179,31 +181,33 @@ def check_versions(extra: str) -> None:
             )
 
 
-_REQUIRED = re.compile(
-    r"(?P<package>[\w.-]+)(?:\[(?P<extras>[^]]*)\])?[^;]*(?:;(?P<condition>.*))?"
-)
-_OF_EXTRA = re.compile(r"extra == .(?P<extra>[\w-]+)")
-
-
 @cache
-def needed_by_extra(extra: str | None, package: str = "integ-gym") -> frozenset[str]:
-    """Packages that an extra asks for, those of extras in it included; of None what all need."""
+def required_by_extra(extra: str | None, package: str = "integ-gym") -> Mapping[str, str]:
+    """Packages that an extra asks for, those of extras in it included, with the oldest version.
+
+    Args:
+        extra: its name; None: what is needed without any.
+        package: whose extra it is.
+
+    Returns:
+        Package to oldest version, which is empty where any serves.
+    """
     try:
         lines = requires(package) or []
     except PackageNotFoundError:  # run from its sources
-        return frozenset()
-    found: set[str] = set()
-    for asked in filter(None, map(_REQUIRED.match, lines)):
+        return {}
+    found: dict[str, str] = {}
+    for asked in filter(None, map(_REQUIREMENT.fullmatch, lines)):
         condition = _OF_EXTRA.search(asked["condition"] or "")
         own = None if condition is None else condition["extra"].replace("-", "_")
         if own != (None if extra is None else extra.replace("-", "_")):
             continue
         if asked["package"] == package:
             for other in (asked["extras"] or "").split(","):
-                found |= needed_by_extra(other, package)
+                found |= required_by_extra(other, package)
         else:
-            found.add(asked["package"])
-    return frozenset(found)
+            found[asked["package"]] = asked["least"] or ""
+    return found
 
 
 @cache
@@ -214,25 +218,6 @@ def extra_names() -> frozenset[str]:
     except PackageNotFoundError:  # run from its sources
         return frozenset()
     return frozenset(name.replace("-", "_") for name in told)
-
-
-@cache
-def _least_versions(extra: str) -> dict[str, str]:
-    """Package to the oldest version that an extra takes, those of extras in it included."""
-    try:
-        lines = requires("integ-gym") or []
-    except PackageNotFoundError:  # run from its sources
-        return {}
-    least: dict[str, str] = {}
-    for asked in filter(None, map(_REQUIREMENT.match, lines)):
-        if asked["extra"].replace("-", "_") != extra.replace("-", "_"):
-            continue
-        if asked["package"] == "integ-gym":
-            for other in asked["extras"].split(","):
-                least |= _least_versions(other)
-        elif asked["least"]:
-            least[asked["package"]] = asked["least"]
-    return least
 
 
 def _release(version: str) -> tuple[int, ...]:

@@ -37,7 +37,7 @@ def aged(monkeypatch):
 def test_an_engine_of_an_older_version_is_refused_in_one_sentence(engine, integrator, aged):
     needs(engine)
     package = PACKAGES.get(engine, engine)
-    least = versions._least_versions(engine)[package]
+    least = versions.required_by_extra(engine)[package]
     aged(package)
     told = rf'{package} 0.9 is installed, .*\[{engine}\] needs {least} .*; run: pip install "'
     asked = Discretization(integrator, 0.05, 0.05, engine)
