@@ -90,7 +90,6 @@ class Delayed(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
     def __init__(self, env: gym.Env[Any, Any], timing: Timing) -> None:
         gym.utils.RecordConstructorArgs.__init__(self, timing=timing)
         super().__init__(env)
-        self._timing = timing
         space: Any = env.action_space
         self._idle = (
             max(0, int(space.start))
@@ -98,6 +97,8 @@ class Delayed(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
             else np.clip(np.zeros(space.shape, space.dtype), space.low, space.high)
         )
         self._queue = CommandQueue(timing, self._idle)
+        periods, rest = timing.sight
+        self._late = periods * timing.substeps + rest
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -106,9 +107,7 @@ class Delayed(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
         observation, info = self.env.reset(seed=seed, options=options)
         self._queue.begin(seed)
         self.acting, self._coming = self._idle, deque[Any]()
-        periods, rest = self._timing.sight
-        late = periods * self._timing.substeps + rest
-        self._seen = deque([np.copy(observation)] * late)
+        self._seen = deque([np.copy(observation)] * self._late)
         return observation, {**info, **self._queue.info}
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
@@ -117,7 +116,33 @@ class Delayed(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
             acting = self._queue.give(action)
             self._coming.extend(one for one, steps in acting for _ in range(steps))
         self.acting = self._coming.popleft()
+        return self._take()
+
+    def _take(self) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+        """Take a step of the environment, and show the observation that has arrived."""
         observation, reward, terminated, truncated, info = self.env.step(self.acting)
         self._seen.append(np.copy(observation))
         info = {**info, **self._queue.info}
         return self._seen.popleft(), float(reward), terminated, truncated, info
+
+
+class SplitDelayed(Delayed):
+    """The same of decisions whose integration steps an environment takes by itself.
+
+    Commands act by these steps, observations are shown by decisions.
+
+    Args:
+        env: whose steps are decisions; it has ``late``: for how many integration steps of the next
+            one the control before still acts.
+        timing: delays in integration steps; commands arrive at one step of a decision alone.
+    """
+
+    def __init__(self, env: gym.Env[Any, Any], timing: Timing) -> None:
+        super().__init__(env, timing)
+        self._late = timing.sight[0]
+
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+        """Take a decision, under the control before until the action arrives."""
+        *before, (self.acting, _) = self._queue.give(action)
+        self.env.unwrapped.late = sum(steps for _, steps in before)  # type: ignore[attr-defined]
+        return self._take()

@@ -19,7 +19,7 @@ from integ_gym.support.errors import InputError, InputTypeError
 from integ_gym.support.optional import running_version
 from integ_gym.support.parameters import check_values, units, unknown_name
 
-from .delayed import Delayed
+from .delayed import Delayed, SplitDelayed
 from .environment import at_bounds
 from .lanes import DiscretizedVectorEnv, as_floats
 from .settings import (
@@ -401,7 +401,8 @@ def with_delays(env: gym.Env[Any, Any], setup: ForeignSetup) -> gym.Env[Any, Any
     """An environment with the delays of its setup; it may be changed.
 
     They are counted in integration steps where a decision's steps are taken one by one, by
-    :class:`Repeated`, and else in decisions.
+    :class:`Repeated`, and else in decisions. An environment that has ``late``, see
+    :class:`~.delayed.SplitDelayed`, takes an `action_latency` by integration steps.
 
     Args:
         env: one step is one decision.
@@ -418,8 +419,11 @@ def with_delays(env: gym.Env[Any, Any], setup: ForeignSetup) -> gym.Env[Any, Any
         inner.env = Delayed(inner.env, setup.timing)
         return env
     period, duration = setup.timing.control_period, setup.settings.duration
-    for name in LATENCIES:
+    split = bool(setup.timing.delay[1]) and hasattr(env.unwrapped, "late")
+    for name in LATENCIES[split:]:
         whole_multiple(name, delays[name], "control_period", period, least=0)
+    if split:
+        return SplitDelayed(env, setup.timing)
     timing = Timing.of(period, period, sensor_period=None, duration=duration, **delays)
     return Delayed(env, timing)
 
