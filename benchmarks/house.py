@@ -31,7 +31,7 @@ CAPABILITIES = {
     "what a discretization does to energy and order": r"envs/(numerics/|maps/)",
     "engines": r"envs/engines/",
     "testbeds, environments of others": (
-        r"envs/(testbeds/|foreign|rediscretized|environments/(stated|rediscretized))"
+        r"envs/(testbeds/|delayed|foreign|rediscretized|environments/(stated|rediscretized))"
     ),
     "drawing": r"envs/rendering/",
     "environments and tasks": r"envs/",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from math import ceil, nan
@@ -18,17 +17,20 @@ from gymnasium.wrappers import TimeLimit
 
 from integ_gym.support.errors import InputError, InputTypeError
 from integ_gym.support.optional import running_version
-from integ_gym.support.parameters import unknown_name
+from integ_gym.support.parameters import check_values, units, unknown_name
 
+from .delayed import Delayed, SplitDelayed
 from .environment import at_bounds
 from .lanes import DiscretizedVectorEnv, as_floats
 from .settings import (
-    FIXED_DELAYS,
+    DELAYS,
+    LATENCIES,
     TOLERANCE,
     Discretization,
     Mixture,
     Settings,
     Timing,
+    delays_in,
     whole_multiple,
 )
 from .transition import AWAY, NOT_REPORTED
@@ -85,8 +87,9 @@ class ForeignSetup:
 
     def units(self) -> dict[str, str]:
         """SI unit of every argument; empty where it is not stated."""
-        seconds = (*_SECONDS, *FIXED_DELAYS)
-        return {name: "s" if name in seconds else "" for name in self.arguments()}
+        known = units(self.settings)
+        stated = (*_SECONDS, *DELAYS)
+        return {name: known[name] if name in stated else "" for name in self.arguments()}
 
 
 SURVIVAL = "not terminated within the time limit"
@@ -243,11 +246,6 @@ def _rewards(env: gym.Env[Any, Any]) -> str | None:
     return ASSUMED_RATE if assumed else str(env.get_wrapper_attr("rewards"))
 
 
-def delays_in(arguments: Mapping[str, Any]) -> dict[str, float]:
-    """The delays among a testbed's arguments, s; 0 where they are left out."""
-    return {name: float(arguments.get(name) or 0.0) for name in FIXED_DELAYS}
-
-
 def describe_setup(
     env: gym.Env[Any, Any],
     applied: Discretization,
@@ -284,6 +282,7 @@ def describe_setup(
         )
     period = applied.control_period
     delays: dict[str, Any] = {**delays_in(arguments)}
+    check_values(Settings, delays)
     discrete = int(action.n) if isinstance(action, spaces.Discrete) else None
     count = 1 if discrete is not None else int(np.prod(action.shape or (1,)))
     size = int(np.prod(observation.shape or (1,)))
@@ -398,72 +397,35 @@ class Repeated(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs)
         return observation, earned, terminated, truncated, info
 
 
-class Delayed(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
-    """Actions act, and observations are shown, some steps later.
-
-    Until the first action arrives the one nearest to 0 acts; until the first observation does, that
-    of the start is shown.
-
-    Args:
-        env: whose steps are counted.
-        actions: steps until an action acts.
-        observations: steps until an observation is shown.
-    """
-
-    def __init__(self, env: gym.Env[Any, Any], actions: int, observations: int) -> None:
-        gym.utils.RecordConstructorArgs.__init__(self, actions=actions, observations=observations)
-        super().__init__(env)
-        self._actions, self._observations = actions, observations
-        space: Any = env.action_space
-        self._idle = (
-            max(0, int(space.start))
-            if isinstance(space, spaces.Discrete)
-            else np.clip(np.zeros(space.shape, space.dtype), space.low, space.high)
-        )
-
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Any, dict[str, Any]]:
-        """Start an episode with nothing under way."""
-        observation, info = self.env.reset(seed=seed, options=options)
-        self._coming = deque([self._idle] * self._actions)
-        self._seen = deque([np.copy(observation)] * self._observations)
-        return observation, info
-
-    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
-        """Take the action that arrives now, and show the observation that does."""
-        self._coming.append(action)
-        observation, reward, terminated, truncated, info = self.env.step(self._coming.popleft())
-        self._seen.append(np.copy(observation))
-        return self._seen.popleft(), float(reward), terminated, truncated, info
-
-
-def with_delays(
-    env: gym.Env[Any, Any], applied: Discretization, delays: Mapping[str, float]
-) -> gym.Env[Any, Any]:
-    """An environment with late actions and observations; it may be changed.
+def with_delays(env: gym.Env[Any, Any], setup: ForeignSetup) -> gym.Env[Any, Any]:
+    """An environment with the delays of its setup; it may be changed.
 
     They are counted in integration steps where a decision's steps are taken one by one, by
-    :class:`Repeated`, and else in decisions.
+    :class:`Repeated`, and else in decisions. An environment that has ``late``, see
+    :class:`~.delayed.SplitDelayed`, takes an `action_latency` by integration steps.
 
     Args:
         env: one step is one decision.
-        applied: its discretization.
-        delays: of :data:`~.settings.FIXED_DELAYS`, s.
+        setup: of it.
 
     Raises:
         ValueError: for a delay that is no whole number of such steps, with the nearest two.
     """
-    inner = next((one for one in wrappers_of(env) if isinstance(one, Repeated)), None)
-    unit = "control_period" if inner is None else "dt"
-    step = getattr(applied, unit)
-    counts = [whole_multiple(name, delays[name], unit, step, least=0) for name in FIXED_DELAYS]
-    if not any(counts):
+    delays = delays_in(vars(setup.settings))
+    if not any(delays.values()):
         return env
-    if inner is None:
-        return Delayed(env, *counts)
-    inner.env = Delayed(inner.env, *counts)
-    return env
+    inner = next((one for one in wrappers_of(env) if isinstance(one, Repeated)), None)
+    if inner is not None:
+        inner.env = Delayed(inner.env, setup.timing)
+        return env
+    period, duration = setup.timing.control_period, setup.settings.duration
+    split = bool(setup.timing.delay[1]) and hasattr(env.unwrapped, "late")
+    for name in LATENCIES[split:]:
+        whole_multiple(name, delays[name], "control_period", period, least=0)
+    if split:
+        return SplitDelayed(env, setup.timing)
+    timing = Timing.of(period, period, sensor_period=None, duration=duration, **delays)
+    return Delayed(env, timing)
 
 
 def check_wrappers(what: str, chain: Iterable[gym.Env[Any, Any]]) -> None:
@@ -544,6 +506,7 @@ class ForeignWrapper(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructo
 class StatedEnv(ForeignWrapper):
     """An environment whose discretization is stated, with success and time in ``info``.
 
+    Commands and observations are late by the delays among the arguments; see :func:`with_delays`.
     Energy, work and losses are left out: they are not known. Actions are brought into the action
     space; in place of one that is not finite the last one holds, at first the one nearest to 0.
 
@@ -584,6 +547,9 @@ class StatedEnv(ForeignWrapper):
         self._goal = ReturnGoal(return_of_success(success_return, env.spec))
         self._factor = 1.0 if env.has_wrapper_attr("rewards_assumed") else stretch
         self.setup = describe_setup(env, applied, self._goal.words, arguments or {}, stretch)
+        self.env = with_delays(env, self.setup)
+        late = (one for one in wrappers_of(self) if isinstance(one, Delayed))
+        self._delayed = next(late, None)
         self._control = self._nearest(np.zeros(len(self.setup.plant.controls)))
 
     def reset(
@@ -624,7 +590,9 @@ class StatedEnv(ForeignWrapper):
         return np.clip(control, space.low.ravel(), space.high.ravel())
 
     def _info(self, saturated: bool, fell_back: bool, success: bool) -> dict[str, Any]:
-        return self._common_info(self._control, self._control, saturated, fell_back, success)
+        late = self._delayed
+        acting = self._control if late is None else as_floats(late.acting).ravel()
+        return self._common_info(self._control, acting, saturated, fell_back, success)
 
 
 _MAYBE_UNKNOWN = (

@@ -22,10 +22,12 @@ from integ_gym.support.parameters import (
     nonnegative,
     parameter,
     positive,
+    probability,
     text,
     unknown_name,
 )
 
+from .delayed import CommandQueue
 from .engines.mujoco import silencer
 from .engines.mujoco_solver import NO_RESET, read_solver, was_reset, write_solver
 from .environment import at_bounds
@@ -44,7 +46,7 @@ from .foreign import (
 )
 from .lanes import as_floats
 from .ops.ops import join_state
-from .settings import FIXED_DELAYS, Settings, Timing, check_divides, whole_multiple
+from .settings import Settings, Timing, check_divides, delays_in, whole_multiple
 from .transition import DIVERGED, NOT_CONVERGED, OK, STATUS_NAMES
 
 _HEADLESS = ("egl", "osmesa")
@@ -96,6 +98,8 @@ class Choice:
     control_period: float | None = parameter(None, "s", "time between two decisions", positive)
     action_latency: float | None = parameter(None, "s", "delay of every command", nonnegative)
     observation_latency: float | None = parameter(None, "s", "age of what is observed", nonnegative)
+    latency_jitter: float | None = parameter(None, "s", "most further delay", nonnegative)
+    hold_probability: float | None = parameter(None, "1", "that a command is lost", probability)
     success_return: float | None = parameter(None, "", "return of a success", finite_number)
 
     def __post_init__(self) -> None:
@@ -312,6 +316,8 @@ def rediscretize(
     solver: Mapping[str, Any] | None = None,
     action_latency: float | None = None,
     observation_latency: float | None = None,
+    latency_jitter: float | None = None,
+    hold_probability: float | None = None,
 ) -> RediscretizedEnv:
     """Change integrator, timestep, control period and delays of a Gymnasium MuJoCo environment.
 
@@ -336,6 +342,9 @@ def rediscretize(
             the control period, which its reward may charge for.
         observation_latency: s, a whole multiple of the timestep: what is observed is so old; until
             the first arrives, the start is. Rewards and ends are of the state as it is.
+        latency_jitter: s, a whole multiple of the timestep: most by which a command is later than
+            that, drawn for each by the seed of the episode.
+        hold_probability: that a command does not arrive, drawn likewise: the one before it holds.
 
     Raises:
         TypeError: for another environment.
@@ -350,8 +359,10 @@ def rediscretize(
     >>> env.setup.timing.control_period, env.setup.timing.substeps
     (0.04, 4)
     """
-    delays = {"action_latency": action_latency, "observation_latency": observation_latency}
-    return RediscretizedEnv(env, integrator, dt, success_return, control_period, solver, **delays)
+    return RediscretizedEnv(
+        env, integrator, dt, success_return, control_period, solver, action_latency,
+        observation_latency, latency_jitter, hold_probability,
+    )  # fmt: skip
 
 
 class RediscretizedEnv(ForeignWrapper):
@@ -378,6 +389,8 @@ class RediscretizedEnv(ForeignWrapper):
         solver: Mapping[str, Any] | None = None,
         action_latency: float | None = None,
         observation_latency: float | None = None,
+        latency_jitter: float | None = None,
+        hold_probability: float | None = None,
     ) -> None:
         gym.utils.RecordConstructorArgs.__init__(
             self,
@@ -388,13 +401,17 @@ class RediscretizedEnv(ForeignWrapper):
             solver=solver,
             action_latency=action_latency,
             observation_latency=observation_latency,
+            latency_jitter=latency_jitter,
+            hold_probability=hold_probability,
         )
         super().__init__(env)
         check_versions("mujoco")
         self._mujoco = load("mujoco", "mujoco")
         self._inner = _mujoco_env(env)
-        delays = action_latency, observation_latency
-        choice = Choice(integrator, dt, control_period, *delays, success_return)
+        choice = Choice(
+            integrator, dt, control_period, action_latency, observation_latency, latency_jitter,
+            hold_probability, success_return,
+        )  # fmt: skip
         self._goal = ReturnGoal(return_of_success(success_return, env.spec))
         self._model, self._data = self._inner.model, self._inner.data
         write_solver(self._mujoco, self._model, solver or {})
@@ -408,8 +425,12 @@ class RediscretizedEnv(ForeignWrapper):
         self._silence = silencer(self._mujoco, self._data)
         self._ledger = Ledger(self._mujoco, self._model, self.setup.settings.integrator)
         self._inner.do_simulation = self._simulate
-        if choice.observation_latency:
-            self._observe_late()
+        timing = self.setup.timing
+        self._none = np.zeros(self._model.nu)
+        self._queue = CommandQueue(timing, self._none)
+        self._seen_late = any(timing.sight)
+        if timing.latency or timing.drawn or self._seen_late:
+            self._delay()
         self._booked = NOTHING
         self._saturated = False
         self._diverged = False
@@ -461,9 +482,11 @@ class RediscretizedEnv(ForeignWrapper):
         self._steps, self._least, self._earned = 0, 0.0, 0.0
         self._goal.begin()
         self._energy = self._ledger.energy(self._data)
-        self._control = self._held = np.zeros(self._model.nu)
-        self._commands = [self._control] * self.setup.timing.delay[0]
-        self._samples = [self._inner._get_obs()] * self.setup.timing.sight[0]
+        self._control = self._held = self._before = self._none
+        self._queue.begin(seed)
+        self._acting = [(self._none, self.setup.timing.substeps)]
+        if self._seen_late:
+            self._samples = [self._inner._get_obs()] * self.setup.timing.sight[0]
         self._observation, self._booked, self._diverged = observation, NOTHING, False
         return observation, {**info, **self._info(0.0, False, False, False)}
 
@@ -472,10 +495,9 @@ class RediscretizedEnv(ForeignWrapper):
         asked = as_floats(action)
         valid = bool(np.isfinite(asked).all())
         command = asked if valid else self._control
-        *self._commands, acting = (command, *self._commands)
         with self._timed(*self._stock):
             observation, reward, terminated, truncated, info = self.env.step(
-                acting.astype(self._inner.action_space.dtype)
+                command.astype(self._inner.action_space.dtype)
             )
         self._steps += 1
         if self._stretch != 1.0:
@@ -575,37 +597,60 @@ class RediscretizedEnv(ForeignWrapper):
             self._mujoco.mj_rnePostConstraint(model, data)
 
     def _advance(self, control: Array) -> Booked:
-        """One control period: under the control before, as far as it still acts, then this one.
+        """One control period under the commands that act in it.
 
         What is observed later is looked at on the way.
+
+        Args:
+            control: what the task made of the last of them.
         """
-        timing, data, booked = self.setup.timing, self._data, None
-        late, seen = timing.delay[1], timing.substeps - timing.sight[1]
-        ends = sorted({late, seen, timing.substeps} - {0})
-        for begin, end in zip((0, *ends), ends, strict=False):
-            data.ctrl[:] = self._held if end <= late else control
-            part = self._ledger.step(data, end - begin)
-            booked = part if booked is None else add_up(booked, part)
-            if self._ledger.is_lost(data):
-                break
-            if end == seen < timing.substeps:
-                self._mujoco.mj_forward(self._model, data)
-                self._sample = self._inner._get_obs()
-        self._held = control
-        assert booked is not None
+        timing, data, booked = self.setup.timing, self._data, NOTHING
+        seen, begin = timing.substeps - timing.sight[1], 0
+        for acting, steps in self._segments(control):
+            data.ctrl[:], end = acting, begin + steps
+            for stop in sorted({min(max(seen, begin), end), end} - {begin}):
+                booked = add_up(booked, self._ledger.step(data, stop - begin))
+                begin = stop
+                if self._ledger.is_lost(data):
+                    return booked
+                if stop == seen < timing.substeps:
+                    self._mujoco.mj_forward(self._model, data)
+                    self._sample = self._inner._get_obs()
         return booked
 
-    def _observe_late(self) -> None:
-        """Have the task itself return late observations, so that wrappers around it see them."""
-        if not hasattr(self._inner, "_get_obs"):
+    def _segments(self, control: Array) -> list[tuple[Array, int]]:
+        """The controls that act in a period, and for how many timesteps each, oldest first.
+
+        Raises:
+            ValueError: under a jitter, of a task that steps with other numbers than it is given:
+                what it makes of a command that acts within a period alone is not known.
+        """
+        last = self._acting[-1][0]
+        if self.setup.timing.jitter and not np.array_equal(control, last):
+            raise InputError(
+                f"{type(self._inner).__name__} changes its actions itself, so `latency_jitter` "
+                "cannot be had of it; give `action_latency` or `hold_probability`"
+            )
+        controls = {id(self._before): self._held, id(last): control}
+        self._before, self._held = last, control
+        return [(controls.get(id(one), one), steps) for one, steps in self._acting]
+
+    def _delay(self) -> None:
+        """Have the task itself take late commands and return late observations.
+
+        So wrappers around it see both as a policy does.
+        """
+        if self._seen_late and not hasattr(self._inner, "_get_obs"):
             raise InputError(f"{type(self._inner).__name__} cannot be observed late")
         step, whole = self._inner.step, not self.setup.timing.sight[1]
 
         def step_late(action: Any) -> tuple[Any, ...]:
-            observation, *rest = step(action)
-            newest = observation if whole else self._sample
-            *self._samples, shown = (newest, *self._samples)
-            return (shown, *rest)
+            self._acting = self._queue.give(action)
+            observation, *rest = step(self._acting[-1][0])
+            if self._seen_late:
+                newest = observation if whole else self._sample
+                *self._samples, observation = (newest, *self._samples)
+            return (observation, *rest)
 
         self._inner.step = step_late
 
@@ -617,6 +662,7 @@ class RediscretizedEnv(ForeignWrapper):
         applied = self._control if self._steps == 0 else self._applied
         return {
             **self._common_info(self._control, applied, saturated, fell_back, success),
+            **self._queue.info,
             "energy": self._energy,
             "actuator_work": booked.work,
             "clip_loss": 0.0,
@@ -651,7 +697,7 @@ class RediscretizedEnv(ForeignWrapper):
             raise InputError(unknown_name("integrator of MuJoCo", chosen, known))
         limit = time_limit(self)
         horizon = 1000 if limit is None else limit
-        delays: dict[str, Any] = {name: getattr(choice, name) or 0.0 for name in FIXED_DELAYS}
+        delays: dict[str, Any] = delays_in(vars(choice))
         timing = Timing.of(step, period, sensor_period=None, duration=horizon * period, **delays)
         model.opt.timestep = step
         model.opt.integrator = known[chosen]

@@ -113,6 +113,12 @@ DRAWN = ("latency_jitter", "hold_probability")
 DELAYS = (*FIXED_DELAYS, *DRAWN)
 """Constructor arguments by which commands or observations are late."""
 
+
+def delays_in(arguments: Mapping[str, Any]) -> dict[str, float]:
+    """The delays among arguments; 0 where they are left out."""
+    return {name: float(arguments.get(name) or 0.0) for name in DELAYS}
+
+
 TOLERANCE = 1e-9
 """Relative tolerance of a whole multiple."""
 

@@ -196,7 +196,7 @@ def _give_orders(
     elif rest:
         sample_at = timing.substeps - rest
     if drawn is not None:
-        return _draw_arrival(
+        return draw_arrival(
             ops, timing, (commands, fallbacks, state.arrivals), command, sample_at, drawn
         )
     segments, used = _segments(timing.delay, timing.substeps, commands, fallbacks)
@@ -207,7 +207,7 @@ def _give_orders(
     )  # fmt: skip
 
 
-def _draw_arrival(
+def draw_arrival(
     ops: Ops,
     timing: Timing,
     under_way: tuple[Components, Components, Components],

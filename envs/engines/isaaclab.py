@@ -104,7 +104,7 @@ class IsaaclabEngine(LanesEngine):
     name: ClassVar[str] = "isaaclab"
     package: ClassVar[str] = "isaaclab"
     modules: ClassVar[tuple[str, ...]] = ()
-    width: ClassVar[int] = 32
+    width: int = 32
     own_stops: ClassVar[bool] = False
     least_inertia: ClassVar[float] = LEAST_INERTIA
     maps: ClassVar[Mapping[str, str]] = {

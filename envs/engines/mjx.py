@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Final
 
 import numpy as np
 
@@ -20,9 +20,18 @@ from .stepping import PlantSystem
 SETTABLE = tuple(name for name in SETTINGS if not name.startswith(("noslip", "cone")))
 """Settings of MuJoCo's solver that MJX takes for plants without contacts."""
 
+FLOAT_WIDTH: Final = "float_width"
+"""Setting beside those of MuJoCo's solver: bits of the floats, 32 or 64."""
+
+FINEST_SINGLE: Final = 1e-8
+"""Between the rounding of float64 and of float32."""
+
 
 class MjxEngine(MujocoSettings, LanesEngine):
-    """`mjx.step`, traced in JAX; for floats and NumPy compiled, in float64, on the CPU.
+    """`mjx.step`, traced in JAX; for floats and NumPy compiled, on the CPU.
+
+    There it computes in float64, or with the setting `float_width` of 32 in float32. Traced by
+    others it computes with their floats.
 
     `Euler` and `implicitfast` are symplectic Euler with joint damping taken implicitly, `RK4` is
     the classical Runge-Kutta method. MJX has none of MuJoCo's `implicit` and `discrete`.
@@ -35,15 +44,20 @@ class MjxEngine(MujocoSettings, LanesEngine):
     maps: ClassVar[Mapping[str, str]] = {own: MAPS[own] for own in ("Euler", "implicitfast", "RK4")}
 
     def read_solver(self, given: Mapping[str, Any]) -> None:
-        """Keep what was given, for the model.
+        """Keep what was given, for the model, and the width of floats.
 
         Raises:
             ValueError: for a setting that MJX has not, or an impossible value.
         """
-        for name in given:
+        others = dict(given)
+        self.width = others.pop(FLOAT_WIDTH, 64)
+        if self.width not in (32, 64):
+            raise InputError(f"`solver.{FLOAT_WIDTH}` must be 32 or 64, got {self.width!r}")
+        for name in others:
             if name not in SETTABLE:
-                raise InputError(unknown_name("setting of MJX's `solver`", name, SETTABLE))
-        super().read_solver(given)
+                known = (*SETTABLE, FLOAT_WIDTH)
+                raise InputError(unknown_name("setting of MJX's `solver`", name, known))
+        super().read_solver(others)
 
     def build(self) -> None:
         """Make the program and place the model's numbers."""
@@ -54,14 +68,11 @@ class MjxEngine(MujocoSettings, LanesEngine):
             from .mjx_program import numbers, program_of
 
         self._jax, self._numbers = jax, numbers
-        self._program = program_of(self.mechanism, self.integrator, self.settings)
-        self.settings = {
-            name: value
-            for name, value in read_solver(mujoco, self._program.made).items()
-            if name in SETTABLE
-        }
+        self._program = program_of(self.mechanism, self.integrator, self.settings, self.width)
+        found = read_solver(mujoco, self._program.made)
+        self.settings = {name: found[name] for name in SETTABLE} | {FLOAT_WIDTH: self.width}
         stop = self._stop()
-        with jax.enable_x64(True):
+        with self._floats():
             self._values, self._still = (
                 jax.device_put(np.array(numbers(self.mechanism, dt, stop)), jax.devices("cpu")[0])
                 for dt in (self.dt, 0.0)
@@ -86,12 +97,12 @@ class MjxEngine(MujocoSettings, LanesEngine):
 
     def run(self, count: int) -> Run:
         """Take ``count`` steps in one call."""
-        step, values, double = self._program.run, self._values, self._jax.enable_x64
+        step, values, floats = self._program.run, self._values, self._floats
         starts = np.zeros((self._program.lanes, 3 * self._program.dof))
 
         def run(*start: float) -> tuple[float, ...]:
             starts[0] = start
-            with double(True):
+            with floats():
                 return tuple(np.asarray(step(values, starts, count, 1)[0])[0].tolist())
 
         return run
@@ -109,6 +120,11 @@ class MjxEngine(MujocoSettings, LanesEngine):
         if not isinstance(q[0], self._jax.Array):
             return super().travel(ops, q, v, force, count)
         values = self._numbers(self.mechanism, self.dt, ())
+        if self.width == 32 and ops.epsilon < FINEST_SINGLE:
+            raise InputError(
+                f"`solver.{FLOAT_WIDTH}`=32 cannot be had in a traced environment of 64 bits; give "
+                "it `dtype`='float32'"
+            )
 
         def step(_: Component, state: tuple[Component, ...]) -> tuple[Component, ...]:
             return self._program.step(values, (*state, *force))
@@ -129,6 +145,10 @@ class MjxEngine(MujocoSettings, LanesEngine):
         """Ends of some lanes, and of the last the mass matrix and the bias force."""
         filled, used = np.zeros((self._program.lanes, starts.shape[1])), len(starts)
         filled[:used] = starts
-        with self._jax.enable_x64(True):
+        with self._floats():
             ends, mass, bias = self._program.run(values, filled, count, used)
-            return np.asarray(ends)[:used], mass, bias
+            return np.asarray(ends, np.float64)[:used], mass, bias
+
+    def _floats(self) -> Any:
+        """Context in which JAX's floats are of this engine's width."""
+        return self._jax.enable_x64(self.width == 64)

@@ -37,13 +37,16 @@ def numbers(mechanism: Mechanism, dt: Component, stop: Sequence[Component]) -> l
     return [dt, mechanism.gravity, *(number for link in links for number in link), *stop]
 
 
-def program_of(mechanism: Mechanism, integrator: str, solver: Mapping[str, Any]) -> Program:
+def program_of(
+    mechanism: Mechanism, integrator: str, solver: Mapping[str, Any], width: int
+) -> Program:
     """The program that serves all mechanisms of these joints.
 
     Args:
         mechanism: how many joints there are, of what kind, and which has MuJoCo's own stops.
         integrator: MuJoCo's name.
         solver: settings of its solver that are not MuJoCo's defaults.
+        width: bits of the floats that it is compiled for; each width has a program of its own.
 
     Raises:
         ValueError: for a setting that MJX does not take.
@@ -53,7 +56,8 @@ def program_of(mechanism: Mechanism, integrator: str, solver: Mapping[str, Any])
         Link(x.coordinate, x.joint, *ones, None if x.limit is None else 1.0)
         for x in mechanism.links
     )
-    return _program(mjcf(Mechanism(links, 1.0), 1.0, integrator), tuple(sorted(solver.items())))
+    settings = tuple(sorted(solver.items()))
+    return _program(mjcf(Mechanism(links, 1.0), 1.0, integrator), settings, width)
 
 
 class Program:
@@ -62,6 +66,7 @@ class Program:
     Args:
         text: a model in MuJoCo's format; see :func:`numbers` for what is replaced in it.
         solver: settings of its solver, as pairs.
+        width: bits of the floats with which it is called.
 
     Attributes:
         made: MuJoCo's model of it.
@@ -69,12 +74,12 @@ class Program:
         lanes: of one call.
     """
 
-    def __init__(self, text: str, solver: tuple[tuple[str, Any], ...]) -> None:
+    def __init__(self, text: str, solver: tuple[tuple[str, Any], ...], width: int) -> None:
         self.made = made = mujoco.MjModel.from_xml_string(text)
         write_solver(mujoco, made, dict(solver))
         with jax.enable_x64(True), taken_by("MJX"):
             model, data = mjx.put_model(made, impl="jax"), mjx.make_data(made, impl="jax")
-        self.dof, self.lanes = made.nv, LANES
+        self.dof, self.lanes, self.width = made.nv, LANES, width
         self._stopped = next(iter(made.jnt_limited.nonzero()[0].tolist()), None)
         self._model, self._data = jax.tree.map(np.asarray, (model, data))
 

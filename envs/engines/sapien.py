@@ -57,7 +57,7 @@ class SapienEngine(RigidBodyEngine):
     name: ClassVar[str] = "sapien"
     package: ClassVar[str] = "sapien"
     modules: ClassVar[tuple[str, ...]] = ("sapien",)
-    width: ClassVar[int] = 32
+    width: int = 32
     maps: ClassVar[Mapping[str, str]] = {
         "tgs": "symplectic_euler_sequential_damping",
         "pgs": "symplectic_euler_implicit_damping",

@@ -205,7 +205,7 @@ class Engine(Protocol):
 
     batched: ClassVar[bool]
     """Whether components may be of any kind, JAX's traced ones included."""
-    width: ClassVar[int]
+    width: int
     """Bits of the floats that it computes with outside JAX."""
     reports: bool
     """Whether it tells its solver's iterations and convergence, and its residual if it has one."""
@@ -340,7 +340,7 @@ class SteppedEngine(ABC):
     name: ClassVar[str]
     package: ClassVar[str]
     """Distribution whose version is recorded."""
-    width: ClassVar[int] = 64
+    width: int = 64
     """Bits of the floats that it computes with outside JAX."""
     own_stops: ClassVar[bool] = False
     """Whether it has joint stops of its own, for ``contact="engine"``."""

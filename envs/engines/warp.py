@@ -73,7 +73,7 @@ class WarpEngine(LanesEngine):
     kernel that Warp has not yet got in its cache is compiled then, which can take a minute once.
     """
 
-    width: ClassVar[int] = 32
+    width: int = 32
 
     def build(self) -> None:
         """Load the simulator; its stops are reported on where they are constraints."""

@@ -22,14 +22,12 @@ from ..foreign import (
     Rewards,
     SequentialVectorEnv,
     StatedEnv,
-    delays_in,
     return_of_success,
     time_limit,
-    with_delays,
     without_time_limit,
 )
 from ..lanes import DiscretizedVectorEnv
-from ..settings import FIXED_DELAYS, Discretization, whole_multiple
+from ..settings import DELAYS, Discretization, whole_multiple
 
 REFINEMENTS = (1, 2, 4)
 """Parts of a home's coarsest step that are evaluated where no steps are given."""
@@ -358,7 +356,6 @@ class GymTestbed(SequentialTestbed):
             raise InputError(unknown_name(kind, discretization.integrator, self.choices))
         env = self._build_checked(discretization, arguments)
         applied, wanted = self.read(env).discretization, arguments.get("success_return")
-        env = with_delays(env, applied, delays_in(arguments))
         stretch = self._stretch(applied.control_period)
         return StatedEnv(env, applied, wanted, arguments, stretch)
 
@@ -371,7 +368,7 @@ class GymTestbed(SequentialTestbed):
         self, discretization: Discretization, arguments: Mapping[str, Any]
     ) -> gym.Env[Any, Any]:
         """What :meth:`build` makes, given all arguments of the testbed."""
-        own = ("success_return", *FIXED_DELAYS)
+        own = ("success_return", *DELAYS)
         given = {name: x for name, x in arguments.items() if name not in own}
         with translate_errors(f"the environment of {self.title} cannot be made"):
             return self.build(discretization, **given)

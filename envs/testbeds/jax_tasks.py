@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from functools import lru_cache
+from importlib import import_module
 from typing import Any
 
 import gymnasium as gym
@@ -59,9 +60,13 @@ class StatePassing(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self, action: NDArray[np.float32]
     ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         """Advance one decision."""
-        self._state = self._step(self._state, np.asarray(action, np.float32))
+        self._state = self._advance(np.asarray(action, np.float32))
         reward, done = float(self._state.reward), bool(self._state.done)
         return self._observation(), reward, done, False, {}
+
+    def _advance(self, action: NDArray[np.float32]) -> Any:
+        """The state after a decision."""
+        return self._step(self._state, action)
 
     def _observation(self) -> NDArray[np.float32]:
         observed = self._state.obs
@@ -72,17 +77,18 @@ class StatePassing(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 @lru_cache(maxsize=32)
 def _compiled(inner: Any) -> tuple[Any, Any]:
     """Reset and step: one program each, for all lanes of a task and all of its states."""
+    return _jitted(inner.reset), _jitted(inner.step)
+
+
+def _jitted(function: Any) -> Any:
+    """Compiled, without JAX's weak types, with which a later state would be another program's."""
     jax = load("jax", "fleet")
 
     def typed(leaf: Any) -> Any:
-        """Without JAX's weak types, with which a later state would be another program's."""
         array = jax.numpy.asarray(leaf)
         return array.astype(array.dtype)
 
-    return (
-        jax.jit(lambda key: jax.tree.map(typed, inner.reset(key))),
-        jax.jit(lambda state, action: jax.tree.map(typed, inner.step(state, action))),
-    )
+    return jax.jit(lambda *given: jax.tree.map(typed, function(*given)))
 
 
 def round_trip_step(step: Any) -> float:
@@ -109,6 +115,62 @@ class StatePassingTestbed(GymTestbed):
 PLAYGROUND = "playground"
 INTEGRATORS = {"Euler": 0, "RK4": 1, "implicitfast": 3}
 """MuJoCo's numbers of those that MJX has."""
+
+
+class PlaygroundEnv(StatePassing):
+    """A task of Playground's, which may begin a decision with the control of the one before.
+
+    Attributes:
+        late: for how many of the next decision's integration steps that acts; until a first
+            decision it is that of the reset.
+    """
+
+    late = 0
+
+    def _advance(self, action: NDArray[np.float32]) -> Any:
+        if not self.late:
+            return self._step(self._state, action)
+        return _late_step(self.inner)(self._state, action, self.late)
+
+
+@lru_cache(maxsize=32)
+def _late_step(inner: Any) -> Any:
+    """The step of a task, compiled, whose control of the decision before acts at first.
+
+    Tasks advance their physics by one function of Playground's, which is given the control; another
+    stands in for it while the step is traced.
+
+    Raises:
+        ValueError: at the first call, for a task that does not call it once.
+    """
+    jax = load("jax", "fleet")
+    module: Any = import_module("mujoco_playground._src.mjx_env")
+
+    def step(state: Any, action: Any, late: Any) -> Any:
+        calls, whole = [], module.step
+
+        def split(model: Any, data: Any, control: Any, count: int = 1) -> Any:
+            calls.append(count)
+            before = data.ctrl
+
+            def one(k: Any, data: Any) -> Any:
+                return whole(model, data, jax.numpy.where(k < late, before, control))
+
+            return jax.lax.fori_loop(0, count, one, data)
+
+        module.step = split
+        try:
+            after = inner.step(state, action)
+        finally:
+            module.step = whole
+        if len(calls) != 1:
+            raise InputError(
+                f"{type(inner).__name__} does not advance its physics by one call, so its "
+                "`action_latency` must be a whole multiple of `control_period`"
+            )
+        return after
+
+    return _jitted(step)
 
 
 class Playground(StatePassingTestbed):
@@ -171,7 +233,7 @@ class Playground(StatePassingTestbed):
                 task.mj_model.opt.integrator = INTEGRATORS[integrator]
                 task._mjx_model = mjx.put_model(task.mj_model, impl=overrides["impl"])
         length = self._registry.get_default_config(self.task).episode_length
-        return TimeLimit(StatePassing(self.task, self._tasks[key]), length)
+        return TimeLimit(PlaygroundEnv(self.task, self._tasks[key]), length)
 
 
 BRAX = "brax"

@@ -26,7 +26,7 @@ from ..environment import OTHER_TESTBEDS, environment_class, environment_setup, 
 from ..lanes import DiscretizedVectorEnv
 from ..rediscretized import RediscretizedEnv, integrator_numbers, rediscretize
 from ..registries import ENGINES, ENVIRONMENTS, TESTBEDS, TRUTH
-from ..settings import DISCRETIZATION, DRAWN, FIXED_DELAYS, Discretization, agrees, dividing_step
+from ..settings import DELAYS, DISCRETIZATION, Discretization, agrees, dividing_step
 from .gym_testbed import (
     CLASSIC,
     REFINEMENTS,
@@ -93,13 +93,7 @@ class MujocoTestbed(SequentialTestbed):
 
 
 def _make_task(env_id: str, arguments: Mapping[str, Any], **chosen: Any) -> RediscretizedEnv:
-    for name in DRAWN:
-        if name in arguments:
-            raise InputError(
-                f"{env_id!r} has no `{name}`, which is for integ-gym's own environments; give "
-                "`action_latency` instead"
-            )
-    names = ("success_return", "solver", *FIXED_DELAYS)
+    names = ("success_return", "solver", *DELAYS)
     own = {name: arguments.get(name) for name in names}
     others = {name: value for name, value in arguments.items() if name not in own}
     return rediscretize(stock_task(env_id, others), **own, **chosen)

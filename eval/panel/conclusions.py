@@ -36,7 +36,18 @@ from ..verdict import (
     share_of_look,
 )
 from .cells import Cell
-from .result import EngineAgreement, Entry, PairedEpisodes, Panel, Remedy, Row, Stage
+from .result import (
+    MEASURES,
+    EngineAgreement,
+    Entry,
+    Measure,
+    PairedEpisodes,
+    Panel,
+    Remedy,
+    Row,
+    Separation,
+    Stage,
+)
 
 Cause: TypeAlias = Literal["cause", "not_cause", "gained", "closed", "not_learned", "undecided"]
 """Whether dt is the cause of a loss.
@@ -106,23 +117,54 @@ def answer_lines(panel: Panel) -> tuple[str, ...]:
 
 
 def separation_words(panel: Panel) -> str:
-    """What each difference costs in the cell with several that loses most; empty without any."""
-    worst = max(panel.separations, key=lambda one: one.lost.estimate, default=None)
+    """What each difference costs in the cell with several that loses most; empty without any.
+
+    Of success, or of return per second where no success is shown to be lost.
+    """
+    losses = [
+        max(own, key=lambda one: one.lost.estimate)
+        for own in separations_by_measure(panel).values()
+    ]
+    worst = next((one for one in losses if one.lost.ends[0] > 0.0), next(iter(losses), None))
     if worst is None:
         return ""
     parts = [
-        f"{one.axis} {fixed(one.lost_alone.estimate)} ({_range_words(one.lost_alone)})"
+        f"{one.axis} {cost_words(worst, one.lost_alone)}"
         for one in worst.axes
         if one.lost_alone is not None
     ]
-    whole = f"{fixed(worst.lost.estimate)} ({_range_words(worst.lost)})"
+    what = "" if worst.measure == "success" else " of return per second"
+    whole = f"{cost_words(worst, worst.lost)}{what}"
     where = f"In {panel.in_words(worst.cell)}, {panel.in_words(worst.row)} loses {whole}"
     return f"{where}; each difference alone: {', '.join(parts)}." if parts else f"{where}."
 
 
-def _range_words(lost: Estimate) -> str:
-    low, high = lost.ends
-    return f"{fixed(low)} to {fixed(high)}"
+def separations_by_measure(panel: Panel) -> dict[Measure, list[Separation]]:
+    """What differences cost, by measure, what loses most first."""
+    found = {
+        measure: sorted(
+            (one for one in panel.separations if one.measure == measure),
+            key=lambda one: -one.lost.estimate,
+        )
+        for measure in MEASURES
+    }
+    return {measure: own for measure, own in found.items() if own}
+
+
+def cost_words(separation: Separation, lost: Estimate) -> str:
+    """A loss with its interval; of returns with the digits that the largest one carries."""
+    parts = (x for axis in separation.axes for x in (axis.lost_alone, axis.lost_without))
+    sizes = [abs(one.estimate) for one in (separation.lost, *parts) if one is not None]
+    digits = 2 if separation.measure == "success" else _digits(sizes)
+    ends = " to ".join(fixed(end, digits) for end in lost.ends) if lost.bounded else ""
+    return f"{fixed(lost.estimate, digits)} ({ends})" if ends else fixed(lost.estimate, digits)
+
+
+def _digits(sizes: Sequence[float]) -> int:
+    """Decimals with which the largest size has four digits."""
+    size = max(sizes, default=0.0)
+    digits = 3 - math.floor(math.log10(size)) if size > 0.0 and math.isfinite(size) else 2
+    return min(max(digits, 0), 6)
 
 
 def warning_lines(panel: Panel) -> tuple[str, ...]:
@@ -410,9 +452,7 @@ class _Numbers:
 
     def __init__(self, finding: Finding) -> None:
         known = [abs(x) for x in (finding.at_home, finding.there) if x is not None]
-        size = max(known, default=0.0)
-        digits = 3 - math.floor(math.log10(size)) if size > 0.0 and math.isfinite(size) else 2
-        self.digits = 2 if finding.measure == "success" else min(max(digits, 0), 6)
+        self.digits = 2 if finding.measure == "success" else _digits(known)
 
     def number(self, value: float | None) -> str:
         """Rounded; nothing is below zero by rounding alone."""

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
+from itertools import product
 from typing import Any, Literal
 
 import numpy as np
@@ -18,6 +20,7 @@ from integ_gym.evidence.store import EvidenceStore
 from ..statistics import (
     Estimate,
     holm,
+    mean_interval,
     median_interval,
     paired_difference,
     paired_return,
@@ -29,8 +32,10 @@ from ..verdict import FAIL_MARGIN, UNSOLVED, Loss, adjust_for_look, share_of_loo
 from .cells import Cell, axes_between, changes_name, is_engine, map_of
 from .matrix import Matrix, PanelLayout
 from .result import (
+    MEASURES,
     AxisCost,
     EngineAgreement,
+    Measure,
     PairedEpisodes,
     RankingAgreement,
     Remedy,
@@ -307,19 +312,12 @@ def _separations_of(layout: PanelLayout, matrix: Matrix, row: Row) -> Iterator[S
     home = layout.cells[str(row.home)].discretization
     own = [layout.cells[name] for name in layout.cells_of[row.name]]
     names = {_content(axes_between(home, cell)): cell.name for cell in own}
-
-    def lost(name: str | None) -> Estimate | None:
-        if name is None:
-            return None
-        there = matrix.rates(row.name, name)
-        return paired_difference(matrix.rates(row.name, str(row.home)), there).interval
-
-    for cell in own:
+    for measure, cell in product(MEASURES, own):
         axes = axes_between(home, cell)
-        total = lost(cell.name)
-        if cell.integrator == TRUTH or len(axes) < 2 or total is None:
+        if cell.integrator == TRUTH or len(axes) < 2:
             continue
-        costs = []
+        lost = partial(_lost, matrix, row, measure)
+        total, costs = lost(cell.name), []
         for axis, changes in axes.items():
             alone = names.get(_content({axis: changes}))
             without = names.get(_content({k: x for k, x in axes.items() if k != axis}))
@@ -333,8 +331,23 @@ def _separations_of(layout: PanelLayout, matrix: Matrix, row: Row) -> Iterator[S
                     lost_without=lost(without),
                 )
             )
-        if any(one.alone or one.without for one in costs):
-            yield Separation(row=row.name, cell=cell.name, lost=total, axes=tuple(costs))
+        if total is not None and any(one.alone or one.without for one in costs):
+            yield Separation(
+                row=row.name, cell=cell.name, measure=measure, lost=total, axes=tuple(costs)
+            )
+
+
+def _lost(matrix: Matrix, row: Row, measure: Measure, cell: str | None) -> Estimate | None:
+    """What a row loses against home; None without a cell, or where a return is not finite."""
+    if cell is None:
+        return None
+    own, there = (matrix.means(row.name, name, measure) for name in (str(row.home), cell))
+    if measure == "success":
+        return paired_difference(own, there).interval
+    drop = own - there
+    if not np.isfinite(drop).all():
+        return None
+    return mean_interval(drop) or Estimate(float(drop.mean()))
 
 
 def _content(axes: Mapping[str, Mapping[str, Any]]) -> str:

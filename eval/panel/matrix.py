@@ -42,7 +42,7 @@ from ..verdict import (
 )
 from .achieve import Tried
 from .cells import AppliedDiscretization, Cell, Home, main_home
-from .result import Entry, Failure, Look, Policy, Row
+from .result import Entry, Failure, Look, Measure, Policy, Row
 from .run_directory import Seen, looks_before, spent_by
 from .spec import PanelSpec
 
@@ -52,6 +52,7 @@ COLUMNS = (
     "policy_id", "cell", "episode_index", "record_id", "success", '"return"', "time_to_success",
     "energy_residual_total", "energy_residual_abs_total", "solver_status", "failure_label",
     "replay_second_horizon", "arrival_energy", "arrival_residual", *SENTENCE_COLUMNS,
+    "(arguments->>'$.duration.value')::DOUBLE AS duration",
 )  # fmt: skip
 """Columns of the records that the matrix is made of."""
 
@@ -113,7 +114,15 @@ class Matrix:
 
     def rates(self, row: str, cell: str) -> Array:
         """Success rate of every unit, shape (units,)."""
-        means: Array = self.units(row, cell, "success").mean(axis=1)
+        return self.means(row, cell, "success")
+
+    def means(self, row: str, cell: str, measure: Measure) -> Array:
+        """Mean of every unit, shape (units,)."""
+        if measure == "success":
+            values = self.units(row, cell, "success")
+        else:
+            values = self.units(row, cell, "return") / self.units(row, cell, "duration")
+        means: Array = values.mean(axis=1)
         return means
 
     def recovered_rates(self, row: str, cell: str) -> Array:

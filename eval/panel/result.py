@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping
 from datetime import datetime
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Final, Literal, NamedTuple, TypeAlias
+from typing import Any, Final, Literal, NamedTuple, TypeAlias, get_args
 
 import msgspec
 
@@ -284,16 +284,22 @@ class Remedy(Part, frozen=True, kw_only=True):
     cells: tuple[RemedyCell, ...]
 
 
+Measure: TypeAlias = Literal["success", "return_per_second"]
+"""What a difference costs: success, or the return over the time limit of an episode, 1/s."""
+
+MEASURES: Final[tuple[Measure, ...]] = get_args(Measure)
+
+
 class AxisCost(Part, frozen=True, kw_only=True):
-    """What one of several differences from home costs of success.
+    """What one of several differences from home costs.
 
     Attributes:
         axis: `integration`, `held action`, `delay`, `sensing`, `solver`, `version` or `plant`.
         changes: constructor arguments in which the cell differs from home there.
         alone: cell in which nothing else differs from home; null where it cannot be had.
-        lost_alone: success lost there.
+        lost_alone: what is lost there.
         without: cell in which all but this differs from home; null likewise.
-        lost_without: success lost there.
+        lost_without: what is lost there.
     """
 
     axis: str
@@ -310,12 +316,15 @@ class Separation(Part, frozen=True, kw_only=True):
     Attributes:
         row: name of the row.
         cell: name of the cell.
-        lost: success lost in it.
+        measure: of what is lost: `success`, or `return_per_second`, the return over the time limit
+            of an episode, 1/s.
+        lost: what is lost in it, against home.
         axes: the ways.
     """
 
     row: str
     cell: str
+    measure: Measure = "success"
     lost: Estimate
     axes: tuple[AxisCost, ...]
 

@@ -24,8 +24,10 @@ from .. import verdict as rules
 from ..panel.conclusions import (
     answer_lines,
     comparison_reason,
+    cost_words,
     finding_of,
     next_step,
+    separations_by_measure,
     verdict_reason,
 )
 from ..panel.result import Failure, Panel
@@ -146,7 +148,7 @@ def render(panel: Panel, episodes: Episodes | None = None, seal: str | None = No
         ladders=ladder_plots(panel),
         sweeps=sweep_plots(panel),
         checks=check_forest(panel),
-        separations=sorted(panel.separations, key=lambda one: -one.lost.estimate),
+        separations=separations_by_measure(panel),
         trust=trusts,
         rankings=sorted(panel.rankings, key=lambda one: -one.violation.estimate),
         findings=findings_of(panel, trusts),
@@ -196,6 +198,7 @@ def _template() -> Any:
         mark=Mark,
         verdict_reason=verdict_reason,
         comparison_reason=comparison_reason,
+        cost_words=cost_words,
         plural=plural,
         quote_command=quote_command,
     )

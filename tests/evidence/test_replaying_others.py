@@ -26,7 +26,15 @@ def step(observation):
             {"control_period": [0.008, 0.016], "solver": {"iterations": [1, 100]}},
             {"success_return": 100.0},
         ),
+        (
+            hop, "Hopper-v5", "RK4", 0.002, {"hold_probability": [0.0, 0.2]},
+            {"action_latency": 0.004, "latency_jitter": 0.01},
+        ),
         (step, "CartPole-v1", "explicit_euler", 0.02, {"control_period": [0.02, 0.04]}, {}),
+        (
+            step, "CartPole-v1", "explicit_euler", 0.02,
+            {"hold_probability": [0.2], "latency_jitter": [0.0, 0.04]}, {},
+        ),
     ],
 )  # fmt: skip
 def test_every_record_comes_out_to_the_last_bit(

@@ -13,6 +13,40 @@ from integ_gym import Applied
 from integ_gym.envs.testbeds.making import find_testbed, make_checked
 
 
+class Wire:
+    """What becomes of commands, by the rule as it is written: the newest that has arrived acts.
+
+    Args:
+        idle: acts before.
+        steps: of a decision.
+        latency: steps by which every command is late.
+        jitter: most steps by which it is later.
+        hold: probability that it does not arrive.
+        seed: of the first episode.
+    """
+
+    def __init__(self, idle, steps, latency=0, jitter=0, hold=0.0, seed=None):
+        self.steps, self.latency, self.jitter, self.hold = steps, latency, jitter, hold
+        numbers = np.random.SeedSequence(seed, spawn_key=(0x4E03, 0))
+        self.rng = np.random.Generator(np.random.PCG64(numbers))
+        self.arrived, self.decision = [(-1, -1, idle)], 0
+
+    def give(self, command):
+        """The commands of a decision's steps; the draws are there to look at."""
+        held, late = self.rng.random(2) if self.jitter or self.hold else (1.0, 0.0)
+        self.held = held < self.hold
+        self.late = self.latency + int(late * (self.jitter + 1))
+        begin = self.decision * self.steps
+        if not self.held:
+            self.arrived.append((self.decision, begin + self.late, command))
+        self.decision += 1
+        there = [
+            [one for one in self.arrived if one[1] <= instant]
+            for instant in range(begin, begin + self.steps)
+        ]
+        return [max(some, key=lambda one: one[0])[2] for some in there]
+
+
 class Delayed(gym.Wrapper):
     """Stock Hopper-v5 whose commands and observations are late by whole timesteps of MuJoCo's.
 
@@ -20,22 +54,20 @@ class Delayed(gym.Wrapper):
     acts at the end of the decision.
     """
 
-    def __init__(self, command_steps, observation_steps):
+    def __init__(self, observation_steps, **late):
         super().__init__(gym.make("Hopper-v5").env)
-        self.task, self.late, self.old = self.unwrapped, command_steps, observation_steps
+        self.task, self.late, self.old = self.unwrapped, late, observation_steps
 
     def reset(self, *, seed=None, options=None):
         observation, info = self.env.reset(seed=seed)
         self.seen = [observation]
-        self.queue = [np.zeros(3)] * self.late
+        self.wire = Wire(np.zeros(3), 4, **self.late, seed=seed)
         return observation, info
 
     def step(self, action):
         task, data = self.task, self.task.data
-        self.queue += [np.asarray(action, np.float64)] * 4
         before = data.qpos[0]
-        for _ in range(4):
-            acting = self.queue.pop(0)
+        for acting in self.wire.give(np.asarray(action, np.float64)):
             task.do_simulation(acting, 1)
             self.seen.append(task._get_obs())
         velocity = (data.qpos[0] - before) / 0.008
@@ -44,11 +76,18 @@ class Delayed(gym.Wrapper):
         return shown, reward, not task.is_healthy, False, {}
 
 
-@pytest.mark.parametrize(("command", "observation"), [(4, 0), (6, 0), (0, 4), (0, 6), (6, 3)])
-def test_returns_are_those_of_an_independent_wrapper(command, observation):
+@pytest.mark.parametrize(
+    ("command", "observation", "jitter", "hold"),
+    [
+        (4, 0, 0, 0.0), (6, 0, 0, 0.0), (0, 4, 0, 0.0), (0, 6, 0, 0.0), (6, 3, 0, 0.0),
+        (0, 0, 0, 0.3), (0, 0, 3, 0.0), (6, 3, 9, 0.3), (2, 4, 5, 0.1),
+    ],
+)  # fmt: skip
+def test_returns_are_those_of_an_independent_wrapper(command, observation, jitter, hold):
     delays = {"action_latency": 0.002 * command, "observation_latency": 0.002 * observation}
-    env = integ_gym.rediscretize(gym.make("Hopper-v5"), **delays)
-    other = Delayed(command, observation)
+    drawn = {"latency_jitter": 0.002 * jitter, "hold_probability": hold}
+    env = integ_gym.rediscretize(gym.make("Hopper-v5"), **delays, **drawn)
+    other = Delayed(observation, latency=command, jitter=jitter, hold=hold)
     seen, own = other.reset(seed=7)[0], env.reset(seed=7)[0]
     total = ours = 0.0
     for k in range(60):
@@ -58,6 +97,10 @@ def test_returns_are_those_of_an_independent_wrapper(command, observation):
         own, paid, over, _, info = env.step(action)
         total, ours = total + reward, ours + paid
         assert ended == over
+        assert ("command_held" in info) == bool(jitter or hold)
+        if jitter or hold:
+            assert info["command_held"] == other.wire.held
+            assert info["command_latency"] == pytest.approx(0.002 * other.wire.late)
         assert info["sensor_time"] == pytest.approx(max(0.0, 0.008 * (k + 1) - 0.002 * observation))
         if ended:
             break
@@ -83,6 +126,46 @@ class LateCartPole(integ_gym.GymTestbed):
         return Applied(self.home, 1)
 
 
+def test_a_task_that_changes_its_actions_itself_has_no_jitter():
+    class Scaled(type(gym.make("Hopper-v5").unwrapped)):
+        def do_simulation(self, control, count):
+            raise AssertionError("it is advanced by rediscretize")
+
+        def step(self, action):
+            return super().step(0.5 * action)
+
+    def made(**drawn):
+        env = integ_gym.rediscretize(gym.wrappers.TimeLimit(Scaled(), 100), **drawn)
+        env.reset(seed=0)
+        return env
+
+    env = made(action_latency=0.002, hold_probability=0.1)
+    *_, info = env.step(np.ones(3, np.float32))
+    assert {info[f"{name}_applied"] for name, _ in env.setup.plant.controls} == {0.5}
+    with pytest.raises(ValueError, match="`latency_jitter` cannot be had"):
+        made(latency_jitter=0.002).step(np.ones(3, np.float32))
+
+
+def test_what_is_drawn_leaves_starts_alone_and_is_each_episodes_own():
+    def episodes(**drawn):
+        env = integ_gym.rediscretize(gym.make("Hopper-v5"), **drawn)
+        starts, lost = [], []
+        for seed in (3, None, None, 3):
+            starts.append(env.reset(seed=seed)[0])
+            lost.append([env.step(np.zeros(3))[4].get("command_held") for _ in range(12)])
+        return np.array(starts), lost
+
+    plain, nothing = episodes()
+    starts, lost = episodes(hold_probability=0.4)
+    more = episodes(hold_probability=0.6)[1]
+    assert (plain == starts).all()
+    assert nothing == [[None] * 12] * 4
+    assert lost[0] == lost[3]
+    assert lost[0] != lost[1] != lost[2]
+    assert (np.array(lost) <= np.array(more)).all()
+
+
+@pytest.mark.parametrize(("jitter", "hold"), [(0, 0.0), (3, 0.3)])
 @pytest.mark.parametrize(
     ("testbed", "env_id", "dt", "unit"),
     [
@@ -90,23 +173,22 @@ class LateCartPole(integ_gym.GymTestbed):
         (LateCartPole(), "CartPole-v1", 0.02, 0.02),
     ],
 )
-def test_any_testbed_can_be_late_by_its_steps(testbed, env_id, dt, unit):
-    """Queues of commands and observations beside the environment itself, step by step."""
+def test_any_testbed_can_be_late_by_its_steps(testbed, env_id, dt, unit, jitter, hold):
+    """Commands and observations beside the environment itself, step by step."""
     place = replace(testbed.home, dt=dt)
     delays = {"action_latency": 5 * unit, "observation_latency": 3 * unit}
-    lanes = make_checked(testbed, place, 1, **delays)
+    drawn = {"latency_jitter": jitter * unit, "hold_probability": hold}
+    lanes = make_checked(testbed, place, 1, **delays, **drawn)
     other = gym.make(env_id).unwrapped
     if env_id == "Pendulum-v1":
         other.dt = dt
     shown, own = lanes.reset(seed=[4])[0][0], other.reset(seed=4)[0]
-    commands, seen = [0.0] * 5, [own] * 4
-    count = round(place.control_period / unit)
+    count, seen = round(place.control_period / unit), [own] * 4
+    wire = Wire(0.0, count, 5, jitter, hold, seed=4)
     for k in range(8):
         np.testing.assert_array_equal(shown, seen[-4])
         action = k % 2 if env_id == "CartPole-v1" else 2.0 * np.sin(k)
-        commands += [action] * count
-        for _ in range(count):
-            acting = commands.pop(0)
+        for acting in wire.give(action):
             one = int(acting) if env_id == "CartPole-v1" else np.array([acting], np.float32)
             seen.append(other.step(one)[0])
         given = [action] if env_id == "CartPole-v1" else [[action]]
@@ -114,5 +196,12 @@ def test_any_testbed_can_be_late_by_its_steps(testbed, env_id, dt, unit):
         shown = shown[0]
         late = max(0.0, place.control_period * (k + 1) - 3 * unit)
         assert info["sensor_time"][0] == pytest.approx(late)
+        assert info["action0_applied"][0] == pytest.approx(acting)
+        assert info["action0_commanded"][0] == pytest.approx(action)
+        if drawn["hold_probability"]:
+            assert info["command_held"][0] == wire.held
+            assert info["command_latency"][0] == pytest.approx(wire.late * unit)
     with pytest.raises(ValueError, match="not a whole multiple"):
         make_checked(testbed, place, 1, action_latency=1.5 * unit)
+    with pytest.raises(ValueError, match="`hold_probability` must be a number from 0 to below 1"):
+        make_checked(testbed, place, 1, hold_probability=1.5)

@@ -48,6 +48,39 @@ try:
     make_checked(testbed, replace(home, dt=home.dt * 0.7), 1)
 except ValueError as error:
     told["refused"] = str(error)
+period, shape = home.control_period, (1, *environments.single_action_space.shape)
+delays = {"action_latency": period, "observation_latency": period, "hold_probability": 0.5}
+late, plain = make_checked(testbed, home, 1, **delays), make_checked(testbed, home, 1)
+arrived, shown, seen = [np.zeros(shape)], [late.reset(seed=[3])[0]], [plain.reset(seed=[3])[0]] * 2
+for k in range(6):
+    action = np.full(shape, 0.02 * k, np.float32)
+    seen.append(plain.step(arrived[-1].astype(np.float32))[0])
+    *_, info = late.step(action)
+    shown.append(_[0])
+    arrived.append(arrived[-1] if info["command_held"][0] else action)
+told["late"] = [bool(np.array_equal(a, b)) for a, b in zip(shown, seen)]
+told["lost"] = sum(a is b for a, b in zip(arrived, arrived[1:]))
+try:
+    split = make_checked(testbed, other, 1, action_latency=period / 2, hold_probability=0.3)
+except ValueError as error:
+    told["half"] = str(error)
+else:
+    if sys.argv[1].startswith("playground"):
+        import jax
+        from mujoco_playground._src import mjx_env
+        split.reset(seed=[3])
+        lane = split.unwrapped.envs[0].unwrapped
+        model = lane.inner.mjx_model
+        advance = jax.jit(lambda data, control: mjx_env.step(model, data, control, 1))
+        data, acting, told["split"] = lane._state.data, np.zeros(1, np.float32), []
+        for k in range(4):
+            action = np.full(shape, 0.3 * (-1) ** k, np.float32)
+            *_, info = split.step(action)
+            data = advance(data, acting)
+            acting = acting if info["command_held"][0] else action[0]
+            data = advance(data, acting)
+            there = lane._state.data
+            told["split"].append(float(abs(there.qvel - data.qvel).max() / abs(data.qvel).max()))
 print(json.dumps(told))
 """
 
@@ -70,3 +103,8 @@ def test_a_task_of_a_library_applies_what_was_asked(library: str, tmp_path: Path
         assert made["version"] not in (None, "unknown")
     assert told["stock"]["last"] != told["other"]["last"]
     assert "ask for" in told["refused"] or "nearest valid" in told["refused"]
+    assert told["late"] == [True] * 7
+    assert 0 < told["lost"] < 6
+    assert ("whole multiple of `control_period`" in told.get("half", "")) == (library == "brax")
+    assert max(told.get("split", [0.0])) < 1e-4
+    assert len(told.get("split", [])) == 4 * (library == "playground")

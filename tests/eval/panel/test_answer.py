@@ -80,7 +80,7 @@ def judged(
             "return": (earned[cell] if row.name == "mine" else -110.0) + noise[k],
             "time_to_success": None, "energy_residual_total": 0.0,
             "energy_residual_abs_total": 0.0, "solver_status": "ok", "failure_label": "none",
-            "failure_reason": "", "arrival_energy": 10.0, "arrival_residual": 1.0,
+            "failure_reason": "", "arrival_energy": 10.0, "arrival_residual": 1.0, "duration": 10.0,
         }
         for row in rows
         for cell in cells

@@ -7,18 +7,22 @@ import math
 import tomllib
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 from jsonschema import Draft202012Validator
+from scipy import stats
 
 import integ_gym
 from integ_gym.cli import main
 from integ_gym.eval.panel.cells import SpecError, axes_between
 from integ_gym.eval.panel.checking.page import against_plan
 from integ_gym.eval.panel.claims import parse_claim
+from integ_gym.eval.panel.conclusions import separation_words
 from integ_gym.eval.panel.plan import planned_spec
 from integ_gym.eval.panel.result import read_panel
 from integ_gym.eval.panel.spec import SCHEMA_PATH, parse_spec, schema_text
+from integ_gym.eval.statistics import Estimate
 from integ_gym.evidence.store import EvidenceStore
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -143,9 +147,13 @@ def varied_run(tmp_path_factory):
     return out
 
 
+def _held(panel):
+    return [one for one in panel.separations if "held action" in [a.axis for a in one.axes]]
+
+
 def test_what_each_difference_costs(varied_run):
     panel = read_panel(varied_run / "panel.json")
-    (found,) = (one for one in panel.separations if "held action" in [a.axis for a in one.axes])
+    (found,) = (one for one in _held(panel) if one.measure == "success")
     home = np.array([panel.entry(found.row, panel.row(found.row).home).success.estimate])
     assert {axis.axis for axis in found.axes} == {"held action", "delay"}
     for axis in found.axes:
@@ -164,6 +172,50 @@ def test_what_each_difference_costs(varied_run):
     answer = panel.answer.splitlines()[-1]
     assert found.cell in answer
     assert "delay" in answer
+
+
+def test_what_each_difference_costs_of_the_return(varied_run):
+    """From the records: mean difference of returns over 2 s, with Student's interval."""
+    panel = read_panel(varied_run / "panel.json")
+    (found,) = (one for one in _held(panel) if one.measure == "return_per_second")
+    store = EvidenceStore(varied_run / "evidence")
+
+    def per_second(cell):
+        rows = store.query(
+            "SELECT \"return\" AS earned FROM records WHERE phase = 'evaluation' AND "
+            f"policy_id = '{found.row}' AND cell = '{cell}' ORDER BY episode_index"
+        )
+        return np.array(rows.column("earned").to_pylist()) / 2.0
+
+    home = per_second(panel.row(found.row).home)
+    pairs = [(found.cell, found.lost)]
+    pairs += [
+        pair for a in found.axes for pair in ((a.alone, a.lost_alone), (a.without, a.lost_without))
+    ]
+    assert len(pairs) == 5
+    for cell, lost in pairs:
+        drop = home - per_second(cell)
+        half = stats.t.ppf(0.975, 5) * drop.std(ddof=1) / np.sqrt(6)
+        assert lost.estimate == pytest.approx(drop.mean())
+        assert lost.ends == pytest.approx((drop.mean() - half, drop.mean() + half))
+    page = (varied_run / "report.html").read_text()
+    assert "Return per second" in page
+
+
+def test_the_answer_is_of_returns_where_no_success_is_lost(varied_run):
+    panel = read_panel(varied_run / "panel.json")
+    assert "return" not in separation_words(panel)
+    nothing = Estimate(0.0, -0.1, 0.1, 0.95)
+    kept = [one for one in panel.separations if one.measure != "success"]
+    equal = [msgspec.structs.replace(one, measure="success", lost=nothing) for one in kept]
+    both = msgspec.structs.replace(panel, separations=(*equal, *kept))
+    worst = max(kept, key=lambda one: one.lost.estimate)
+    assert worst.lost.ends[0] > 0.0
+    words = separation_words(both)
+    assert words.startswith(f"In {panel.in_words(worst.cell)}, ")
+    assert "of return per second; each difference alone: " in words
+    alone = msgspec.structs.replace(panel, separations=tuple(equal))
+    assert "loses 0.00 (−0.10 to 0.10); each" in separation_words(alone)
 
 
 def test_the_run_is_verified_to_the_last_bit(varied_run):

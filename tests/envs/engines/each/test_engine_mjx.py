@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 from engine_cases import needs, setup_of
 from engine_checks import new_setup
+from recording import recorded
 
+import integ_gym
+from integ_gym.envs import numerics
 from integ_gym.envs.ops.ops import SCALAR
+from integ_gym.evidence.replaying import replay
 
 ENGINE = ("mjx", "Euler")
+PENDULUM = "IntegPendulum-v0"
 STOPPED = {"env_id": "IntegCartPoleSwingUp-v0", "contact": "engine", "dt": 0.001}
 
 
@@ -65,3 +72,46 @@ def test_its_stops_are_those_of_mujoco(program, cart_mass):
         told.append((np.array([*end[0], *end[1]]), setup.engine.describe()["stops"]))
     np.testing.assert_allclose(told[0][0], told[1][0], rtol=1e-9)
     assert told[0][1] == told[1][1]
+
+
+def test_a_float_width_of_32_is_a_setting_that_is_recorded_and_played_again(program, tmp_path):
+    """Every number is one of float32, singly and in lanes; the default is 64."""
+    narrow = {"solver": {"float_width": 32}}
+    single, double = (new_setup(*ENGINE, PENDULUM, **given).engine for given in (narrow, {}))
+    for engine, width in ((single, 32), (double, 64)):
+        assert (engine.settings["float_width"], engine.describe()["width"]) == (width, width)
+    starts = np.random.default_rng(1).uniform(-3.0, 3.0, (3, 5))
+    one, other = (
+        engine.travel(None, (starts[0],), (starts[1],), (starts[2],), 2)
+        for engine in (single, double)
+    )
+    for narrowed, wide in zip((one[0][0], one[1][0]), (other[0][0], other[1][0]), strict=True):
+        assert narrowed.dtype == np.float64
+        assert (narrowed == narrowed.astype(np.float32)).all()
+        assert (wide != wide.astype(np.float32)).any()
+        np.testing.assert_allclose(narrowed, wide, atol=1e-5)
+    assert single.run(2)(*starts[:, 3]) == (one[0][0][3], one[1][0][3])
+    found = numerics.fingerprint(*ENGINE, "pendulum", (("float_width", 32),))
+    assert (found.width, found.map) == (32, "symplectic_euler_implicit_damping")
+    chosen = {"engine": "mjx", "integrator": "Euler", "dt": 0.02, **narrow}
+    store = recorded(tmp_path, range(2), duration=0.2, **chosen)
+    for record in store.records():
+        told = json.loads(record.fields["engine_description"])
+        assert record.fields["float_width"] == told["width"] == told["fingerprint"]["width"] == 32
+        assert told["solver"]["float_width"] == 32
+    done = replay(list(store.named_records()), exact=True).settle()
+    assert (done.findings, done.exact, done.skipped) == ([], 2, {})
+
+
+def test_a_float_width_that_cannot_be_is_refused(program):
+    import jax
+
+    with pytest.raises(ValueError, match=r"`solver\.float_width` must be 32 or 64, got 16"):
+        new_setup(*ENGINE, PENDULUM, solver={"float_width": 16})
+    given = {"engine": "mjx", "integrator": "Euler", "solver": {"float_width": 32}}
+    with jax.enable_x64(True):
+        env = integ_gym.functional.make(PENDULUM, dtype="float64", **given)
+        with pytest.raises(ValueError, match="give it `dtype`='float32'"):
+            env.initial(jax.random.key(0))
+    env = integ_gym.functional.make(PENDULUM, **given)
+    assert env.initial(jax.random.key(0)).env.q[0].dtype == "float32"
