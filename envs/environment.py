@@ -72,6 +72,12 @@ class IntegEnv(gym.Env[Observation, Any]):
 
     Subclasses name a task and their own defaults; see their docstrings for the arguments.
 
+    Args:
+        render_mode: ``"human"``, ``"rgb_array"`` or None.
+        mixture: discretizations (dicts of ``integrator``, ``dt``, … and, optionally, ``weight``),
+            one of which every reset draws, and with it how often the episode decides.
+        arguments: those of the task, the plant and every environment.
+
     Attributes:
         mixture: the discretizations that episodes run on; one where it is no mixture.
         setup: what this episode runs on.

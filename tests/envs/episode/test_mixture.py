@@ -83,8 +83,13 @@ def _episode(env, rng, **options):
 
 @pytest.mark.parametrize(
     "arguments",
-    [{}, {"action_latency": 0.08, "observation_latency": 0.08}, {"observation_noise": 0.1}],
-    ids=["plain", "late", "noisy"],
+    [
+        {},
+        {"action_latency": 0.08, "observation_latency": 0.08},
+        {"observation_noise": 0.1},
+        {"latency_jitter": 0.08, "hold_probability": 0.2},
+    ],
+    ids=["plain", "late", "noisy", "lossy"],
 )
 def test_an_episode_of_a_mixture_is_one_of_the_member_alone(arguments):
     """To the last bit, before and after steps are traced: decisions, rewards, and the end."""
