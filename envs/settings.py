@@ -87,6 +87,13 @@ class Discretization:
         return hash(tuple(_written(self.arguments()).values()))
 
 
+def unlike_names(places: Sequence[Discretization]) -> list[str]:
+    """Names of discretizations, with the control period where another has the same name."""
+    alike = ({one for one in places if one.name == place.name} for place in places)
+    pairs = zip(places, alike, strict=True)
+    return [p.name + f" control={p.control_period:g}" * (len(same) > 1) for p, same in pairs]
+
+
 STEPPING = ("engine", "integrator", "dt")
 """Names of what advances a plant, as constructor arguments and in JSON."""
 

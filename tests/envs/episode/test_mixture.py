@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 from functional_checks import compare, vector_of
 from motions import ALL
+from pairing import in_turn
 
 from integ_gym.envs import functional
 from integ_gym.envs.environment import environment_mixture
+from integ_gym.envs.registries import ENVIRONMENTS
 
 PERIOD = 0.04
 EVERYTHING = [
@@ -56,19 +58,17 @@ def test_draws_anew_at_every_reset_as_the_vector_environment(arguments):
     assert compare("IntegPendulum-v0", {**PARTS, **arguments}, 16, 16) == 48
 
 
-@pytest.mark.parametrize(
-    ("arguments", "lanes"),
-    [
-        ({}, 16),
-        ({"action_latency": 0.08, "fallback": "zero"}, 16),
-        ({"observation_latency": 0.08}, 16),
-        ({"sensor_period": 0.12}, 16),
-    ],
-    ids=["resets", "latency", "late observations", "sensor"],
-)
-@pytest.mark.parametrize("env_id", ["IntegPendulum-v0", "IntegCartPole-v0"])
-def test_several_control_periods_equal_the_vector_environment(env_id, arguments, lanes):
-    assert compare(env_id, {"mixture": PERIODS, "duration": 0.24, **arguments}, 14, lanes) > lanes
+LATE = {
+    "resets": {},
+    "latency": {"action_latency": 0.08, "fallback": "zero"},
+    "late observations": {"observation_latency": 0.08},
+    "sensor": {"sensor_period": 0.12},
+}
+
+
+@pytest.mark.parametrize(("env_id", "late"), in_turn(ENVIRONMENTS, LATE))
+def test_several_control_periods_equal_the_vector_environment(env_id, late):
+    assert compare(env_id, {"mixture": PERIODS, "duration": 0.24, **LATE[late]}, 14, 16) > 16
 
 
 def _episode(env, rng, **options):
