@@ -7,7 +7,7 @@ import importlib
 import math
 import re
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from functools import cache, partial
 from operator import itemgetter
@@ -28,7 +28,16 @@ from .lanes import Array
 from .ops.ops import SCALAR, Components, split_state
 from .registries import ENVIRONMENTS, PLANTS, TASKS
 from .settings import Mixture, Setup, build_setup, make_mixture
-from .starts import ARRIVAL, NOISE, check_starts, draw_start, parse_episodes, stream_of_episode
+from .starts import (
+    ARRIVAL,
+    MEMBER,
+    NOISE,
+    check_starts,
+    draw_start,
+    parse_episodes,
+    parse_members,
+    stream_of_episode,
+)
 from .steps import WARM_UP, trace_function
 from .tasks import FLOAT32_ROUNDING
 from .transition import (
@@ -57,14 +66,21 @@ def at_bounds(control: Array, low: Array, high: Array) -> bool:
 
 Observation = npt.NDArray[np.float32]
 
-_OF_LANES = ("mixture", "compiled")
-"""Arguments of vector environments alone."""
-
 
 class IntegEnv(gym.Env[Observation, Any]):
     """An environment whose discretization is given by constructor arguments.
 
     Subclasses name a task and their own defaults; see their docstrings for the arguments.
+
+    Args:
+        render_mode: ``"human"``, ``"rgb_array"`` or None.
+        mixture: discretizations (dicts of ``integrator``, ``dt``, … and, optionally, ``weight``),
+            one of which every reset draws, and with it how often the episode decides.
+        arguments: those of the task, the plant and every environment.
+
+    Attributes:
+        mixture: the discretizations that episodes run on; one where it is no mixture.
+        setup: what this episode runs on.
     """
 
     task_name: ClassVar[str]
@@ -74,19 +90,27 @@ class IntegEnv(gym.Env[Observation, Any]):
         "render_fps": 30,
     }
 
-    def __init__(self, *, render_mode: str | None = None, **arguments: Any) -> None:
-        for name in _OF_LANES:
-            if name in arguments:
-                raise InputTypeError(
-                    f"`{name}` is for many environments; give it to gym.make_vec, without a "
-                    "`vectorization_mode`"
-                )
+    def __init__(
+        self,
+        *,
+        render_mode: str | None = None,
+        mixture: Sequence[Mapping[str, Any]] | None = None,
+        **arguments: Any,
+    ) -> None:
+        if "compiled" in arguments:
+            raise InputTypeError(
+                "`compiled` is for many environments; give it to gym.make_vec, without a "
+                "`vectorization_mode`"
+            )
         for name, value in arguments.items():
             if isinstance(value, np.ndarray) and value.ndim:
                 raise InputError(
                     f"`{name}` must be one value, got an array; give arrays to gym.make_vec"
                 )
-        self.setup = make_setup(type(self), arguments)
+        self.mixed = mixture is not None
+        self.mixture = make_setups(type(self), {**arguments, "mixture": mixture})
+        self.setup = self.mixture.setups[0]
+        self._member = 0
         self.render_mode = check_render_mode(render_mode, self.metadata["render_modes"])
         self.metadata = {
             **type(self).metadata,
@@ -112,6 +136,7 @@ class IntegEnv(gym.Env[Observation, Any]):
         self._start = partial(scalar_start, self.setup, SCALAR)
         self._step: Callable[..., tuple[Any, ...]] = self._first_steps
         self._steps_to_trace = WARM_UP
+        self._functions: dict[int, tuple[Any, Any]] = {}
         self._renderer: Any = None
 
     @property
@@ -123,19 +148,20 @@ class IntegEnv(gym.Env[Observation, Any]):
     def spec(self, spec: EnvSpec | None) -> None:
         makers = running_makers()
         if makers and makers[0] is sys._getframe(1):
-            self.setup = _limited_in_make(self.setup, type(self), makers)
-        self._start, self._step = partial(scalar_start, self.setup, SCALAR), self._first_steps
-        self._spec = with_horizon(spec, self.setup)
+            self.mixture = _limited_in_make(self.mixture, type(self), makers)
+            self.setup = self.mixture.setups[self._member]
+        self._begin_untraced()
+        self._spec = with_horizon(spec, self.mixture)
 
     def __getstate__(self) -> dict[str, Any]:
         """Without traced functions and drawing surfaces, which are made again."""
-        left_out = ("_start", "_step", "_renderer")
+        left_out = ("_start", "_step", "_functions", "_renderer")
         return {name: value for name, value in self.__dict__.items() if name not in left_out}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
         self._renderer = None
-        self._start, self._step = partial(scalar_start, self.setup, SCALAR), self._first_steps
+        self._begin_untraced()
         if self._steps_to_trace <= 0:
             self._trace()
 
@@ -170,16 +196,19 @@ class IntegEnv(gym.Env[Observation, Any]):
             options: ``state``: the start in Gymnasium's order; or the bounds of the start
                 distribution, named as in Gymnasium (`x_init`, `y_init`; `low`, `high`).
                 ``episode``: the number of the episode since the seed, whose sensor noise and
-                arrivals of commands are drawn.
+                arrivals of commands are drawn. In a mixture ``mixture_index`` gives the member
+                instead of drawing it.
 
         Raises:
-            ValueError: for a bound or state that is not possible.
+            ValueError: for a bound, state or member that is not possible.
         """
         super().reset(seed=seed)
-        options = options or {}
+        options = dict(options or {})
         self.episode = 0 if seed is not None else self.episode + 1
         if "episode" in options:
             self.episode = int(parse_episodes(options["episode"], ()))
+        if self.mixed:
+            self._take_member(options.pop("mixture_index", None))
         q, v = split_state(draw_start(self.setup, self.np_random, options))
         if "state" not in options:
             q = self.setup.system.confined(SCALAR, q)
@@ -193,6 +222,8 @@ class IntegEnv(gym.Env[Observation, Any]):
         self._terminated = self._warned = False
         self.status_code = info["solver_status"]
         info["solver_status"] = STATUS_NAMES[self.status_code]
+        if self.mixed:
+            info["mixture_index"] = self._member
         if self.render_mode == "human":
             self.render()
         return self._observed(observation), info
@@ -219,6 +250,8 @@ class IntegEnv(gym.Env[Observation, Any]):
         self._state, self._control = EnvState._make(state), info["control"]
         self.status_code = info["solver_status"]
         info["solver_status"] = STATUS_NAMES[self.status_code]
+        if self.mixed:
+            info["mixture_index"] = self._member
         if terminated and self._terminated:
             if not self._warned:
                 gym.logger.warn(
@@ -272,6 +305,29 @@ class IntegEnv(gym.Env[Observation, Any]):
         except (KeyError, TypeError):
             return discrete_action(action, self._discrete)
 
+    def _take_member(self, given: Any) -> None:
+        """Run on a member of the mixture from this episode on; None draws it."""
+        if given is None:
+            number = stream_of_episode(self.np_random, MEMBER, self.episode).random()
+            member = self.mixture.member(number)
+        else:
+            member = int(parse_members(given, (), len(self.mixture.setups)))
+        if member == self._member:
+            return
+        self._functions[self._member] = self._start, self._step
+        self._member, self.setup = member, self.mixture.setups[member]
+        self._start, self._step = self._functions.get(member) or self._untraced()
+        if self._renderer is not None:
+            self._renderer.setup = self.setup
+
+    def _untraced(self) -> tuple[Any, Any]:
+        """Start and step of the setup before it pays to have them traced."""
+        return partial(scalar_start, self.setup, SCALAR), self._first_steps
+
+    def _begin_untraced(self) -> None:
+        self._start, self._step = self._untraced()
+        self._functions = {}
+
     def _first_steps(self, state: EnvState, *given: Any) -> tuple[Any, ...]:
         """Steps until it pays to have them traced."""
         self._steps_to_trace -= 1
@@ -306,13 +362,22 @@ def make_setup(env: type[Any], arguments: Mapping[str, Any]) -> Setup:
     return setup
 
 
-def with_horizon(spec: EnvSpec | None, setup: Setup) -> EnvSpec | None:
-    """A copy of what Gymnasium says of an environment, with the decisions of an episode."""
+def with_horizon(spec: EnvSpec | None, mixture: Mixture) -> EnvSpec | None:
+    """A copy of what Gymnasium says of an environment, with the decisions of an episode.
+
+    Of a mixture, those of its longest episode: the environment truncates the others itself.
+    """
     if spec is None:
         return None
     spec = copy(spec)
-    spec.max_episode_steps = setup.timing.horizon
+    spec.max_episode_steps = mixture.horizon
     return spec
+
+
+def make_setups(env: type[Any], arguments: Mapping[str, Any]) -> Mixture:
+    """The setups of an environment class from its arguments, ``mixture`` among them or not."""
+    others = {name: value for name, value in arguments.items() if name != "mixture"}
+    return make_mixture(partial(make_setup, env), others, arguments.get("mixture"))
 
 
 def running_makers() -> list[FrameType]:
@@ -355,8 +420,8 @@ def is_own_horizon(
     return limit == horizon_of({n: spec.kwargs[n] for n in names if n in spec.kwargs})
 
 
-def _limited_in_make(setup: Setup, env: type[IntegEnv], makers: list[FrameType]) -> Setup:
-    """A setup with the `max_episode_steps` of the ``gym.make`` that is making its environment.
+def _limited_in_make(mixture: Mixture, env: type[IntegEnv], makers: list[FrameType]) -> Mixture:
+    """Setups with the `max_episode_steps` of the ``gym.make`` that is making their environment.
 
     Gymnasium tells them to its `TimeLimit` alone, which could end an episode sooner than the
     environment and never later: so they are read where ``gym.make`` keeps them.
@@ -365,19 +430,19 @@ def _limited_in_make(setup: Setup, env: type[IntegEnv], makers: list[FrameType])
     asked: int | None = making.get("max_episode_steps")
     spec: EnvSpec | None = making.get("env_spec")
     if asked is not None or spec is None:
-        return setup.limited(asked)
-    limit, horizon = spec.max_episode_steps, setup.timing.horizon
-    if not is_own_horizon(limit, makers, lambda a: make_setup(env, a).timing.horizon):
-        return setup.limited(limit)
+        return mixture.limited(asked)
+    limit, horizon = spec.max_episode_steps, mixture.horizon
+    if not is_own_horizon(limit, makers, lambda given: make_setups(env, given).horizon):
+        return mixture.limited(limit)
     if limit == horizon:
-        return setup
+        return mixture
     if any(maker.f_locals.get("env_spec") is spec for maker in makers[1:]):
         spec.max_episode_steps = horizon  # the copy that make_vec has made
     else:
         making["max_episode_steps"] = horizon  # of the `TimeLimit`; the spec is the user's
         if sys.version_info < (3, 13):
             ctypes.pythonapi.PyFrame_LocalsToFast(ctypes.py_object(makers[0]), ctypes.c_int(0))
-    return setup
+    return mixture
 
 
 def frames_per_second(setup: Setup) -> int:
@@ -539,5 +604,4 @@ def environment_mixture(env_id: str, arguments: Mapping[str, Any]) -> Mixture:
     Raises:
         TypeError, ValueError: for what the environment's constructor refuses.
     """
-    others = {name: value for name, value in arguments.items() if name != "mixture"}
-    return make_mixture(partial(environment_setup, env_id), others, arguments.get("mixture"))
+    return make_setups(environment_class(env_id), arguments)

@@ -18,7 +18,7 @@ from integ_gym.support.errors import InputError
 from .environment import environment_mixture, environment_setup, observation_space
 from .ops.jax_ops import JaxOps, jax, jnp
 from .ops.ops import Component, Components, join_state, split_state
-from .settings import WEIGHT, Setup
+from .settings import WEIGHT, Mixture, Setup
 from .starts import ARRIVAL, GivenNumbers
 from .transition import EnvState, Outcome, initial_state, sensed_state, step_info, transition
 
@@ -501,8 +501,11 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
         return jax.tree.map(cast, tree)
 
 
-_DRAWN = ("dt", "substeps", "sensor")
-"""Entries of :class:`Params` that the members of a group differ in."""
+_STEPS = ("dt", "substeps", "sensor")
+"""Entries of :class:`Params` that the members of a group may differ in."""
+
+_DECISIONS = ("control_period", "horizon")
+"""Entries that members of several control periods differ in, within a group or not."""
 
 
 class MixtureParams(NamedTuple):
@@ -524,6 +527,7 @@ class _Group:
         params: of each member.
         share: of the group in the mixture.
         bounds: where in [0, 1) one member's part of the group ends and the next one's begins.
+        drawn: entries of :class:`Params` that each of its lanes has of its member.
     """
 
     env: FunctionalEnv
@@ -531,6 +535,7 @@ class _Group:
     params: tuple[Params, ...]
     share: Fraction
     bounds: tuple[float, ...]
+    drawn: tuple[str, ...]
 
 
 class FunctionalMixture(FunctionalEnv):
@@ -540,8 +545,8 @@ class FunctionalMixture(FunctionalEnv):
     batch is cut into parts, one per integrator (beside it, arguments that need another program of
     their own), in the order in which the mixture names them. A part is as large as its members'
     shares, so that every integrator has its share of the lanes at every moment, exactly and not
-    only in expectation. Within its part, every lane draws a member, which means a step ``dt``, by
-    the shares at every reset.
+    only in expectation. Within its part, every lane draws a member, which means a step ``dt`` and a
+    control period, by the shares at every reset.
 
     Which lanes make up a part never changes. Dealing the integrators out anew among the lanes that
     are reset together would give episodes of the same distribution, as lanes differ in nothing but
@@ -566,9 +571,9 @@ class FunctionalMixture(FunctionalEnv):
     ) -> None:
         drawn = environment_mixture(env_id, {**arguments, "mixture": mixture})
         self._given = {**arguments, "mixture": mixture}
-        self._groups = _group_members(env_id, dtype, self._given, drawn.shares)
+        self._groups = _group_members(env_id, dtype, self._given, drawn)
         super().__init__(env_id, dtype=dtype, **_member_arguments(arguments, mixture[0]))
-        self.setups, self.shares = drawn.setups, drawn.shares
+        self.setup, self.setups, self.shares = drawn.setups[0], drawn.setups, drawn.shares
         self.start_size += 1
         self.structure = _structure_of(self._groups)
 
@@ -585,8 +590,8 @@ class FunctionalMixture(FunctionalEnv):
         groups = self._groups
         if arguments:
             given = {**self._given, **arguments}
-            shares = environment_mixture(self.env_id, given).shares
-            groups = _group_members(self.env_id, self._dtype, given, shares)
+            drawn = environment_mixture(self.env_id, given)
+            groups = _group_members(self.env_id, self._dtype, given, drawn)
             self._check_structure(_structure_of(groups))
         return MixtureParams(
             tuple(group.params for group in groups), tuple(group.bounds for group in groups)
@@ -628,7 +633,7 @@ class FunctionalMixture(FunctionalEnv):
         """
         (members,) = member
         parts = zip(self._groups, params.groups, self._parts(members), strict=True)
-        return tuple(_chosen(options, group.members, part) for group, options, part in parts)
+        return tuple(_chosen(group, options, part) for group, options, part in parts)
 
     def fresh(self, drawn: Components, params: Any) -> tuple[EnvState, Components]:
         """Episodes that start anew: the last number draws the member of each lane's group."""
@@ -640,9 +645,15 @@ class FunctionalMixture(FunctionalEnv):
         return self.begin(self.start(tuple(numbers), own), own), (member,)
 
     def common(self, params: Any) -> Params:
-        """Those of the first group: all but the discretization is common to the members."""
+        """Those of the first group: all but the discretization is common to the members.
+
+        Where they decide at several periods, each lane has its own control period.
+        """
         first: Params = params[0]
-        return first
+        if not set(_DECISIONS) & set(self._groups[0].drawn):
+            return first
+        periods = [own.control_period for own in params]
+        return first._replace(control_period=jnp.concatenate(periods, axis=-1))
 
     def advance(
         self, env: EnvState, control: Component, params: Any, drawn: Components = ()
@@ -704,22 +715,25 @@ def make(
 
 
 def _group_members(
-    env_id: str, dtype: str, arguments: Mapping[str, Any], shares: Sequence[Fraction]
+    env_id: str, dtype: str, arguments: Mapping[str, Any], mixture: Mixture
 ) -> tuple[_Group, ...]:
     """Members that share a program, by the order of their first."""
+    shares = mixture.shares
+    drawn = (*_STEPS, *_DECISIONS) if mixture.several_periods else _STEPS
     envs = [
         FunctionalEnv(env_id, dtype=dtype, **_member_arguments(arguments, member))
         for member in arguments["mixture"]
     ]
     places: dict[Hashable, list[int]] = {}
     for place, env in enumerate(envs):
+        env.setup = mixture.setups[place]
         places.setdefault(env.structure, []).append(place)
     groups = []
     for members in places.values():
         *bounds, total = accumulate(shares[k] for k in members)
         ends = tuple(float(bound / total) for bound in bounds)
         params = tuple(envs[k].params() for k in members)
-        groups.append(_Group(envs[members[0]], tuple(members), params, total, ends))
+        groups.append(_Group(envs[members[0]], tuple(members), params, total, ends, drawn))
     return tuple(groups)
 
 
@@ -729,7 +743,9 @@ def _member_arguments(arguments: Mapping[str, Any], member: Mapping[str, Any]) -
 
 
 def _structure_of(groups: Sequence[_Group]) -> Hashable:
-    return tuple((group.env.structure, group.members, group.share) for group in groups)
+    parts = (group.env.structure for group in groups)
+    told = ((group.members, group.share, group.drawn) for group in groups)
+    return tuple(zip(parts, told, strict=True))
 
 
 def _member(number: Component, members: Sequence[int], bounds: Sequence[Component]) -> Component:
@@ -740,14 +756,20 @@ def _member(number: Component, members: Sequence[int], bounds: Sequence[Componen
     return member
 
 
-def _chosen(options: Sequence[Params], members: Sequence[int], drawn: Component) -> Params:
+def _chosen(group: _Group, options: Sequence[Params], drawn: Component) -> Params:
     """One group's values, those of the member that each lane has drawn."""
     chosen = options[0]
-    for index, other in zip(members[1:], options[1:], strict=True):
+    values: dict[str, Any] = {
+        name: jnp.broadcast_to(getattr(chosen, name), drawn.shape)
+        for name in _DECISIONS
+        if name in group.drawn
+    }
+    chosen = chosen._replace(**values)
+    for index, other in zip(group.members[1:], options[1:], strict=True):
         here = drawn == index
-        values: dict[str, Any] = {
+        values = {
             name: jnp.where(here, getattr(other, name), getattr(chosen, name))
-            for name in _DRAWN
+            for name in group.drawn
             if getattr(chosen, name) is not None
         }
         chosen = chosen._replace(**values)

@@ -87,8 +87,18 @@ class Discretization:
         return hash(tuple(_written(self.arguments()).values()))
 
 
-DISCRETIZATION = ("engine", "integrator", "dt", "control_period")
-"""Names of a discretization's parts, as constructor arguments and in JSON."""
+def unlike_names(places: Sequence[Discretization]) -> list[str]:
+    """Names of discretizations, with the control period where another has the same name."""
+    alike = ({one for one in places if one.name == place.name} for place in places)
+    pairs = zip(places, alike, strict=True)
+    return [p.name + f" control={p.control_period:g}" * (len(same) > 1) for p, same in pairs]
+
+
+STEPPING = ("engine", "integrator", "dt")
+"""Names of what advances a plant, as constructor arguments and in JSON."""
+
+DISCRETIZATION = (*STEPPING, "control_period")
+"""Names of a discretization's parts, likewise."""
 
 
 def agrees(stated: Mapping[str, Any], full: Mapping[str, Any]) -> bool:
@@ -216,6 +226,7 @@ class Timing:
         sight: the observation latency as (whole decisions, sub-steps beyond them).
         jitter: most integration steps by which a command is later than the latency.
         hold: probability that a command does not arrive.
+        samples: observations to keep on their way, at least the whole decisions of `sight`.
     """
 
     dt: float
@@ -229,6 +240,7 @@ class Timing:
     sight: tuple[int, int] = (0, 0)
     jitter: int = 0
     hold: float = 0.0
+    samples: int = 0
 
     @property
     def drawn(self) -> bool:
@@ -280,6 +292,7 @@ class Timing:
             sight=divmod(sight, substeps),
             jitter=jitter,
             hold=hold_probability,
+            samples=sight // substeps,
         )  # fmt: skip
 
 
@@ -420,7 +433,12 @@ class Setup:
         if max_episode_steps == horizon:
             return self
         shorter = replace(settings, duration=int(max_episode_steps) * self.timing.control_period)
-        return replace(self, settings=shorter, timing=_timing(shorter))
+        return replace(self, settings=shorter, timing=_timing(shorter)).keeping(self.timing)
+
+    def keeping(self, other: Timing) -> Setup:
+        """The same setup, which keeps as many commands and observations as another timing."""
+        timing = replace(self.timing, memory=other.memory, samples=other.samples)
+        return self if timing == self.timing else replace(self, timing=timing)
 
     def with_values(
         self, plant: Plant, task: Task, timing: Timing, max_speed: Component | None
@@ -533,16 +551,46 @@ class Mixture:
     """The discretizations of an environment; an environment without a mixture has one.
 
     Attributes:
-        setups: one per member; they differ in engine, integrator and ``dt`` alone.
-        shares: of each member, adding up to 1.
+        setups: one per member; they differ in engine, integrator, ``dt`` and control period alone,
+            and keep equally many commands and observations.
+        shares: of each member, adding up to 1: of the episodes.
     """
 
     setups: tuple[Setup, ...]
     shares: tuple[Fraction, ...] = (Fraction(1),)
 
+    @property
+    def periods(self) -> tuple[float, ...]:
+        """Control period of each member, s."""
+        return tuple(setup.timing.control_period for setup in self.setups)
+
+    @property
+    def several_periods(self) -> bool:
+        """Whether its members decide at different control periods."""
+        return len(set(self.periods)) > 1
+
+    @property
+    def mean_period(self) -> float:
+        """Mean of the control periods by the shares, s; the one that all have, to the last bit."""
+        pairs = zip(self.periods, self.shares, strict=True)
+        return float(sum(Fraction(period) * share for period, share in pairs))
+
+    @property
+    def horizon(self) -> int:
+        """Decisions of the longest episode."""
+        return max(setup.timing.horizon for setup in self.setups)
+
     def limited(self, max_episode_steps: int | None) -> Mixture:
-        """The same with episodes of at most so many decisions; see :meth:`Setup.limited`."""
-        return replace(self, setups=tuple(s.limited(max_episode_steps) for s in self.setups))
+        """The same with episodes of at most so many decisions; see :meth:`Setup.limited`.
+
+        Members that have fewer anyway stay as they are.
+        """
+        if max_episode_steps is None:
+            return self
+        longest = max(self.setups, key=lambda setup: setup.timing.horizon)
+        most = longest.limited(max_episode_steps).timing.horizon
+        setups = (setup.limited(min(most, setup.timing.horizon)) for setup in self.setups)
+        return replace(self, setups=tuple(setups))
 
     def member(self, number: float) -> int:
         """The member that a number drawn from [0, 1) stands for."""
@@ -564,7 +612,7 @@ def make_mixture(
 
     Raises:
         TypeError, ValueError: for what is no list of such dicts, for impossible values, and for
-            members of several control periods.
+            several control periods that follow from ``dt`` without being said.
     """
     if members is None:
         return Mixture((make_setup(arguments),))
@@ -579,14 +627,19 @@ def make_mixture(
         make_setup({**arguments, **{k: x for k, x in member.items() if k != WEIGHT}})
         for member in checked
     )
-    periods = sorted({setup.timing.control_period for setup in setups})
-    if len(periods) > 1:
-        raise InputError(
-            f"all discretizations of a mixture must have one control period, got {periods} s; "
-            "give `control_period`"
-        )
+    memory, samples = (max(getattr(s.timing, n) for s in setups) for n in ("memory", "samples"))
+    kept = replace(setups[0].timing, memory=memory, samples=samples)
     weights = [Fraction(str(member.get(WEIGHT, 1))) for member in checked]
-    return Mixture(setups, tuple(weight / sum(weights) for weight in weights))
+    shares = tuple(weight / sum(weights) for weight in weights)
+    mixture = Mixture(tuple(setup.keeping(kept) for setup in setups), shares)
+    stated = all({**arguments, **m}.get("control_period") is not None for m in checked)
+    if mixture.several_periods and not stated:
+        raise InputError(
+            f"members of `mixture` decide every {sorted(set(mixture.periods))} s, for without a "
+            "control period they decide at every step; give `control_period`, one for all or one "
+            "in each member"
+        )
+    return mixture
 
 
 def _checked_members(members: Any) -> Sequence[Mapping[str, Any]]:

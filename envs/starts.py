@@ -84,6 +84,22 @@ def parse_episodes(episodes: Any, shape: tuple[int, ...]) -> Array:
     return array
 
 
+def parse_members(members: Any, shape: tuple[int, ...], count: int) -> Array:
+    """The reset option ``mixture_index`` as whole numbers of a shape.
+
+    Raises:
+        ValueError: for what are none, or are no member of a mixture of ``count``.
+    """
+    array = np.asarray(members)
+    whole = array.shape == shape and array.dtype.kind in "iu"
+    if not whole or (array < 0).any() or (array >= count).any():
+        raise InputError(
+            f"reset option `mixture_index` must be whole numbers from 0 to {count - 1}, shape "
+            f"{shape}, got {members!r}"
+        )
+    return array
+
+
 def is_possible(setup: Setup, start: Components) -> Component:
     """Whether a start is finite and not faster than a motion may be; components in state order."""
     fastest = top_speed(setup)

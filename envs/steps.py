@@ -185,7 +185,8 @@ class _Key:
         self.setup = setup
         self.function = function
         parts = (setup.plant, setup.task, setup.engine, getattr(setup.engine, "integrator", None))
-        self._parts = (function, *map(type, parts), repr(setup.arguments()))
+        told = repr(setup.arguments()), setup.timing
+        self._parts = (function, *map(type, parts), *told)
 
     def __hash__(self) -> int:
         return hash(self._parts)

@@ -104,7 +104,7 @@ def initial_state(ops: Ops, setup: Setup, q: Components, v: Components) -> EnvSt
         sensed_q=q,
         sensed_v=v,
         sensed_time=zero,
-        late=((q, v, zero),) * setup.timing.sight[0],
+        late=((q, v, zero),) * setup.timing.samples,
         steps=0,
         goal_since=ops.where(at_goal, 0.0, AWAY),
     )
@@ -316,8 +316,8 @@ def _show(
         _choose(ops, sampled, motion.sampled_v, v),
         ops.where(sampled, _sample_time(timing, state.steps, orders.sample_at), time),
     )
-    *under_way, last = (newest, *state.late)
-    return last, tuple(under_way)
+    under_way = (newest, *state.late)
+    return under_way[timing.sight[0]], under_way[: timing.samples]
 
 
 def _outcome(
@@ -342,13 +342,14 @@ def _outcome(
     earned = task.reward(ops, before.q, before.v, mean_square, failed, period)
     left = ops.maximum(timing.horizon - before.steps, 1)
     worst = task.worst_return(ops, left, period, top_speed(setup))
+    newer = after.sensed_time != before.sensed_time
     solved = ops.where(motion.converged, quiet_status(setup), NOT_CONVERGED)
     return Outcome(
         reward=ops.where(ok, earned, worst),
         terminated=terminated,
         truncated=truncated,
         success=ops.assume_false(truncated) & (reached & _negated(terminated)),
-        sampled=after.sensed_time != before.sensed_time if before.late else _sampled(orders, ok),
+        sampled=newer if timing.sight[0] else _sampled(orders, ok),
         work=work,
         dissipated=dissipated,
         contact_loss=contact_loss,

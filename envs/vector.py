@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import partial
 from typing import Any, ClassVar
 
 import gymnasium as gym
@@ -21,7 +20,7 @@ from .environment import (
     check_render_mode,
     frames_per_second,
     is_own_horizon,
-    make_setup,
+    make_setups,
     observation_space,
     running_makers,
     with_horizon,
@@ -42,7 +41,7 @@ from .lanes import (
     zeros_like,
 )
 from .ops.ops import ARRAY, Components, join_state, rows_of, split_state
-from .settings import Mixture, Setup, make_mixture
+from .settings import Setup
 from .starts import (
     ARRIVAL,
     MEMBER,
@@ -52,6 +51,7 @@ from .starts import (
     draw_start,
     numbers_per_start,
     parse_episodes,
+    parse_members,
     stream_of_episode,
 )
 from .steps import LanesStep
@@ -76,7 +76,7 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         num_envs: number of lanes.
         autoreset_mode: an `AutoresetMode` or its value.
         mixture: discretizations (dicts of ``integrator``, ``dt``, … and, optionally, ``weight``),
-            one of which each lane draws at every reset; all must have one control period.
+            one of which each lane draws at every reset, and with it how often it decides.
             ``info["mixture_index"]`` tells which.
         render_mode: ``"rgb_array"`` or None; :meth:`render` gives one frame per lane.
         max_episode_steps: decisions after which an episode is truncated, if sooner than by
@@ -114,7 +114,7 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         self.num_envs = num_envs
         self.autoreset_mode = _checked_autoreset_mode(autoreset_mode)
         self.mixed = mixture is not None
-        self.mixture = _drawn(self.env_class, arguments, mixture)
+        self.mixture = make_setups(self.env_class, {**arguments, "mixture": mixture})
         if not self._of_a_spec(max_episode_steps):
             self.mixture = self.mixture.limited(max_episode_steps)
         self.setups = self.mixture.setups
@@ -161,7 +161,7 @@ class IntegVectorEnv(DiscretizedVectorEnv):
 
     @spec.setter
     def spec(self, spec: EnvSpec | None) -> None:
-        self._spec = with_horizon(spec, self.setup)
+        self._spec = with_horizon(spec, self.mixture)
         if self._spec is not None:  # as gym.make_vec writes a limit that a spec has
             limit = {"max_episode_steps": self._spec.max_episode_steps}
             self._spec.kwargs = {**self._spec.kwargs, **limit}
@@ -172,11 +172,7 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         if not makers or "max_episode_steps" in makers[0].f_locals.get("kwargs", {}):
             return False
 
-        def horizon_of(arguments: Mapping[str, Any]) -> int:
-            others = {n: value for n, value in arguments.items() if n != "mixture"}
-            return _drawn(self.env_class, others, arguments.get("mixture")).setups[0].timing.horizon
-
-        return is_own_horizon(limit, makers, horizon_of)
+        return is_own_horizon(limit, makers, lambda a: make_setups(self.env_class, a).horizon)
 
     def __getstate__(self) -> dict[str, Any]:
         """Without drawing surfaces, which are made again."""
@@ -222,7 +218,8 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         options = dict(options or {})
         mask = self._reset_mask(options.pop("reset_mask", None))
         if self.mixed and "mixture_index" in options:
-            options["mixture_index"] = self._given_members(options["mixture_index"])
+            given = options["mixture_index"]
+            options["mixture_index"] = parse_members(given, (self.num_envs,), len(self.setups))
         if "episode" in options:
             options["episode"] = parse_episodes(options["episode"], (self.num_envs,))
         self._seed(seed, mask)
@@ -276,7 +273,7 @@ class IntegVectorEnv(DiscretizedVectorEnv):
 
             fps = self.metadata["render_fps"]
             self._renderers = [Renderer(setup, "rgb_array", fps) for setup in self.setups]
-        times = self._current().steps * self.setup.timing.control_period
+        times = self._current().steps * np.array(self.mixture.periods)[self._member]
         lanes = zip(self._member, self.state, self._control, times, strict=True)
         return tuple(self._renderers[m].draw(state, u, time) for m, state, u, time in lanes)
 
@@ -321,16 +318,6 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         if not mask.any():
             raise InputError("reset option `reset_mask` must select at least one lane")
         return mask
-
-    def _given_members(self, members: Any) -> Array:
-        array = np.asarray(members)
-        whole = array.shape == (self.num_envs,) and array.dtype.kind in "iu"
-        if not whole or (array < 0).any() or (array >= len(self.setups)).any():
-            raise InputError(
-                f"reset option `mixture_index` must be whole numbers from 0 to "
-                f"{len(self.setups) - 1}, shape ({self.num_envs},), got {members!r}"
-            )
-        return array
 
     def _begin(self, lanes: Array, options: Mapping[str, Any], info: Info) -> None:
         """Start an episode in some lanes, and tell about it."""
@@ -513,11 +500,10 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         return {**info, "mixture_index": self._member.copy()} if self.mixed else info
 
     def _visible_info(self, info: Info, mask: Array) -> dict[str, Any]:
-        return self._info.with_masks(self._arrays(info), mask)
-
-
-def _drawn(env: type[IntegEnv], arguments: Mapping[str, Any], mixture: Any) -> Mixture:
-    return make_mixture(partial(make_setup, env), arguments, mixture)
+        arrays = self._arrays(info)
+        if self.mixed and mask is not self._info.everyone:
+            arrays["mixture_index"][~mask] = 0
+        return self._info.with_masks(arrays, mask)
 
 
 def _checked_autoreset_mode(mode: AutoresetMode | str) -> AutoresetMode:

@@ -22,7 +22,14 @@ from integ_gym.envs.plants.interface import state_names
 from integ_gym.envs.registries import ENVIRONMENTS, TRUTH
 from integ_gym.envs.rendering.canvas import load_pygame, open_screen
 from integ_gym.envs.rendering.cockpit import Moment, Pane, Panes
-from integ_gym.envs.settings import DISCRETIZATION, NATIVE, Discretization, Setup, check_divides
+from integ_gym.envs.settings import (
+    DISCRETIZATION,
+    NATIVE,
+    Discretization,
+    Setup,
+    check_divides,
+    unlike_names,
+)
 from integ_gym.envs.testbeds.making import find_testbed
 from integ_gym.envs.transition import LOSSES
 from integ_gym.evidence.record import EvidenceRecord
@@ -347,7 +354,8 @@ class Film(Sequence[Frame]):
     @property
     def success(self) -> dict[str, bool]:
         """Whether the policy succeeds, by the name of the discretization."""
-        return {episode.discretization.name: episode.success for episode in self.episodes}
+        names = unlike_names([episode.discretization for episode in self.episodes])
+        return dict(zip(names, (episode.success for episode in self.episodes), strict=True))
 
     @property
     def seconds(self) -> float:

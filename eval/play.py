@@ -52,6 +52,11 @@ class Game:
                 "`control_period` follows the step while somebody plays: it is dt, or half of the "
                 "first dt where that is longer; leave it out"
             )
+        if "mixture" in arguments:
+            raise InputError(
+                "who plays chooses the integrator and the step, so nothing is drawn from a "
+                "`mixture`; leave it out"
+            )
         self._class = environment_class(env_id)
         task = self._class.task_class()
         start = "hanging" if "hanging" in task.starts else task.starts[0]  # leaves most to do

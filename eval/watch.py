@@ -12,7 +12,7 @@ import numpy as np
 
 from integ_gym.envs.environment import environment_setup
 from integ_gym.envs.registries import TRUTH
-from integ_gym.envs.settings import DISCRETIZATION, Discretization
+from integ_gym.envs.settings import DISCRETIZATION, Discretization, unlike_names
 from integ_gym.evidence.record import EvidenceRecord
 from integ_gym.evidence.schema import parse_field
 from integ_gym.evidence.store import EvidenceStore, open_run, sql_literal
@@ -123,7 +123,8 @@ def describe_episodes(
         episodes: all of them.
         start: where they start, in words.
     """
-    trained = " and ".join(home.name.replace("_", " ").replace("=", " ") for home in homes)
+    names = (name.replace("_", " ").replace("=", " ") for name in unlike_names(homes))
+    trained = " and ".join(names)
     by = [f"Trained on {trained} s" if homes else name]
     seeds = [f"seed {seed}"] if seed is not None else []
     setup = episodes[0].setup

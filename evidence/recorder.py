@@ -228,7 +228,7 @@ def recorded(env: Any, kinds: tuple[type, ...], spaces: tuple[str, ...]) -> Any:
             limits.append(wrapper._max_episode_steps)
         wrapper = wrapper.env
     found: Any = wrapper
-    horizon = found.setup.timing.horizon
+    horizon = max(setup.timing.horizon for setup in _setups(found))
     if any(limit < horizon for limit in limits):
         raise InputTypeError(
             f"a TimeLimit ends episodes after {min(limits)} steps, and their records would say "
@@ -242,6 +242,12 @@ def recorded(env: Any, kinds: tuple[type, ...], spaces: tuple[str, ...]) -> Any:
                 "environment first, and the other wrappers around the recorder"
             )
     return wrapper
+
+
+def _setups(env: Any) -> Sequence[Any]:
+    """What the episodes of an environment run on: of a mixture, each member."""
+    mixture = getattr(env, "mixture", None)
+    return (env.setup,) if mixture is None else mixture.setups
 
 
 def all_setups(setups: Sequence[Setup], lanes: int) -> list[SetupOfLane]:
@@ -457,10 +463,8 @@ class RecordEvidence(Recorder, gym.Wrapper[Any, Any, Any, Any]):
         self._generic = None if known else GenericEnv(env)
         spaces = ("observation_space", "action_space")
         self._inner = self._generic or recorded(env, _KINDS, spaces)
-        self._prepare(
-            env, [(self._inner.setup, 0)], store, [context], [from_on(context.first_episode)],
-            commit_on_close, commit_every,
-        )  # fmt: skip
+        setups, claims = all_setups(_setups(self._inner), 1), [from_on(context.first_episode)]
+        self._prepare(env, setups, store, [context], claims, commit_on_close, commit_every)
         self._next_index = context.first_episode
         self._seed: int | None = None
         self._draws = -1
@@ -479,6 +483,7 @@ class RecordEvidence(Recorder, gym.Wrapper[Any, Any, Any, Any]):
         if seed is not None:
             self._seed, self._draws = seed, -1
         self._draws = getattr(self._inner, "episode", self._draws + 1)
+        self._member = int(info.get("mixture_index", 0)) if self._generic is None else 0
         told = info if self._generic is None else self._generic.info()
         if self._pack is None:
             self._lay_out(told)
@@ -515,7 +520,8 @@ class RecordEvidence(Recorder, gym.Wrapper[Any, Any, Any, Any]):
     def _finish(self) -> None:
         self._active = False
         key = f"{self._inner.np_random_seed}/{self._draws}"
-        head = EpisodeHead(self._next_index, self._seed, key, self._wall_start, now())
+        clock = self._wall_start, now()
+        head = EpisodeHead(self._next_index, self._seed, key, *clock, self._member)
         self._heads.append(head)
         self._counts.append(len(self._rows) - self._finished)
         self._finished = len(self._rows)

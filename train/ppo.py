@@ -229,7 +229,7 @@ def train_run(
         with reproducible():
             episodes = VecMonitor(Sb3VecEnv(vector_env, info_keys=("success",)))
             scaled = ScaledRewards(episodes, config.reward_scale)  # for the learner alone
-            model = make_model(config, scaled, mixture.setups[0].timing.control_period)
+            model = make_model(config, scaled, mixture.mean_period)
             episodes.seed(config.first_lane_seed)
             logs = folder / "tensorboard"
             outputs: list[Any] = [TensorBoardOutputFormat(str(logs))] if tensorboard else []

@@ -34,7 +34,7 @@ class Renderer:
     """
 
     def __init__(self, setup: Setup, mode: str, fps: int) -> None:
-        self._setup = setup
+        self.setup = setup
         self._drawing = find_drawing(setup.plant.name)
         self._canvas = Canvas(self._drawing.size)
         self._pane = _Pane(self._drawing.size) if mode == "human" else None
@@ -64,7 +64,7 @@ class Renderer:
             self._pane.close()
 
     def _draw(self, state: npt.NDArray[np.float64], control: float, time: float) -> None:
-        canvas, setup = self._canvas, self._setup
+        canvas, setup = self._canvas, self.setup
         canvas.clear()
         self._drawing.draw(canvas, setup, [float(x) for x in state], float(control))
         width, height = canvas.size

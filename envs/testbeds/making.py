@@ -311,6 +311,19 @@ def _check(asked: Discretization, applied: Applied) -> None:
                 )
 
 
+def check_mixture(env_id: str) -> None:
+    """Refuse a mixture of an environment that makes one discretization at a time.
+
+    Raises:
+        ValueError: for an environment that is none of integ-gym's, nor a user's :class:`IntegEnv`.
+    """
+    if not is_integ_environment(env_id):
+        raise InputError(
+            f"{env_id} has no `mixture`, for its environments are made in one discretization; "
+            "train on one, or take an environment of integ-gym's or your own IntegEnv"
+        )
+
+
 def make_training_environments(
     env_id: str, arguments: Mapping[str, Any], lanes: int
 ) -> DiscretizedVectorEnv:
@@ -330,6 +343,8 @@ def make_training_environments(
         return gym.make_vec(  # type: ignore[return-value]
             env_id, lanes, vectorization_mode="vector_entry_point", autoreset_mode=mode, **arguments
         )
+    if arguments.get("mixture") is not None:
+        check_mixture(env_id)
     common = {name: x for name, x in arguments.items() if name not in DISCRETIZATION}
     stated = {n: x for n, x in arguments.items() if n in DISCRETIZATION and x is not None}
     testbed = find_testbed(env_id, common)

@@ -193,6 +193,8 @@ def read_atlas(path: Path) -> Atlas:
     except (msgspec.ValidationError, SpecError) as error:
         raise SpecError(f"{path}: {error}; docs/reference/atlas.md has the format") from None
     panel = parse_spec(data, str(path))
+    if any(home.control_period != panel.control_period for home in panel.trained_on()):
+        raise SpecError(f"{path}: an atlas has one control period; leave it out of `train`")
     name, _ = control_argument(panel.nominal)
     if axis.argument != name:
         raise SpecError(f"{path}: `{axis.argument}` does not limit the control; `{name}` does")

@@ -22,6 +22,7 @@ from integ_gym.envs.settings import (
     DISCRETIZATION,
     LATENCIES,
     NATIVE,
+    STEPPING,
     WEIGHT,
     Discretization,
     agrees,
@@ -88,7 +89,7 @@ Count: TypeAlias = Annotated[int, msgspec.Meta(ge=0, le=2**32 - 1)]
 
 @dataclass(frozen=True)
 class DiscretizationMixture:
-    """Discretizations of one control period, one of which every training episode draws.
+    """Discretizations, one of which every training episode draws.
 
     Attributes:
         name: of the mixture.
@@ -105,9 +106,10 @@ class DiscretizationMixture:
         return {member: weight / total for member, weight in self.weights}
 
     @property
-    def control_period(self) -> float:
-        """Time between two decisions, s."""
-        return self.weights[0][0].control_period
+    def control_period(self) -> float | None:
+        """Time between two decisions, s; None: members have several."""
+        first, *others = (member.control_period for member, _ in self.weights)
+        return first if all(math.isclose(first, other) for other in others) else None
 
     def arguments(self) -> list[dict[str, Any]]:
         """The members, each as constructor arguments of an environment."""
@@ -131,7 +133,7 @@ SENSING = ("sensor_period", "observation_noise")
 """Arguments of what a policy is shown."""
 
 AXES: Final[Mapping[str, tuple[str, ...]]] = {
-    "integration": ("engine", "integrator", "dt"),
+    "integration": STEPPING,
     "held action": ("control_period",),
     "delay": (*DELAYS, "fallback"),
     "sensing": SENSING,
@@ -379,7 +381,7 @@ def training_arguments(home: Home, environment: Mapping[str, Any]) -> dict[str, 
     """
     if isinstance(home, Discretization):
         return place_arguments(home, environment)
-    own = ("engine", "integrator", "dt")
+    own = STEPPING if home.control_period else DISCRETIZATION
     members = [(place_arguments(d, environment), weight) for d, weight in home.weights]
     mixture = [{**{name: a[name] for name in own}, WEIGHT: weight} for a, weight in members]
     common = {name: value for name, value in members[0][0].items() if name not in own}

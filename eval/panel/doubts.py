@@ -150,7 +150,7 @@ def _no_better(
 
     Where it does far better elsewhere, the doubt is about its home.
     """
-    home, elsewhere = home_cell(existing.home), _far_better(existing, spec, layout, matrix)
+    home, elsewhere = home_cell(spec, existing.home), _far_better(existing, spec, layout, matrix)
     row = existing.policy.policy_id
     cells = [cell.name for cell in spec.columns()] if home is None else [home]
     leads = {cell: _lead(matrix, row, cell) for cell in cells}
@@ -186,7 +186,7 @@ def _far_better(
     Far is a success that is shown to be higher by more than verdicts let pass; of returns, a lead
     over random that is shown and more than twice that at home.
     """
-    row, home = existing.policy.policy_id, home_cell(existing.home)
+    row, home = existing.policy.policy_id, home_cell(spec, existing.home)
     if home is None:
         return None
     success = compares_success(spec, matrix, row)

@@ -21,7 +21,7 @@ from integ_gym.train.policy_files.sidecar import (
     stated_arguments,
 )
 
-from .cells import UNNAMED, DiscretizationMixture, Home
+from .cells import UNNAMED, DiscretizationMixture, Home, main_home
 
 VARIED = (*DISCRETIZATION, "mixture")
 
@@ -35,7 +35,8 @@ class Provenance:
 
     Attributes:
         home: discretization or mixture that it was trained on; None: unknown.
-        control_period: time between two of its decisions, s.
+        control_period: time between two of its decisions, s; of several, that of the discretization
+            that most of the training ran on.
         environment: constructor arguments of the environment that it is judged in, without the
             discretization.
         origin: where this comes from, in words.
@@ -56,8 +57,9 @@ class Provenance:
         if self.home is None:
             return f"home: unknown ({self.origin}); judged at {period}"
         members = " and ".join(member.name for member in self.home.shares)
+        alike = f"{members}, {period}" if self.home.control_period else _named(self.home)
         rest = "".join(f", {name}={value}" for name, value in self.trained_with.items())
-        return f"home: {members}, {period}{rest} ({self.origin})"
+        return f"home: {alike}{rest} ({self.origin})"
 
 
 def card_arguments(card: Mapping[str, Any], env_id: str, own_code: bool) -> dict[str, Any]:
@@ -131,7 +133,8 @@ def provenance(
     _check_period(env_id, arguments, given)
     environments = _closed(env_id, {**_stepped(arguments), **given})
     home = _home(environments.mixture) if known else None
-    period = environments.setups[0].timing.control_period
+    main = main_home(home)
+    period = (environments.setups[0].timing if main is None else main).control_period
     if card is not None and home is not None and "integrator" not in told:
         _check_period_of(stated, told, home, origin)
     elif card is not None and home is not None:

@@ -564,10 +564,10 @@ def given_rows(
     return rows, {} if home is None else {policy.id: home}
 
 
-def home_cell(home: Home | None) -> str | None:
+def home_cell(spec: PanelSpec, home: Home | None) -> str | None:
     """Name of the cell that most of the training ran on; None: unknown."""
     main = main_home(home)
-    return None if main is None else main.name
+    return None if main is None else spec.name_of(main)
 
 
 def compares_success(spec: PanelSpec, matrix: Matrix, row: str) -> bool:

@@ -59,7 +59,8 @@ class Row(Part, frozen=True, kw_only=True):
         shares: share of each cell, by name, that its training drew from; empty for a baseline.
         integrator: integrator of its home; null without one, or of a mixture.
         dt: integration step of its home, s; null without one, or of a mixture.
-        control_period: time between two decisions in training, s; null for a baseline.
+        control_period: time between two decisions in training, s; null for a baseline, and of a
+            mixture with several.
         seeds: how many policies it has.
         policies: its policies.
         home_success: success rate at home, in [0, 1]; null without a home.

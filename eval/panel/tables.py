@@ -30,6 +30,7 @@ from .cells import (
     check_unique,
     convert,
     many,
+    place_name,
     timing_fault,
 )
 
@@ -264,7 +265,7 @@ def _mixture(table: MixtureTable, home: Discretization) -> DiscretizationMixture
             f"mixture {table.mixture!r} needs at least two `members`, got {len(members)}; a single "
             "discretization is trained on without a mixture"
         )
-    check_unique(label, [member.name for member, _ in members])
+    check_unique(label, [place_name(one, home.control_period) for one, _ in members])
     return DiscretizationMixture(table.mixture, tuple(members))
 
 

@@ -95,6 +95,18 @@ def test_what_cannot_be_is_refused_in_one_sentence(tmp_path, key, line, message)
     assert "\n" not in str(caught.value)
 
 
+def test_rows_of_another_control_period_are_refused(tmp_path):
+    path = written(tmp_path)
+    place = 'integrator = "rk4"\ndt = 0.05'
+    row, judged = (f"{place}\ncontrol_period = {period}" for period in (0.1, [0.05, 0.1]))
+    text = path.read_text(encoding="utf-8").replace(place, row, 1)
+    path.write_text(
+        text.replace(f"[[evaluate]]\n{place}", f"[[evaluate]]\n{judged}"), encoding="utf-8"
+    )
+    with pytest.raises(SpecError, match="an atlas has one control period"):
+        read_atlas(path)
+
+
 ROWS = [
     {
         "home": "rk4 dt=0.05",

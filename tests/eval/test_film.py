@@ -77,6 +77,8 @@ def test_control_periods_that_differ_are_told_in_every_pane():
     told = [film._titles(episode.discretization)[1] for episode in film.episodes]
     for period, words in zip((0.05, 0.025), told, strict=True):
         assert f"a decision every {period:g} s" in words
+    film = film_of(Discretization("rk4", 0.05, 0.05), Discretization("rk4", 0.05, 0.1))
+    assert list(film.success) == ["rk4 dt=0.05 control=0.05", "rk4 dt=0.05 control=0.1"]
 
 
 def test_the_verdict_is_in_the_picture():

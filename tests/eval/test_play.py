@@ -111,6 +111,7 @@ def test_what_is_shown_is_the_last_twenty_seconds():
         (["--env", "Nowhere-v0"], "unknown environment 'Nowhere-v0'"),
         (["--integrator", "rk5"], "unknown integrator 'rk5'"),
         (["--env-arg", "control_period=0.1"], "follows the step while somebody plays"),
+        (["--env-arg", 'mixture=[{"dt": 0.05}]'], "nothing is drawn from a `mixture`"),
     ],
 )
 def test_bad_input_ends_with_one_line(words, message, capsys):

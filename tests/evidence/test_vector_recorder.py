@@ -27,6 +27,13 @@ CASES = {
         {"duration": 0.5, "dt": 0.025, "control_period": 0.05, "observation_noise": 0.1,
          "sensor_period": 0.075, "action_latency": 0.05},
     ),
+    "periods": (
+        "IntegPendulum-v0",
+        {"duration": 0.5, "mixture": [
+            {"integrator": "rk4", "dt": 0.05, "control_period": 0.05},
+            {"integrator": "rk4", "dt": 0.05, "control_period": 0.1},
+        ]},
+    ),
     "cart-pole": ("IntegCartPole-v0", {"duration": 0.5, "theta_threshold": 0.1}),
 }  # fmt: skip
 
@@ -157,11 +164,14 @@ def test_paired_starts(mode, tmp_path):
     assert EvidenceStore(tmp_path).batches() == ("both",), "what is not finished is not recorded"
 
 
-def test_mixture_and_array_parameters(tmp_path):
-    mixture = [{"integrator": "rk4", "dt": 0.05}, {"integrator": "explicit_euler", "dt": 0.025}]
+@pytest.mark.parametrize("periods", [(0.05, 0.05), (0.05, 0.1)])
+def test_mixture_and_array_parameters(periods, tmp_path):
+    mixture = [
+        {"integrator": "rk4", "dt": 0.05, "control_period": periods[0]},
+        {"integrator": "explicit_euler", "dt": 0.025, "control_period": periods[1]},
+    ]
     masses = np.array([0.5, 1.0, 1.5, 2.0, 2.5])
-    env = gym.make_vec("IntegPendulum-v0", LANES, mixture=mixture, control_period=0.05, mass=masses,
-                       duration=0.5)  # fmt: skip
+    env = gym.make_vec("IntegPendulum-v0", LANES, mixture=mixture, mass=masses, duration=0.5)
     env = RecordVectorEvidence(env, tmp_path, CONTEXT)
     _run_vector(env, AutoresetMode.NEXT_STEP)
     env.close()
@@ -170,7 +180,10 @@ def test_mixture_and_array_parameters(tmp_path):
     for record in records:
         member = next(m for m in mixture if m["integrator"] == record["integrator"])
         assert record["dt"] == member["dt"]
-        assert record["substeps"] == round(0.05 / member["dt"])
+        period = member["control_period"]
+        assert record["control_period"] == record.arguments()["control_period"] == period
+        assert record["substeps"] == round(period / member["dt"])
+        assert record["length"] == round(0.5 / period)
         assert record.arguments()["mass"] == masses[record["seed"]]
         single = gym.make("IntegPendulum-v0", **record.arguments())
         single.reset(options={"state": record["initial_state"]})

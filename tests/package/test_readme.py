@@ -33,13 +33,16 @@ def test_python_blocks_run_and_print_what_is_shown_below_them():
         assert done.stdout == shown.get(block, done.stdout)
 
 
-MIXTURE, LANES, INTEGRATOR = page_blocks("docs/reference/environments.md", "python")
+MIXTURE, PERIODS, LANES, INTEGRATOR = page_blocks("docs/reference/environments.md", "python")
 
 
 def test_the_documented_mixture_and_lanes_run(capsys):
     exec(MIXTURE, {})
     assert set(re.findall(r"\d+", capsys.readouterr().out)) == {"0", "1"}
     names = {}
+    exec(PERIODS, names)
+    assert names["env"].spec.max_episode_steps == 200
+    assert str(names["env"].unwrapped.setup.timing.control_period) in capsys.readouterr().out
     exec(LANES, names)
     assert names["observations"].shape == (64, 3)
     assert names["info"]["time"] == pytest.approx(100 * 0.05)

@@ -6,17 +6,19 @@ from collections import Counter
 from dataclasses import replace
 
 import gymnasium as gym
+import jax
 import numpy as np
 import pytest
 from fleet_runs import small_run
 from small_ppo import trained
+from stable_baselines3 import PPO
 
 from integ_gym.evidence.labels import EpisodeContext
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.train.command import training_command as main
 from integ_gym.train.config import TrainingEvidence
-from integ_gym.train.fleet.planning import plan
-from integ_gym.train.fleet.training import train_chunk, train_fleet, write_outcome
+from integ_gym.train.fleet.planning import kind_of, plan
+from integ_gym.train.fleet.training import _Trainer, train_chunk, train_fleet, write_outcome
 from integ_gym.train.fleet.worker import Workers
 from integ_gym.train.policy_files.sidecar import read_trained
 from integ_gym.train.ppo import PPOConfig
@@ -41,6 +43,12 @@ CONFIG = PPOConfig.of(
     total_steps=1024,
     trace_every=1,
 )
+PERIODS = [
+    {"integrator": "rk4", "dt": 0.05, "control_period": 0.05},
+    {"integrator": "rk4", "dt": 0.05, "control_period": 0.1},
+    {"integrator": "explicit_euler", "dt": 0.05, "control_period": 0.2, "weight": 2},
+]
+SEVERAL = replace(CONFIG, env_arguments={"mixture": PERIODS, "duration": HORIZON * PERIOD})
 HOMES = [{k: x for k, x in member.items() if k != "weight"} for member in MIXTURE]
 CONTEXT = EpisodeContext("run", "cell", phase="training", training_discretization=HOMES)
 
@@ -48,13 +56,16 @@ CONTEXT = EpisodeContext("run", "cell", phase="training", training_discretizatio
 @pytest.fixture(scope="module", params=["sb3", "fleet"])
 def run(request, tmp_path_factory):
     """A policy trained on the mixture, and the records of its training episodes."""
-    folder = tmp_path_factory.mktemp("run")
+    return _run(CONFIG, request.param, tmp_path_factory.mktemp("run"))
+
+
+def _run(config, trainer, folder):
     evidence = [TrainingEvidence(folder / "evidence", "training", CONTEXT)]
-    if request.param == "sb3":
-        policy = trained(CONFIG, folder, evidence=evidence)
+    if trainer == "sb3":
+        policy = trained(config, folder, evidence=evidence)
     else:
-        (outcome,) = train_chunk([CONFIG], evidence)
-        policy = write_outcome(CONFIG, outcome, folder)
+        (outcome,) = train_chunk([config], evidence)
+        policy = write_outcome(config, outcome, folder)
     store = EvidenceStore(folder / "evidence")
     assert store.verify() == []
     return policy, sorted(store.records(), key=lambda r: r["episode_index"])
@@ -130,6 +141,57 @@ def test_the_sidecar_states_the_mixture(run):
     assert PPOConfig(**card["config"]) == CONFIG
     assert read_trained(policy.policy)[0].policy_id == "ppo-mixture-seed0"
     assert records[0]["training_discretization"].count("integrator") == len(MIXTURE)
+
+
+@pytest.mark.parametrize("trainer", ["sb3", "fleet"])
+def test_episodes_of_a_mixture_decide_at_their_members_control_period(trainer, tmp_path):
+    policy, records = _run(SEVERAL, trainer, tmp_path)
+    seen = Counter((r["integrator"], r["control_period"]) for r in records)
+    assert set(seen) == {(m["integrator"], m["control_period"]) for m in PERIODS}
+    for record in records:
+        assert record["length"] == round(HORIZON * PERIOD / record["control_period"])
+        _replay(record)
+    card = policy.card
+    stated = [(m["control_period"], m["share"]) for m in card["mixture"]]
+    assert stated == [(0.05, 0.25), (0.1, 0.25), (0.2, 0.5)]
+    assert "control_period" not in card["env_arguments"]
+    mean, each = np.exp(-0.1375), [np.exp(-period) for period in (0.05, 0.1, 0.2)]
+    assert card["derived"]["gamma"] == pytest.approx(each if trainer == "fleet" else mean)
+    assert PPO.load(policy.policy).gamma == pytest.approx(mean)
+
+
+def test_the_fleet_discounts_by_the_control_period_of_each_episode():
+    """Advantages of a rollout, added up step by step."""
+    fleet = _Trainer(kind_of(SEVERAL), [SEVERAL])
+    learner, knobs = fleet._new(), fleet._knobs()
+    program, (config,) = fleet._program, fleet._configs
+    _, steps = jax.jit(program._collect)(learner, learner.keys, fleet._params)
+    _, outcome, *observed = jax.jit(program._again)(steps, fleet._params)
+    batch = jax.jit(program._batch)(learner.stack, knobs, steps, outcome, tuple(observed))
+    member = np.asarray(steps.member[0])[:, 0]
+    assert set(member.ravel()) == {0, 1, 2}
+    gamma = np.exp(-np.array([0.05, 0.1, 0.2]) / config.discount_time)[member]
+    flat = (np.asarray(x).reshape(x.shape[0], -1) for x in observed)
+    value = (_critic(learner.stack, x).reshape(member.shape) for x in flat)
+    now, later = value
+    ended = np.asarray(steps.terminated | steps.truncated)[:, 0]
+    reward = np.asarray(outcome.reward)[:, 0] * config.reward_scale
+    expected, after = np.zeros(member.shape), np.zeros(LANES)
+    for t in reversed(range(len(member))):
+        delta = reward[t] + gamma[t] * later[t] - now[t]
+        after = delta + gamma[t] * config.gae_lambda * np.where(ended[t], 0.0, after)
+        expected[t] = after
+    found = np.asarray(batch.advantages)[0].reshape(LANES, -1).T
+    np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-5)
+
+
+def _critic(stack, observed):
+    """Values of observations, shape (obs, n), by the critic's weights."""
+    layers = list(zip(stack.weights, stack.biases, strict=True))
+    for place, (weight, bias) in enumerate(layers):
+        observed = np.asarray(weight)[0, 1] @ observed + np.asarray(bias)[0, 1][:, None]
+        observed = np.tanh(observed) if place < len(layers) - 1 else observed
+    return observed[0]
 
 
 def test_policies_of_a_mixture_do_not_depend_on_their_neighbours():

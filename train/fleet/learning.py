@@ -174,6 +174,7 @@ class Knobs(NamedTuple):
     learning_rate_end: Array
     total_steps: Array
     gamma: Array
+    """Of a mixture with several control periods, each member's: shape (policies, members)."""
     gae_lambda: Array
     clip_range: Array
     ent_coef: Array
@@ -432,25 +433,30 @@ def advantages_of(
     terminated: Array,
     truncated: Array,
     knobs: Knobs,
+    member: Array,
 ) -> Array:
     """Generalized advantage estimates, (n_steps, policies, n_envs).
 
-    ``next_values`` are the critic's at the state after each step, before a reset. Nothing is
+    ``next_values`` are the critic's at the state after each step, before a reset; ``member`` is the
+    mixture's that the episode runs on, by whose control period it is discounted. Nothing is
     bootstrapped where an episode was terminated, and nothing passes an episode's end.
     Source: Schulman et al. (2016), *High-dimensional continuous control using generalized
     advantage estimation*, arXiv:1506.02438.
     """
-    gamma, decay = knobs.gamma[:, None], (knobs.gamma * knobs.gae_lambda)[:, None]
+    gamma = knobs.gamma[:, None]
+    if knobs.gamma.ndim > 1:
+        gamma = jax.vmap(lambda own, drawn: own[drawn], (0, 1), 1)(knobs.gamma, member)
     goes_on = jnp.where(terminated | truncated, 0.0, 1.0)
+    decay = gamma * knobs.gae_lambda[:, None] * goes_on
     bootstrapped = jnp.where(terminated, 0.0, next_values)
     delta = reward + gamma * bootstrapped - values
 
     def back(later: Array, now: tuple[Array, Array]) -> tuple[Array, Array]:
-        advantage = now[0] + decay * now[1] * later
+        advantage = now[0] + now[1] * later
         return advantage, advantage
 
     _, advantages = jax.lax.scan(
-        back, jnp.zeros_like(delta[0]), (delta, goes_on), reverse=True, unroll=8
+        back, jnp.zeros_like(delta[0]), (delta, decay), reverse=True, unroll=8
     )
     return advantages
 

@@ -260,9 +260,9 @@ class FleetProgram:
 
         values, next_values = value(before), value(after)
         reward = outcome.reward.astype(jnp.float32) * knobs.reward_scale[:, None]
-        advantages = advantages_of(
-            reward, values, next_values, steps.terminated, steps.truncated, knobs
-        )
+        ending = steps.terminated, steps.truncated
+        member = _member_of(steps)
+        advantages = advantages_of(reward, values, next_values, *ending, knobs, member)
         return Batch(
             before,
             _flat(jnp.moveaxis(steps.action, 2, 0)),
@@ -293,10 +293,15 @@ class FleetProgram:
             outcome.terminated | outcome.truncated,
             outcome.success,
             steps.env.steps == 0,
-            steps.member[0] if steps.member else jnp.zeros_like(steps.env.steps),
+            _member_of(steps),
             rows,
             first,
         )
+
+
+def _member_of(steps: _Step) -> Array:
+    """The member of the mixture that each step was taken on, int32; 0 without one."""
+    return steps.member[0] if steps.member else jnp.zeros_like(steps.env.steps)
 
 
 def _flat(values: Array) -> Array:

@@ -396,7 +396,7 @@ class _Trainer:
         self._seconds = 0.0
         self._configs = configs
         envs = [functional.make(c.env_id, **c.env_arguments) for c in configs]
-        self._setups = [env.setup for env in envs]
+        self._mixtures = [Mixture(env.setups, env.shares) for env in envs]
         self._params = envs[0].columns([env.default_params for env in envs])
         lanes = kind.algorithm.n_envs
         self._returns = [_Returns(np.zeros(lanes)) for _ in configs]
@@ -469,7 +469,7 @@ class _Trainer:
 
     def _new(self) -> Learner:
         configs = self._configs
-        task = self._setups[0].task
+        task = self._mixtures[0].setups[0].task
         noise = None if task.discrete else [config.log_std_init for config in configs]
         seeds = [config.seed for config in configs]
         stack = initial_stack(seeds, self._kind.sizes, task.discrete or 1, noise)
@@ -478,13 +478,14 @@ class _Trainer:
 
     def _knobs(self) -> Knobs:
         rows = []
-        for config, setup in zip(self._configs, self._setups, strict=True):
-            values = {**vars(config), "gamma": config.discount(setup.timing.control_period)}
+        for config, mixture in zip(self._configs, self._mixtures, strict=True):
+            gammas = [config.discount(period) for period in mixture.periods]
+            values = {**vars(config), "gamma": gammas if mixture.several_periods else gammas[0]}
             if config.learning_rate_end is None:
                 values["learning_rate_end"] = config.learning_rate
             values["target_kl"] = config.target_kl or 0.0
             rows.append([values[name] for name in Knobs._fields])
-        return Knobs(*np.array(rows, np.float32).T)
+        return Knobs(*(np.array(column, np.float32) for column in zip(*rows, strict=True)))
 
     def _take(self, trail: Trail) -> None:
         """Book a rollout's episodes."""
@@ -534,15 +535,15 @@ def write_outcome(config: PPOConfig, outcome: Outcome, folder: Path) -> TrainedP
     actor = actor_of(outcome.weights, hidden, config.activation, space)
     mixture = Mixture(env.setups, env.shares)
     card = make_card(config, mixture, "fleet", outcome.seconds, outcome.last_episodes)
-    zip_bytes = _zip(config, env, outcome) if can_save() else None
+    zip_bytes = _zip(config, env, mixture, outcome) if can_save() else None
     return write_actor(folder, actor, card, space, zip_bytes)
 
 
-def _zip(config: PPOConfig, env: FunctionalEnv, outcome: Outcome) -> bytes:
+def _zip(config: PPOConfig, env: FunctionalEnv, mixture: Mixture, outcome: Outcome) -> bytes:
     """The policy as stable-baselines3 saves it."""
     import_ahead().join()  # two threads that import the same find it half done
     return zip_of_weights(
-        model_arguments(config, env.setup.timing.control_period),
+        model_arguments(config, mixture.mean_period),
         config.n_envs,
         (env.observation_space, env.action_space),
         outcome.weights,

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from gymnasium.vector import VectorEnv
 
-from integ_gym.envs.settings import Mixture, Setup
+from integ_gym.envs.settings import DISCRETIZATION, STEPPING, Mixture, Setup
 from integ_gym.support.errors import IntegGymError
 from integ_gym.support.optional import installed_versions
 from integ_gym.support.processes import host
@@ -137,6 +137,10 @@ def make_card(
     ]
     mixed = config.env_arguments.get("mixture") is not None
     name = "mixture" if mixed else f"{setup.settings.integrator}-dt{setup.settings.dt:g}"
+    own = DISCRETIZATION if mixture.several_periods else STEPPING
+    derived = config.derived(mixture.mean_period)
+    if mixture.several_periods and trainer == "fleet":
+        derived["gamma"] = [config.discount(period) for period in mixture.periods]
     return {
         "policy_id": f"{config.algorithm.lower()}-{name}-seed{config.seed}",
         "algorithm": config.algorithm,
@@ -148,12 +152,12 @@ def make_card(
         "env_arguments": {
             name: value.tolist() if isinstance(value, np.ndarray) else value
             for name, value in setup.arguments().items()
-            if not (mixed and name in ("engine", "integrator", "dt"))
+            if not (mixed and name in own)
         },
         "units": setup.units(),
         "seed": config.seed,
         "config": asdict(config),
-        "derived": config.derived(setup.timing.control_period),
+        "derived": derived,
         "steps": config.rounded_steps,
         "wall_seconds": round(seconds, 3),
         "last_episodes": {**last_episodes, "exploring": True},

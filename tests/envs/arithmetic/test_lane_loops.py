@@ -62,12 +62,13 @@ def test_episodes_begin_anew_alike(mode):
     _compare(*pair, steps=100, reset_ended=mode is AutoresetMode.DISABLED)
 
 
-def test_members_of_a_mixture_are_compiled_one_by_one():
+@pytest.mark.parametrize("periods", [(0.05, 0.05), (0.05, 0.1)])
+def test_members_of_a_mixture_are_compiled_one_by_one(periods):
     mixture = [
-        {"integrator": "explicit_euler", "dt": 0.05},
-        {"integrator": "symplectic_euler", "dt": 0.025, "weight": 2.0},
+        {"integrator": "explicit_euler", "dt": 0.05, "control_period": periods[0]},
+        {"integrator": "symplectic_euler", "dt": 0.025, "control_period": periods[1], "weight": 2},
     ]
-    _compare(*_both("IntegPendulum-v0", mixture=mixture, control_period=0.05))
+    _compare(*_both("IntegPendulum-v0", mixture=mixture, action_latency=0.1))
 
 
 def test_an_action_that_is_not_finite_and_a_lane_that_diverges_are_met_alike():

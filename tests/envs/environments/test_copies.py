@@ -83,6 +83,15 @@ def test_simulators_are_made_anew(engine, integrator, way):
     _goes_on_alike(env, 2, 5, WAYS[way])
 
 
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("make", [gym.make, gym.make_vec])
+def test_a_mixture_of_control_periods_goes_on(make, way):
+    members = [{"dt": 0.05, "control_period": period} for period in (0.05, 0.1)]
+    _goes_on_alike(
+        make("IntegPendulum-v0", mixture=members, duration=2.0), STEPS // 3 + 5, STEPS, WAYS[way]
+    )
+
+
 def test_a_shallow_copy_is_traced_on_its_own():
     env = gym.make("IntegPendulum-v0").unwrapped
     env.reset(seed=1)

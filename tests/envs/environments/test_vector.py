@@ -35,6 +35,18 @@ CASES = {
         {"latency_jitter": 0.05, "dt": 0.01, "control_period": 0.02, "hold_probability": 0.2,
          "duration": 0.4},
     ),
+    "mixed": (
+        "IntegPendulum-v0",
+        {
+            "mixture": [
+                {"integrator": "rk4", "dt": 0.05, "control_period": 0.05},
+                {"integrator": "rk4", "dt": 0.025, "control_period": 0.1, "weight": 2},
+                {"integrator": "explicit_euler", "dt": 0.05, "control_period": 0.2},
+            ],
+            "action_latency": 0.1, "observation_latency": 0.05, "latency_jitter": 0.1,
+            "observation_noise": 0.05, "duration": 0.8,
+        },
+    ),
     "stopped": ("IntegPendulum-v0", {"joint_limit": 1.0, "start": "uniform", "duration": 1.0}),
     "diverging": (
         "IntegPendulum-v0",
@@ -66,6 +78,7 @@ def _states(env):
         ("cart_pole", AutoresetMode.SAME_STEP),
         ("late", AutoresetMode.DISABLED),
         *(("lossy", mode) for mode in AutoresetMode),
+        *(("mixed", mode) for mode in AutoresetMode),
         ("stopped", AutoresetMode.NEXT_STEP),
         ("diverging", AutoresetMode.SAME_STEP),
     ],
@@ -135,8 +148,8 @@ def test_arrays_are_refused_where_they_cannot_work():
     values = np.array([1.0, 2.0])
     with pytest.raises(ValueError, match=r"give arrays to gym\.make_vec"):
         gym.make("IntegPendulum-v0", mass=values)
-    with pytest.raises(TypeError, match=r"`mixture` is for many .* give it to gym\.make_vec"):
-        gym.make("IntegPendulum-v0", mixture=[{"integrator": "rk4"}])
+    with pytest.raises(TypeError, match=r"`compiled` is for many .* give it to gym\.make_vec"):
+        gym.make("IntegPendulum-v0", compiled=True)
     with pytest.raises(ValueError, match=r"`dt` must be one value.*got \[0\.05\].*`mixture` is a"):
         gym.make_vec("IntegPendulum-v0", num_envs=1, dt=[0.05])
     with pytest.raises(ValueError, match="`dt` must be one value"):
@@ -174,7 +187,7 @@ def test_mixture_draws_a_discretization_at_each_reset():
     for _ in range(4):
         *_, info = env.step(np.zeros((32, 1)))
     assert not np.array_equal(info["mixture_index"], first)
-    with pytest.raises(ValueError, match="one control period"):
+    with pytest.raises(ValueError, match="give `control_period`, one for all"):
         gym.make_vec("IntegPendulum-v0", mixture=members)
     with pytest.raises(ValueError, match="at least one"):
         gym.make_vec("IntegPendulum-v0", mixture=[])

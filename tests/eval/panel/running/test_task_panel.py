@@ -79,6 +79,14 @@ def test_a_specification_is_filled_in_from_the_task():
             {"compare": [["mujoco Euler dt=0.02", "mujoco RK4 dt=0.02"]]},
             "decided on the truth, and InvertedPendulum-v5 has none; leave it out",
         ),
+        (
+            {
+                "train": [
+                    {"mixture": "both", "members": [{"integrator": "RK4", "dt": [0.02, 0.01]}]}
+                ]
+            },
+            "InvertedPendulum-v5 has no `mixture`",
+        ),
         ({"training": {"algorithm": "sax"}}, "unknown `algorithm` in `training` 'sax'. Did you"),
         ({"training": {"algorithm": "sac"}, "trainer": "fleet"}, "does not train by SAC; take"),
         ({"training": {"algorithm": "sac", "n_epochs": 2}}, "unknown hyperparameter 'n_epochs'"),
