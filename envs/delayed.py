@@ -92,7 +92,7 @@ class Delayed(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):
         super().__init__(env)
         space: Any = env.action_space
         self._idle = (
-            max(0, int(space.start))
+            min(max(0, int(space.start)), int(space.start + space.n) - 1)
             if isinstance(space, spaces.Discrete)
             else np.clip(np.zeros(space.shape, space.dtype), space.low, space.high)
         )

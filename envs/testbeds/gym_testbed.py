@@ -33,6 +33,12 @@ REFINEMENTS = (1, 2, 4)
 """Parts of a home's coarsest step that are evaluated where no steps are given."""
 
 
+def without_stated(arguments: Mapping[str, Any]) -> dict[str, Any]:
+    """Arguments of an environment itself: without those that every testbed takes."""
+    stated = ("success_return", *DELAYS)
+    return {name: value for name, value in arguments.items() if name not in stated}
+
+
 @dataclass(frozen=True)
 class Applied:
     """What a made environment really does, read back from it.
@@ -368,10 +374,8 @@ class GymTestbed(SequentialTestbed):
         self, discretization: Discretization, arguments: Mapping[str, Any]
     ) -> gym.Env[Any, Any]:
         """What :meth:`build` makes, given all arguments of the testbed."""
-        own = ("success_return", *DELAYS)
-        given = {name: x for name, x in arguments.items() if name not in own}
         with translate_errors(f"the environment of {self.title} cannot be made"):
-            return self.build(discretization, **given)
+            return self.build(discretization, **without_stated(arguments))
 
     def applied(self, environments: DiscretizedVectorEnv) -> Applied:
         """Read back from the first lane."""

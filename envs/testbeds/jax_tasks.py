@@ -19,7 +19,7 @@ from integ_gym.support.optional import check_versions, load
 from integ_gym.support.parameters import unknown_name
 
 from ..settings import Discretization
-from .gym_testbed import Applied, GymTestbed, split_period
+from .gym_testbed import Applied, GymTestbed, split_period, without_stated
 
 
 class StatePassing(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
@@ -200,7 +200,8 @@ class Playground(StatePassingTestbed):
         if task not in self._registry.ALL_ENVS:
             raise InputError(unknown_name("task of Playground", task, self._registry.ALL_ENVS))
         config = self._registry.get_default_config(task)
-        stock = self._make(None, config.sim_dt, config.ctrl_dt, **arguments)
+        own = without_stated(arguments)
+        stock = self._make(None, config.sim_dt, config.ctrl_dt, **own)
         self.home = self.read(stock).discretization
 
     def build(self, discretization: Discretization, **arguments: Any) -> gym.Env[Any, Any]:
@@ -274,7 +275,8 @@ class BraxTask(StatePassingTestbed):
         self._envs = load("brax.envs", "brax")
         if task not in self._envs._envs:
             raise InputError(unknown_name("task of Brax", task, self._envs._envs))
-        stock = self._envs.get_environment(task, backend=backend, **arguments)
+        own = without_stated(arguments)
+        stock = self._envs.get_environment(task, backend=backend, **own)
         self.home = self._applied(stock).discretization
 
     def build(self, discretization: Discretization, **arguments: Any) -> gym.Env[Any, Any]:

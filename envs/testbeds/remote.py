@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from integ_gym.support.isolated import ISOLATED, IsolatedEnvironment, Worker
 
 from ..settings import Discretization
-from .gym_testbed import Applied, GymTestbed, split_period
+from .gym_testbed import Applied, GymTestbed, split_period, without_stated
 
 STARTING = 900.0
 """Time in which a library is imported and a task made, its programs compiled, s."""
@@ -89,7 +89,7 @@ class RemoteTestbed(GymTestbed):
             ModuleNotFoundError: without the library's environment, with what sets it up.
             ValueError: for an unknown task.
         """
-        given = {n: x for n, x in self.arguments.items() if n != "success_return"}
+        given = without_stated(self.arguments)
         worker = self.apart.start(self.served)
         answer = worker.call("home", STARTING, task=self.task, arguments=given)
         return Discretization(**answer, engine=self.apart.name)

@@ -49,6 +49,7 @@ try:
 except ValueError as error:
     told["refused"] = str(error)
 period, shape = home.control_period, (1, *environments.single_action_space.shape)
+told["late_home"] = find_testbed(sys.argv[1], {"action_latency": period}).home == home
 delays = {"action_latency": period, "observation_latency": period, "hold_probability": 0.5}
 late, plain = make_checked(testbed, home, 1, **delays), make_checked(testbed, home, 1)
 arrived, shown, seen = [np.zeros(shape)], [late.reset(seed=[3])[0]], [plain.reset(seed=[3])[0]] * 2
@@ -103,6 +104,7 @@ def test_a_task_of_a_library_applies_what_was_asked(library: str, tmp_path: Path
         assert made["version"] not in (None, "unknown")
     assert told["stock"]["last"] != told["other"]["last"]
     assert "ask for" in told["refused"] or "nearest valid" in told["refused"]
+    assert told["late_home"] is True
     assert told["late"] == [True] * 7
     assert 0 < told["lost"] < 6
     assert ("whole multiple of `control_period`" in told.get("half", "")) == (library == "brax")
