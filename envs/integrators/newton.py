@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
+import sys
 from typing import Any, NamedTuple
-
-import numpy as np
 
 from ..ops.ops import Component, Components, Ops, along
 from .interface import System
@@ -59,7 +58,7 @@ CAP = 50
 _ROUNDING = 16.0
 """Residuals below this many machine epsilons cannot be improved."""
 
-LEAST_TOLERANCE = 4.0 * _ROUNDING * float(np.finfo(np.float64).eps)
+LEAST_TOLERANCE = 4.0 * _ROUNDING * sys.float_info.epsilon
 """Rounding leaves no smaller residual (float64)."""
 
 _IMPROVEMENT = 0.5
