@@ -423,22 +423,23 @@ def _simulate(
 ) -> dict[str, EvidenceRecord]:
     """The records of the same episodes as they come out here, by id.
 
-    Controls are those of the records, or what the policy decides. It sees observations together
-    where all lanes are stepped together, as when it was evaluated.
+    Controls are those of the records, or what the policy decides. It sees the observations of our
+    own environments together, on any engine, and those of others one by one, as when it was
+    evaluated.
     """
     indices = [record.fields["episode_index"] for record in records]
     contexts = [context_of(record.fields) for record in records]
     recorder = RecordVectorEvidence(env, "", contexts, episodes=indices, commit_on_close=False)
     setup = recorder.unwrapped.setup  # type: ignore[attr-defined]
     asked = _actions(setup, records) if act is None else None
+    together = is_integ_environment(records[0].fields["env_id"])
     nudge = (NUDGE if act is None else DECIDED_NUDGE) if nudged else 0.0
     observation = _start(recorder, records, nudge)
     for step in range(max(record.fields["length"] for record in records)):
         if act is None:
             actions = asked[:, step]  # type: ignore[index]
         else:
-            batched = getattr(setup.engine, "batched", False)
-            seen = [observation] if batched else np.split(observation, len(observation))
+            seen = [observation] if together else np.split(observation, len(observation))
             parts = [np.asarray(act(part), dtype=np.float64) for part in seen]
             actions = np.concatenate(parts).reshape(recorder.action_space.shape)
         observation = recorder.step(actions)[0]
