@@ -77,7 +77,6 @@ def test_what_a_network_decided_on_another_engine_is_decided_again_to_the_last_b
         "AND policy_id = 'mlp'"
     )
     names = frozenset(decided.column("record_id").to_pylist())
-    list(store.named_records(names))
     done = replay(
         list(store.named_records(names)), exact=True, policy=lambda record: policy.act
     ).settle()
