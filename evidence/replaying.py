@@ -309,8 +309,10 @@ def _hindrance(record: EvidenceRecord, own_code: bool, decided: bool) -> str | N
         return "whose noise cannot be drawn again"
     if noise_source(record) is None and any(record.arguments().get(name) for name in DRAWN):
         return "whose delays cannot be drawn again"
-    described = parse_field("engine_description", fields["engine_description"]) or {}
-    here = 64 if fields["phase"] == "training" else described.get("width", 64)
+    here = 64
+    if fields["phase"] != "training":
+        described = parse_field("engine_description", fields["engine_description"]) or {}
+        here = described.get("width", 64)
     if fields["float_width"] != here and not foreign:
         return "computed in 32 bits, which no environment here does"
     if not own_code and any(":" in text for text in texts_of(record.arguments())):
