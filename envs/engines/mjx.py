@@ -9,10 +9,9 @@ import numpy as np
 
 from integ_gym.support.errors import InputError
 from integ_gym.support.optional import load
-from integ_gym.support.parameters import unknown_name
 
 from ..ops.ops import SCALAR, Component, Components, Ops
-from .mujoco_solver import SETTINGS, MujocoSettings, read_solver
+from .mujoco_solver import SETTINGS, MujocoSettings
 from .rigid import MAPS, Array, LanesEngine, stop_law
 from .simulator import Run, silence_output
 from .stepping import PlantSystem
@@ -43,6 +42,11 @@ class MjxEngine(MujocoSettings, LanesEngine):
     batched: ClassVar[bool] = True
     maps: ClassVar[Mapping[str, str]] = {own: MAPS[own] for own in ("Euler", "implicitfast", "RK4")}
 
+    @classmethod
+    def settable(cls, integrator: str) -> tuple[str, ...]:
+        """Those of MuJoCo's that MJX takes for plants without contacts, and the floats' width."""
+        return (*SETTABLE, FLOAT_WIDTH)
+
     def read_solver(self, given: Mapping[str, Any]) -> None:
         """Keep what was given, for the model, and the width of floats.
 
@@ -53,10 +57,6 @@ class MjxEngine(MujocoSettings, LanesEngine):
         self.width = others.pop(FLOAT_WIDTH, 64)
         if self.width not in (32, 64):
             raise InputError(f"`solver.{FLOAT_WIDTH}` must be 32 or 64, got {self.width!r}")
-        for name in others:
-            if name not in SETTABLE:
-                known = (*SETTABLE, FLOAT_WIDTH)
-                raise InputError(unknown_name("setting of MJX's `solver`", name, known))
         super().read_solver(others)
 
     def build(self) -> None:
@@ -69,8 +69,8 @@ class MjxEngine(MujocoSettings, LanesEngine):
 
         self._jax, self._numbers = jax, numbers
         self._program = program_of(self.mechanism, self.integrator, self.settings, self.width)
-        found = read_solver(mujoco, self._program.made)
-        self.settings = {name: found[name] for name in SETTABLE} | {FLOAT_WIDTH: self.width}
+        read = self.settings_of(mujoco, self._program.made)
+        self.settings = {**read, FLOAT_WIDTH: self.width}
         stop = self._stop()
         with self._floats():
             self._values, self._still = (

@@ -10,13 +10,11 @@ from typing import Any, ClassVar
 from integ_gym.support.optional import load
 
 from ..ops.ops import Components
-from .mujoco_solver import NO_RESET, MujocoSettings, read_solver, write_solver
+from .mujoco_solver import NO_RESET, MujocoSettings, write_solver
 from .rigid import LEAST_INERTIA, MAPS, Array, RigidBodyEngine, mass_matrix, mjcf, stop_law
 from .simulator import Run
 
 _TOLD_OF = ("INERTIA", "BADQPOS", "BADQVEL", "BADQACC")
-
-"""The flag that keeps MuJoCo from resetting a motion that diverges; it has had it since 3.2."""
 
 
 class MujocoEngine(MujocoSettings, RigidBodyEngine):
@@ -39,7 +37,7 @@ class MujocoEngine(MujocoSettings, RigidBodyEngine):
         """Compile the model."""
         self._mujoco = load("mujoco", "mujoco")
         self._model, self._data = self._compile()
-        self.settings = read_solver(self._mujoco, self._model)
+        self.settings = self.settings_of(self._mujoco, self._model)
         self.reports = self.system.engine_stops is not None
         if self.reports:
             option = self._model.opt

@@ -13,6 +13,8 @@ from typing import Any, ClassVar, Final
 from integ_gym.support.errors import InputError
 from integ_gym.support.parameters import unknown_name
 
+from .stepping import check_settings
+
 _NUMBERS: Final = {
     "iterations": int, "ls_iterations": int, "noslip_iterations": int,
     "tolerance": float, "ls_tolerance": float, "noslip_tolerance": float, "impratio": float,
@@ -38,6 +40,10 @@ SETTINGS: Final = (*_NUMBERS, *_CHOICES, *_FLAGS)
 """Names of all settings."""
 
 
+NO_RESET: Final = "mjDSBL_AUTORESET"
+"""The flag that keeps MuJoCo from resetting a motion that diverges; it has had it since 3.2."""
+
+
 def was_reset(mujoco: Any, data: Any) -> bool:
     """Whether MuJoCo has reset a motion that diverged, which before 3.2 it always does."""
     if hasattr(mujoco.mjtDisableBit, NO_RESET):
@@ -47,10 +53,6 @@ def was_reset(mujoco: Any, data: Any) -> bool:
     return any(data.warning[int(kind)].number for kind in bad)
 
 
-NO_RESET: Final = "mjDSBL_AUTORESET"
-"""Name of MuJoCo's flag, from 3.2 on, against resets."""
-
-
 class MujocoSettings:
     """What engines of MuJoCo's family do with settings of the solver: they go into its model.
 
@@ -58,22 +60,34 @@ class MujocoSettings:
         settings: those that were given; after the model is built, all of its own.
     """
 
+    name: ClassVar[str]
     integrator: str
     settings: Mapping[str, Any]
     maps: ClassVar[Mapping[str, str]]
 
     @classmethod
+    def settable(cls, integrator: str) -> tuple[str, ...]:
+        """Names of the settings that an integrator takes."""
+        return SETTINGS
+
+    @classmethod
     def solves(cls, integrator: str) -> bool:
-        """Every integrator has MuJoCo's."""
-        return True
+        """Whether there are settings of its solver."""
+        return bool(cls.settable(integrator))
 
     def read_solver(self, given: Mapping[str, Any]) -> None:
         """Keep what was given, for the model.
 
         Raises:
-            ValueError: for a setting that MuJoCo has not, or an impossible value.
+            ValueError: for a setting that it does not take, or an impossible value.
         """
+        check_settings(self.name, given, self.settable(self.integrator))
         self.settings = {name: checked_setting(name, value) for name, value in given.items()}
+
+    def settings_of(self, mujoco: Any, model: Any) -> dict[str, Any]:
+        """Those of a model's settings that it takes."""
+        own = self.settable(self.integrator)
+        return {name: x for name, x in read_solver(mujoco, model).items() if name in own}
 
     @property
     def map(self) -> str:

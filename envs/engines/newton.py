@@ -8,13 +8,11 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from integ_gym.support.errors import InputError
 from integ_gym.support.optional import load
-from integ_gym.support.parameters import unknown_name
 
 from ..mechanics import Mechanism
 from ..ops.ops import Components
-from .mujoco_solver import MujocoSettings, read_solver
+from .mujoco_solver import MujocoSettings
 from .rigid import LEAST_INERTIA, MAPS, Array, moment
 from .warp import ROWS, WarpEngine, Worlds, constraint_solver, forces_at_rest
 
@@ -50,22 +48,10 @@ class NewtonEngine(MujocoSettings, WarpEngine):
     )
     """Modules whose kernels come with derivatives, which take most of the time to compile."""
 
-    def read_solver(self, given: Mapping[str, Any]) -> None:
-        """Keep what was given for Newton's MuJoCo solver, which takes some of its settings.
-
-        Raises:
-            ValueError: for a setting that it does not take; Featherstone's method has none.
-        """
-        own = SETTABLE if self.integrator in _MUJOCO else ()
-        for name in given:
-            if name not in own:
-                what = f"setting of `solver` of engine 'newton' with {self.integrator!r}"
-                raise InputError(
-                    unknown_name(what, name, own)
-                    if own
-                    else f"engine 'newton' has no solver with {self.integrator!r}; leave it out"
-                )
-        super().read_solver(given)
+    @classmethod
+    def settable(cls, integrator: str) -> tuple[str, ...]:
+        """Those of MuJoCo's solver that Newton takes; Featherstone's method has none."""
+        return SETTABLE if integrator in _MUJOCO else ()
 
     def open(self) -> None:
         """Load Newton, and MuJoCo Warp where its solver is asked for."""
@@ -81,11 +67,8 @@ class NewtonEngine(MujocoSettings, WarpEngine):
         constraints = None
         if self.integrator in _MUJOCO:
             constraints = constraint_solver(self._mjw, solver.mjw_model, solver.mjw_data)
-            self.settings = {
-                name: value
-                for name, value in read_solver(self._mujoco, solver.mj_model).items()
-                if name in SETTABLE
-            } | constraints.limits
+            read = self.settings_of(self._mujoco, solver.mj_model)
+            self.settings = {**read, **constraints.limits}
 
         def step() -> None:
             if constraints is not None:

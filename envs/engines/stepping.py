@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from math import isfinite
 from types import MappingProxyType
 from typing import Any, ClassVar, NamedTuple, Protocol, Self
@@ -286,14 +286,8 @@ def solver_with(
             number above 0, or no whole one where the default is whole.
     """
     settings = dict(defaults)
+    check_settings(engine, given or {}, settings)
     for name, value in (given or {}).items():
-        if name not in settings:
-            raise InputError(
-                unknown_name(f"setting of `solver` of engine {engine!r}", name, settings)
-                if settings
-                else f"engine {engine!r} has no settings of a solver with this integrator; leave "
-                "`solver` out"
-            )
         kind = type(settings[name])
         number = isinstance(value, (int, float)) and not isinstance(value, bool)
         positive = number and isfinite(value) and (value > 0 or (name in zeros and value == 0))
@@ -303,6 +297,28 @@ def solver_with(
             raise InputError(f"`solver.{name}` must be {whole} {least}, got {value!r}")
         settings[name] = kind(value)
     return settings
+
+
+def check_settings(engine: str, given: Iterable[str], known: Iterable[str]) -> None:
+    """Refuse settings of a solver that an engine does not take with an integrator.
+
+    Args:
+        engine: its name.
+        given: names of settings.
+        known: names of those that it takes.
+
+    Raises:
+        ValueError: naming the first other one.
+    """
+    known = tuple(known)
+    for name in given:
+        if name not in known:
+            raise InputError(
+                unknown_name(f"setting of `solver` of engine {engine!r}", name, known)
+                if known
+                else f"engine {engine!r} has no settings of a solver with this integrator; leave "
+                "`solver` out"
+            )
 
 
 def has_solver(engine: str, integrator: str) -> bool:

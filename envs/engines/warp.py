@@ -16,7 +16,7 @@ from integ_gym.support.optional import load
 
 from ..mechanics import Mechanism
 from ..ops.ops import Components
-from .mujoco_solver import MujocoSettings, read_solver, taken_by, write_solver
+from .mujoco_solver import MujocoSettings, taken_by, write_solver
 from .rigid import LEAST_INERTIA, MAPS, Array, LanesEngine, mass_matrix, mjcf, stop_law
 from .simulator import Run, silence_output
 
@@ -229,7 +229,7 @@ class MujocoWarpEngine(MujocoSettings, WarpEngine):
 
         q, v, force = (x.numpy() for x in (data.qpos, data.qvel, data.qfrc_applied))
         solver = constraint_solver(self._mjw, model, data)
-        self.settings = {**read_solver(self._mujoco, made), **solver.limits}
+        self.settings = {**self.settings_of(self._mujoco, made), **solver.limits}
         return Worlds(q, v, force, step, (made, model, data), solver)
 
     def stop_parameters(self) -> dict[str, Any]:

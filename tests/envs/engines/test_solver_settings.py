@@ -13,7 +13,9 @@ import integ_gym
 from integ_gym import IntegGymError
 from integ_gym.cli import main
 from integ_gym.envs import numerics
+from integ_gym.envs.engines.stepping import has_solver, integrators_of
 from integ_gym.envs.environment import environment_setup
+from integ_gym.envs.registries import INTEGRATORS
 
 NATIVE = [("native", name) for name in ("implicit_euler", "implicit_midpoint", "stormer_verlet")]
 PENDULUM = "IntegPendulum-v0"
@@ -63,6 +65,13 @@ def test_a_coarse_tolerance_takes_fewer_iterations_and_one_below_rounding_is_ref
     assert found[1] < found[0]
     with pytest.raises(IntegGymError, match="rounding leaves no smaller residual"):
         gym.make(PENDULUM, integrator="implicit_euler", solver={"tolerance": 1e-30})
+
+
+def test_integrators_without_a_solver_are_known_without_their_simulator():
+    solving = {"implicit_euler", "implicit_midpoint", "stormer_verlet"}
+    assert {name for name in INTEGRATORS.names() if has_solver("native", name)} == solving
+    newton = {name for name in integrators_of("newton") if not has_solver("newton", name)}
+    assert newton == {"featherstone"}
 
 
 @pytest.mark.parametrize(
