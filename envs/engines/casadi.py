@@ -63,18 +63,13 @@ class CasadiEngine(MappedEngine):
         if name != "rk"
     }
 
-    def __init__(
-        self,
-        system: PlantSystem,
-        integrator: str,
-        dt: float,
-        solver: Mapping[str, Any] | None = None,
-    ) -> None:
-        super().__init__(system, integrator, dt, solver)
+    def prepare(self) -> None:
+        """Make the integrator's function of the plant's equations."""
+        system = self.system
         size = 2 * len(system.plant.coordinates) + len(system.no_losses)
         self._truths = (*[False] * size, False, False, True)
         lost = (*[nan] * size, 0, 0.0, False)
-        stepper = _stepper(_equations(system), integrator, dt, self.settings)
+        stepper = _stepper(_equations(system), self.integrator, self.dt, self.settings)
         self._step = guard(stepper, lost)
         if self.settings:
             self.solver_tolerance = self.settings["abstol"]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from math import nan
@@ -20,7 +19,6 @@ from ..ops.ops import SCALAR, Component, Components, Ops, along
 from ..plants.interface import Plant
 from .maps import one_step_map
 from .simulator import ASTRAY, ForeignEngine, Run
-from .stepping import PlantSystem
 
 Array = npt.NDArray[np.float64]
 
@@ -104,16 +102,11 @@ class RigidBodyEngine(ForeignEngine):
     tells_speeds: ClassVar[bool] = False
     """Whether it has a :meth:`run_with_speeds`."""
 
-    def __init__(
-        self,
-        system: PlantSystem,
-        integrator: str,
-        dt: float,
-        solver: Mapping[str, Any] | None = None,
-    ) -> None:
-        super().__init__(system, integrator, dt, solver)
-        self.free = mechanism_of(self.name, system.plant)
-        self.mechanism = self.free.stopped(system.engine_stops)
+    def prepare(self) -> None:
+        """Build the simulator's model, and compare it with the plant."""
+        super().prepare()
+        self.free = mechanism_of(self.name, self.system.plant)
+        self.mechanism = self.free.stopped(self.system.engine_stops)
         self._map = one_step_map(self.map)
         self._map_losses_of = getattr(self._map, "losses_of", None)
         self._map_losses_between = getattr(self._map, "losses_between", None)

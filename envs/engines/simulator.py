@@ -76,6 +76,10 @@ class MappedEngine(SteppedEngine):
             )
         self.integrator = integrator
         self.read_solver(solver or {})
+        self.prepare()
+
+    def prepare(self) -> None:
+        """Make what steps need; called once, last of all."""
 
     @classmethod
     def solves(cls, integrator: str) -> bool:
@@ -149,14 +153,8 @@ class ForeignEngine(MappedEngine):
     guarded_strides: ClassVar[bool] = False
     """Whether runs of several steps, too, are kept from values that are astray."""
 
-    def __init__(
-        self,
-        system: PlantSystem,
-        integrator: str,
-        dt: float,
-        solver: Mapping[str, Any] | None = None,
-    ) -> None:
-        super().__init__(system, integrator, dt, solver)
+    def prepare(self) -> None:
+        """Runs of steps are made when they are first asked for."""
         self._run = cache(self._safe_run)
 
     @abstractmethod
