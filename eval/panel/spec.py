@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import math
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+from functools import lru_cache
 from importlib import resources
 from itertools import accumulate
 from pathlib import Path
@@ -342,14 +344,10 @@ class PanelSpec:
 
     def _can_be_made(self, cell: Cell) -> bool:
         """Whether its times fit and the engine has the settings of its solver, if it names some."""
-        if timing_fault(cell.arguments(self.environment)) is not None:
-            return False
-        try:
-            if "solver" in cell.environment:
-                environments_of(self.testbed, cell, 1).close()
-        except InputError:
-            return False
-        return True
+        fits = timing_fault(cell.arguments(self.environment)) is None
+        if not fits or "solver" not in cell.environment:
+            return fits
+        return _takes(self.testbed, cell.discretization, cell.changes)
 
     def _unmade(self) -> list[str]:
         """Cells of variations that cannot be had, in sentences."""
@@ -399,6 +397,17 @@ class PanelSpec:
         names = {d.integrator for d in used if ":" in d.integrator}
         hashes = {name: INTEGRATORS.source_hash(name) for name in sorted(names)}
         return {name: digest for name, digest in hashes.items() if digest is not None}
+
+
+@lru_cache(maxsize=1024)
+def _takes(testbed: Testbed, place: Discretization, changes: str | None) -> bool:
+    """Whether a testbed's environment can be made with changes, as :attr:`Cell.changes`."""
+    cell = Cell.of(place, "varied", environment=json.loads(changes or "{}"))
+    try:
+        environments_of(testbed, cell, 1).close()
+    except InputError:
+        return False
+    return True
 
 
 def _is_same(own: Any, value: Any) -> bool:
