@@ -309,15 +309,19 @@ def _hindrance(record: EvidenceRecord, own_code: bool, decided: bool) -> str | N
         return "whose noise cannot be drawn again"
     if noise_source(record) is None and any(record.arguments().get(name) for name in DRAWN):
         return "whose delays cannot be drawn again"
-    here = 64
-    if fields["phase"] != "training":
-        described = parse_field("engine_description", fields["engine_description"]) or {}
-        here = described.get("width", 64)
-    if fields["float_width"] != here and not foreign:
+    if fields["float_width"] != 64 and not foreign and not _is_own_width(record):
         return "computed in 32 bits, which no environment here does"
     if not own_code and any(":" in text for text in texts_of(record.arguments())):
         return _OWN_CODE
     return None
+
+
+def _is_own_width(record: EvidenceRecord) -> bool:
+    """Whether environments here compute in a record's floats too, as those of its engine do."""
+    if record.fields["phase"] == "training":
+        return False
+    described = parse_field("engine_description", record.fields["engine_description"]) or {}
+    return bool(described.get("width") == record.fields["float_width"])
 
 
 _SEEDED = tuple(class_path(kind) for kind in (MujocoTestbed, ClassicControl))
