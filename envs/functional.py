@@ -744,8 +744,8 @@ def _member_arguments(arguments: Mapping[str, Any], member: Mapping[str, Any]) -
 
 def _structure_of(groups: Sequence[_Group]) -> Hashable:
     parts = (group.env.structure for group in groups)
-    told = ((group.members, group.share, group.drawn) for group in groups)
-    return tuple(zip(parts, told, strict=True))
+    rest = ((group.members, group.share, group.drawn) for group in groups)
+    return tuple(zip(parts, rest, strict=True))
 
 
 def _member(number: Component, members: Sequence[int], bounds: Sequence[Component]) -> Component:

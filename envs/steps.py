@@ -185,8 +185,8 @@ class _Key:
         self.setup = setup
         self.function = function
         parts = (setup.plant, setup.task, setup.engine, getattr(setup.engine, "integrator", None))
-        told = repr(setup.arguments()), setup.timing
-        self._parts = (function, *map(type, parts), *told)
+        values = repr(setup.arguments()), setup.timing
+        self._parts = (function, *map(type, parts), *values)
 
     def __hash__(self) -> int:
         return hash(self._parts)

@@ -409,16 +409,16 @@ OF_COMMANDS = {"command_held": False, "command_latency": 0.0}
 
 def reset_info(state: EnvState, status: int = OK) -> dict[str, Any]:
     """`info` of a reset: the keys of a step, nothing booked."""
-    told = OF_COMMANDS if state.arrivals else {}
-    return {**_info_dict(0.0, state, Outcome(status=status)), "sensor_time": 0.0, **told}
+    arrivals = OF_COMMANDS if state.arrivals else {}
+    return {**_info_dict(0.0, state, Outcome(status=status)), "sensor_time": 0.0, **arrivals}
 
 
 def step_info(setup: Setup, state: EnvState, outcome: Outcome) -> dict[str, Any]:
     """`info` of a step."""
-    told = _info_dict(state.steps * setup.timing.control_period, state, outcome)
+    info = _info_dict(state.steps * setup.timing.control_period, state, outcome)
     if state.arrivals:
-        told |= {"command_held": outcome.held, "command_latency": outcome.latency}
-    return told
+        info |= {"command_held": outcome.held, "command_latency": outcome.latency}
+    return info
 
 
 def _info_dict(time: Component, state: EnvState, outcome: Outcome) -> dict[str, Any]:

@@ -193,10 +193,10 @@ def find_interpreter(packages: Sequence[str], needed: Mapping[str, str]) -> Inte
     wanted = {**needed, **versions_of(packages)}
     found = []
     for marker in interpreters_folder().glob(f"*/{_MARKER}"):
-        told = json.loads(marker.read_text(encoding="utf-8"))
-        same = told["own"] == _own() and sorted(told["packages"]) == sorted(packages)
-        if same and wanted.items() <= told["versions"].items() and _python(marker.parent).exists():
-            found.append((len(told["versions"]), marker.parent))
+        made = json.loads(marker.read_text(encoding="utf-8"))
+        same = made["own"] == _own() and sorted(made["packages"]) == sorted(packages)
+        if same and wanted.items() <= made["versions"].items() and _python(marker.parent).exists():
+            found.append((len(made["versions"]), marker.parent))
     if not found:
         return None
     return Interpreter(max(found)[1], tuple(packages))

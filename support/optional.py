@@ -214,10 +214,10 @@ def required_by_extra(extra: str | None, package: str = "integ-gym") -> Mapping[
 def extra_names() -> frozenset[str]:
     """Names of this package's extras."""
     try:
-        told = metadata("integ-gym").get_all("Provides-Extra") or []
+        names = metadata("integ-gym").get_all("Provides-Extra") or []
     except PackageNotFoundError:  # run from its sources
         return frozenset()
-    return frozenset(name.replace("-", "_") for name in told)
+    return frozenset(name.replace("-", "_") for name in names)
 
 
 def _release(version: str) -> tuple[int, ...]:

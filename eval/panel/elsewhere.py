@@ -90,14 +90,14 @@ def make_interpreters(
             print_wrapped(f"{words[0].upper()}{words[1:]}{also} …", sys.stderr)
 
     for packages in asked:
-        begin, told = time.monotonic(), list[str]()
+        begin, reported = time.monotonic(), list[str]()
 
-        def report(words: str, told: list[str] = told) -> None:
-            told.append(words)
+        def report(words: str, reported: list[str] = reported) -> None:
+            reported.append(words)
             tell(words)
 
         interpreter = make_interpreter(packages, needed, report)
-        if told:
+        if reported:
             tell(f"made after {time.monotonic() - begin:.0f} s")
         there = [cell for cell in cells if cell.packages == packages]
         for fault in call_there(interpreter, faults_of, spec, there):

@@ -90,10 +90,10 @@ def _print_interpreters(spec: PanelSpec) -> None:
         return
     found = interpreters_of(spec)
     words = {False: "to be made with uv", True: "there"}
-    told = [f"{' '.join(packages)} ({words[there]})" for packages, there in found.items()]
+    named = [f"{' '.join(packages)} ({words[there]})" for packages, there in found.items()]
     print_wrapped(
         f"{plural(len(cells), 'cell')} of these have other package versions, in "
-        f"{plural(len(found), 'interpreter')} of their own: {', '.join(told) or 'none'}."
+        f"{plural(len(found), 'interpreter')} of their own: {', '.join(named) or 'none'}."
     )
 
 
