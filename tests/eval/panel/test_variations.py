@@ -260,3 +260,10 @@ def test_the_published_schema_takes_what_is_parsed():
     assert list(validator.iter_errors(data)) == []
     assert list(validator.iter_errors({**data, "evaluates": []}))
     assert list(validator.iter_errors({**data, "seeds": [-1]}))
+
+
+def test_a_place_that_is_stated_is_a_cell_where_nothing_changes_in_it():
+    place = {"integrator": "symplectic_euler", "dt": 0.01}
+    cells = _cells(_spec({"at": place, "control_period": [0.05, 0.1]}))
+    assert {"symplectic_euler dt=0.01", "symplectic_euler dt=0.01 control=0.1"} <= set(cells)
+    assert _cells(_spec({"at": HOME, "control_period": 0.05})).keys() == _cells(_spec()).keys()
