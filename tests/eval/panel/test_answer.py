@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from typing import Any
 
 import msgspec
 import numpy as np
 import pytest
-import report_example
-from report_example import IMPOSSIBLE, SLOW, UNKNOWN
 
 from integ_gym.envs.settings import Discretization
 from integ_gym.eval.panel.achieve import Tried
@@ -18,13 +15,8 @@ from integ_gym.eval.panel.artefact import build_artefact
 from integ_gym.eval.panel.cells import Cell
 from integ_gym.eval.panel.conclusions import (
     NextStep,
-    answer_lines,
-    comparison_reason,
     finding_of,
     next_step,
-    remedy_summary,
-    solvable_reason,
-    verdict_reason,
 )
 from integ_gym.eval.panel.matrix import Matrix, PanelLayout
 from integ_gym.eval.panel.result import Cost, Look, Panel, Policy, Row
@@ -105,23 +97,6 @@ def step_of(panel: Panel) -> NextStep:
     return step
 
 
-def test_a_clean_result_leads_with_that() -> None:
-    """Nothing is lost on the truth: what is lost on other cells and perturbations comes later."""
-    panel = judged({HOME.name: 1.0, RK4.name: 0.2, f"{HOME.name}, {HEAVY}": 0.1})
-    first, *rest = panel.answer.splitlines()
-    assert first == panel.headline
-    assert tuple(panel.answer.splitlines()) == answer_lines(panel)
-    assert "the reference" not in panel.answer
-    assert panel.truth is not None
-    assert panel.truth.name == TRUTH.name
-    others, perturbed = (next(x for x in rest if noun in x) for noun in ("discretiz", "variation"))
-    assert others.startswith("2 other discretizations against home: 1 lower, 1 practically equal")
-    assert f"Largest: {RK4.name} lost 0.80 (0.66 to 0.89)." in others
-    assert HEAVY not in others
-    assert perturbed.startswith("1 variation against home: 1 lower. Largest:")
-    assert f"{HEAVY} lost 0.90" in perturbed
-
-
 FINEST = f"at the finest step ({FINER.name})"
 CLOSED = "the truth cannot be solved in time"
 
@@ -185,41 +160,3 @@ def test_the_next_command_checks_the_step_or_asks_for_what_is_missing() -> None:
     look = Look(seeds=1, episodes=50, natives=0, level_exceeds=0.0, level_equivalent=0.0)
     step = step_of(msgspec.structs.replace(unknown, looks=(look, look)))
     assert step.purpose.endswith("; this was look 2, and all of them count there too")
-
-
-def test_reasons_have_the_numbers_that_the_panel_stores() -> None:
-    panel = msgspec.json.decode(json.dumps(report_example.full_panel()), type=Panel)
-    for cell, words in (
-        ("explicit_euler dt=0.05", "Policies trained there: success from 100 % of the starts"),
-        (IMPOSSIBLE, "energy of 19.6 J from 0 % of the starts within 20 s (at most 15.1 J)"),
-        (SLOW, "The hand-made controller: success from 52 % of the starts within two horizons"),
-        (UNKNOWN, "at most 26 %, by the hand-made controller; no search rules the goal out"),
-    ):
-        assert words in solvable_reason(panel, panel.cell(cell))
-    truth = "reference dt=0.05"
-    reasons = {(one.row, one.cell): verdict_reason(panel, one) for one in panel.verdicts}
-    for words in ("5 seeds and 5 native", "at least 33 seeds", "1.00 at home and 0.35 there"):
-        assert words in reasons["explicit_euler dt=0.05", truth]
-    assert "0.00 is below 0.5" in reasons["implicit_euler dt=0.05", truth]
-    many = msgspec.json.decode(json.dumps(report_example.every_verdict_panel()), type=Panel)
-    words = {one.verdict: verdict_reason(many, one) for one in many.verdicts}
-    assert words["fails"].startswith("Overfitting is above 0.2 (adjusted p < 0.001, 48 seeds")
-    assert words["transfers"].startswith("Overfitting is within ±0.1 (adjusted p = 0.0")
-    lost, won = (comparison_reason(panel, one) for one in panel.policy_comparisons)
-    assert lost.startswith("The win is not significant on rk4 dt=0.0125")
-    assert won.startswith("A wins on rk4 dt=0.0125: A − B is 0.86")
-    (remedy,) = panel.remedies
-    assert "On the truth they succeed in 94 %" in remedy_summary(panel, remedy)
-    nowhere = msgspec.structs.replace(remedy, cells=())
-    assert "nothing for mixed steps to remedy" in remedy_summary(panel, nowhere)
-    raw = report_example.full_panel()
-    next(row for row in raw["rows"] if row["name"] == remedy.row)["learned"] = False
-    other = msgspec.json.decode(json.dumps(raw), type=Panel)
-    assert "did not learn" in remedy_summary(other, remedy)
-
-
-def test_until_all_seeds_are_here_nothing_is_decided() -> None:
-    raw = {**report_example.full_panel(), "stage": {"seeds": 1, "of": 3}}
-    early = msgspec.json.decode(json.dumps(raw), type=Panel)
-    for said in (verdict_reason(early, early.verdicts[0]), early.headline, early.warnings[-1]):
-        assert "1 of 3 training seeds" in said

@@ -4,16 +4,12 @@ from __future__ import annotations
 
 import json
 
-import pytest
 from engine_cases import needs
 from engines_panel import trained_units
 from small_panel import small_data
 
 from integ_gym.cli import main
 from integ_gym.eval.panel import units
-from integ_gym.eval.panel.cells import SpecError
-from integ_gym.eval.panel.costs import cell_seconds
-from integ_gym.eval.panel.run import check_spec
 from integ_gym.eval.panel.spec import parse_spec
 from integ_gym.eval.panel.units import training_config, training_key
 from integ_gym.evidence.store import EvidenceStore
@@ -62,12 +58,6 @@ def _trained_on_mujoco(**changes):
     return {**data, "evaluate": [*data["evaluate"], ON_MUJOCO]}
 
 
-def test_the_fleet_refuses_an_engine_that_is_not_made_of_jax():
-    needs("mujoco")
-    with pytest.raises(SpecError, match="made of JAX's operations; use --trainer sb3"):
-        check_spec(parse_spec(_trained_on_mujoco(trainer="fleet"), "panel.toml"))
-
-
 def test_policies_are_trained_on_an_engine_and_its_version_is_held(tmp_path, capsys):
     """With stable-baselines3; results of another version of the engine are refused."""
     needs("mujoco")
@@ -112,12 +102,3 @@ def test_keys_of_units_hold_the_versions_of_engines_that_are_used(monkeypatch):
 
 def _key(spec):
     return training_key(training_config(spec, trained_units(spec)[0]))
-
-
-def test_a_cell_of_an_engine_is_expected_to_take_longer():
-    """In proportion to its steps, for its lanes are advanced one by one."""
-    needs("mujoco")
-    spec = parse_spec(_trained_on_mujoco(ladder=False), "test")
-    seconds = {cell.name: cell_seconds(spec, cell) for cell in spec.cells_of(spec.train[0])}
-    assert seconds["rk4 dt=0.05"] == seconds["rk4 dt=0.0125"]
-    assert seconds["mujoco Euler dt=0.05"] > 2.0 * seconds["rk4 dt=0.05"]

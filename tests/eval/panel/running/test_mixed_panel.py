@@ -215,34 +215,6 @@ def test_training_episodes_ran_on_the_members(made_once, trainer):
 
 
 @pytest.mark.slow
-def test_failures_are_labelled_by_what_any_member_says(finished):
-    store = EvidenceStore(finished[0] / "evidence")
-    found = store.query(
-        "SELECT cell, failure_label, failure_reason FROM records "
-        "WHERE phase = 'evaluation' AND policy_id LIKE 'both%' AND NOT success"
-    ).to_pylist()
-    assert found
-    assert "unattributed" not in {row["failure_label"] for row in found}
-    own = {f"{member}{more}" for member in MEMBERS for more in ("", ", mass +20 %")}
-    at_home = [row["failure_label"] for row in found if row["cell"] in own]
-    assert "discretization_error" not in at_home
-
-
-@pytest.mark.slow
-def test_what_was_lost_of_a_mixture_is_done_again_and_nothing_else(finished):
-    out, command = finished
-    units = {p: p.stat().st_mtime_ns for p in (out / "units").glob("*.json")}
-    before = [e["success_by_seed"] for e in _panel(out)["matrix"]]
-    assert main(command) == 0
-    assert units == {path: path.stat().st_mtime_ns for path in units}
-    (out / "policies" / "both-seed1" / "policy.zip").unlink()
-    assert main(command) == 0
-    again = {path: path.stat().st_mtime_ns for path in units}
-    assert {p.stem for p in units if again[p] != units[p]} == {"train-both-seed1"}
-    assert [e["success_by_seed"] for e in _panel(out)["matrix"]] == before
-
-
-@pytest.mark.slow
 def test_a_policy_of_a_mixture_can_be_evaluated_by_itself(finished, tmp_path, capsys):
     policy = finished[0] / "policies" / "both-seed0" / "policy.zip"
     command = ["evaluate", str(policy), "--env", "IntegPendulum-v0", "--out", str(tmp_path / "out")]

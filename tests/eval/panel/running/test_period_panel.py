@@ -134,19 +134,3 @@ def test_a_panel_of_several_control_periods_is_played_again_to_the_last_bit(fini
     card = read_sidecar(finished / "policies" / "both-seed0" / "policy.zip")
     assert card["derived"]["gamma"] == pytest.approx(np.exp([-0.05, -0.1, -0.1]))
     assert main(["evidence", "verify", str(finished), "--exact"]) == 0
-
-
-@pytest.mark.slow
-def test_a_policy_of_several_control_periods_is_evaluated_at_each(finished, tmp_path):
-    policy = str(finished / "policies" / "both-seed0" / "policy.zip")
-    command = ["evaluate", policy, "--env", "IntegPendulum-v0", "--out", str(tmp_path / "out")]
-    grid = ["--integrator", "rk4", "--dt", "0.05", "--episodes", "2", "--no-progress"]
-    assert main([*command, *grid]) == 0
-    panel = json.loads((tmp_path / "out" / "panel.json").read_text(encoding="utf-8"))
-    shares = panel["rows"][0]["shares"]
-    cells = {cell["name"]: cell for cell in panel["cells"]}
-    assert [cells[name]["control_period"] for name in shares] == [0.05, 0.1, 0.1]
-    assert list(shares.values()) == [0.25, 0.25, 0.5]
-    assert {cell["control_period"] for cell in panel["cells"] if cell["kind"] == "reference"} == {
-        0.05, 0.1,
-    }  # fmt: skip
