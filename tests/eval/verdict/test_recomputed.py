@@ -46,7 +46,3 @@ def test_shares_follow_from_the_documentation():
         ours = Looks(looks[:now], looks[1:]).shares(seeds)
         planned = [recomputed.share_planned(looks, now, least) for least in (5, 30)]
         assert planned == pytest.approx([ours.exceeds, ours.equivalent])
-
-
-def test_the_script_imports_nothing_of_the_package():
-    assert "integ_gym" not in SCRIPT.read_text(encoding="utf-8")
