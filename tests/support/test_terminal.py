@@ -78,37 +78,6 @@ def test_a_command_to_copy_stays_on_its_line(narrow):
     assert file.getvalue().splitlines()[-1] == f"  {command}"
 
 
-class Terminal(io.StringIO):
-    """A stream that says it is a terminal."""
-
-    def isatty(self):
-        return True
-
-
-def test_whole_cells_are_painted_on_a_terminal_that_wants_it(monkeypatch):
-    rows = [("fails", "a"), ("transfers", "b"), ("fails as well", "c")]
-
-    def printed(file):
-        colours = {"fails": "red", "transfers": "green"}
-        print_columns(("verdict", "of"), rows, file, colours=colours)
-        return file.getvalue()
-
-    for name, value in (("TERM", "xterm"), ("COLUMNS", "80")):
-        monkeypatch.setenv(name, value)
-    monkeypatch.delenv("NO_COLOR", raising=False)
-    text = printed(Terminal())
-    assert "\x1b[31mfails " in text
-    assert "\x1b[32mtransfers " in text
-    assert "\nfails as well" in text
-    for code in ("\x1b[31m", "\x1b[32m", "\x1b[0m"):
-        text = text.replace(code, "")
-    assert text == printed(io.StringIO())
-    for name, value in (("NO_COLOR", "1"), ("TERM", "dumb")):
-        with monkeypatch.context() as changed:
-            changed.setenv(name, value)
-            assert "\x1b" not in printed(Terminal())
-
-
 def test_numbers_keep_two_digits_and_have_true_minus_signs():
     values = (8.04, 0.0995, -13.2, 1234.0, -3.04e-12, 0.0, None, float("nan"))
     told = ["+8.0", "+0.10", "−13", "+1200", "−3.0·10⁻¹²", "0", "–", "–"]
