@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import tomllib
-
-import engines_panel
 import pytest
 from engine_cases import ELSEWHERE, FOREIGN
-from engines_panel import trained_units
+from engines_panel import alike_data, trained_units
 from small_panel import small_data
 
 from integ_gym.cli import main
@@ -39,7 +36,7 @@ def test_engines_that_are_not_installed_are_left_out_and_named(monkeypatch):
     absent = [name for k, name in enumerate(FOREIGN) if k % 2 == 0 or missing_modules(name)]
     absent = sorted([*absent, *ELSEWHERE])
     monkeypatch.setattr(engines, "missing_modules", lambda name: [name] * (name in absent))
-    spec = parse_spec(tomllib.loads(engines_panel.TOML), "test")
+    spec = parse_spec(alike_data(), "test")
     assert spec.left_out == tuple(absent)
     assert not {d.engine for d in spec.grid} & set(absent)
     for engine in absent:
@@ -58,7 +55,7 @@ def test_a_panel_about_engines_without_one_is_refused_in_one_line(monkeypatch, t
 
 def test_the_engine_that_is_named_as_missing_applies_what_was_asked(monkeypatch):
     monkeypatch.setattr(engines, "missing_modules", lambda name: [name] * (name != "native"))
-    data = tomllib.loads(engines_panel.TOML)
+    data = alike_data()
     data["evaluate"][1]["map"] = "implicit_midpoint"
     with pytest.raises(SpecError, match=r'pip install -e "\.\[casadi\]"'):
         parse_spec(data, "test")

@@ -9,6 +9,7 @@ import shutil
 
 import pytest
 from interpreting import TINY, balance, fake_interpreter, push
+from small_panel import bare_data
 
 import integ_gym
 from integ_gym.cli import main
@@ -28,12 +29,7 @@ HOME = {"integrator": "explicit_euler", "dt": 0.02, "control_period": 0.02}
 
 
 def _spec(**table):
-    place = {"integrator": "symplectic_euler", "dt": 0.05}
-    data = {
-        "name": "small", "env_id": "IntegPendulum-v0", "control_period": 0.05, "seeds": [0],
-        "train": [place], "evaluate": [place, table], "perturbations": [], "ladder": False,
-    }  # fmt: skip
-    return parse_spec(data, "test")
+    return parse_spec(bare_data({"integrator": "symplectic_euler", "dt": 0.05}, table), "test")
 
 
 @pytest.mark.parametrize(

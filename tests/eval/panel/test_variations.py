@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from jsonschema import Draft202012Validator
 from scipy import stats
+from small_panel import bare_data
 
 import integ_gym
 from integ_gym.cli import main
@@ -27,18 +28,7 @@ HOME = {"integrator": "symplectic_euler", "dt": 0.05}
 
 
 def _spec(*evaluate, **others):
-    data = {
-        "name": "small",
-        "env_id": "IntegPendulum-v0",
-        "control_period": 0.05,
-        "seeds": [0, 1],
-        "train": [HOME],
-        "evaluate": [HOME, *evaluate],
-        "perturbations": [],
-        "ladder": False,
-        **others,
-    }
-    return parse_spec(data, "test")
+    return parse_spec(bare_data(HOME, *evaluate, **others), "test")
 
 
 def _cells(spec):
