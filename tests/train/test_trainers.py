@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from small_ppo import FLAGS, SMALL, files_of, looked_on
+from small_ppo import FLAGS, SMALL, files_of
 
 import integ_gym
 from integ_gym.evidence.labels import EpisodeContext
@@ -67,16 +67,6 @@ def test_folders_are_checked_before_anything_is_trained(train, tmp_path):
         train([SMALL, SMALL], [tmp_path / "free", tmp_path / "held"])
     assert not (tmp_path / "free").exists()
     assert train([], []) == []
-
-
-def test_runs_of_one_worker_are_trained_here_one_after_another(tmp_path, monkeypatch, capsys):
-    made = looked_on(monkeypatch, lambda env: env)
-    configs = [replace(SMALL, total_steps=256, seed=seed) for seed in (3, 4)]
-    folders = [tmp_path / "a", tmp_path / "b"]
-    policies = train_ppo(configs, folders, workers=1, tensorboard=False)
-    assert len(made) == 2
-    assert [policy.card["seed"] for policy in policies] == [3, 4]
-    assert "PPO, 2 policies: 100%" in capsys.readouterr().err
 
 
 def test_a_run_that_fails_in_a_process_is_told(tmp_path):

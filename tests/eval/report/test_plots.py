@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import itertools
-import re
 
 import numpy as np
 import pytest
@@ -26,7 +25,7 @@ from integ_gym.eval.report.forests import (
     remedy_forest,
     trust_of,
 )
-from integ_gym.eval.report.ladders import ladder_plots, ladders_of, sweep_plots
+from integ_gym.eval.report.ladders import ladders_of, sweep_plots
 from integ_gym.eval.report.matrices import energy_matrix, success_matrix
 from integ_gym.eval.scheme_style import NATIVE, styles_of
 from integ_gym.support.figures import HUES, MARKERS, PALETTE, channels
@@ -172,24 +171,6 @@ def test_cells_that_cannot_be_solved_in_time_are_hatched_on_the_page_and_in_the_
     assert all(patches.count(hatch) == rows + 1 for hatch in hatches)
     for other in (energy_matrix(panel), success_matrix(panel_of("given"))):
         assert other.hatchings == ()
-
-
-def test_ladders_are_the_same_on_the_page_and_in_the_figure():
-    ladders, page = ladder_plots(panel_of("full")), page_of("full")
-    text, html = drawn("refinement_ladder"), render(panel_of("full"))
-    for name, style in ladders.schemes.items():
-        assert name in text
-        key = html[: html.index(f"</svg>{name.replace('_', '_<wbr>')}</span>")].rsplit("<svg", 1)[1]
-        assert set(re.findall(r"h-(\w+)", key)) == {style.hue}
-    for own, (row, plots) in zip(ladders_of(panel_of("full")), ladders.rows, strict=True):
-        assert row in text
-        shown = [{series.name for series in plot.series} for plot in plots]
-        assert shown == [set(rungs) for rungs in (own.fixed, own.following)]
-        for plot in plots:
-            assert f"Success of {row} against the step, {plot.about}" in page.values("aria-label")
-            assert all(label in text for label in (plot.about, *(label for _, label in plot.ticks)))
-            for series in plot.series:
-                assert all(point.words in page.text for point in series.points)
 
 
 def test_findings_say_what_the_truth_contradicts():
