@@ -73,6 +73,22 @@ def test_minari_reads_a_data_set(run, tmp_path, monkeypatch):
     assert columns["energy"]["unit"] == "J"
 
 
+def test_minari_plays_the_actions_again(run, tmp_path):
+    """From the seed, in the environment that the data set names."""
+    export(run, "minari", tmp_path / "out", where="cell = 'rk4'")
+    (path,) = (tmp_path / "out").glob("*/*/data")
+    data = minari.MinariDataset(path)
+    env = data.recover_environment()
+    for episode, told in zip(
+        data.iterate_episodes(), data.storage.get_episode_metadata(range(2)), strict=True
+    ):
+        observation, _ = env.reset(seed=told["seed"])
+        np.testing.assert_array_equal(observation, episode.observations[0])
+        for action, after in zip(episode.actions, episode.observations[1:], strict=True):
+            observation = env.step(action)[0]
+            np.testing.assert_allclose(observation, after, rtol=1e-5, atol=1e-5)
+
+
 def test_mcap_is_read_as_messages_of_ros_2(run, tmp_path):
     records = _exported(run, "mcap", tmp_path / "logs")
     files = {file.stem: file for file in (tmp_path / "logs").iterdir()}

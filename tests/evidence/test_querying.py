@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import shutil
+import signal
+import subprocess
+import sys
 import tempfile
+import time
 from pathlib import Path
 
 import pytest
@@ -95,3 +100,35 @@ def test_a_directory_is_named_by_its_own_name_alone(store, tmp_path):
         shutil.copy(store.files()[0], tmp_path / name)
         found = EvidenceStore(tmp_path / name).query("SELECT count(*) AS n FROM records")
         assert found.to_pylist() == [{"n": 3}], name
+
+
+HEEDING = """
+import signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)
+from integ_gym.cli import main
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+def test_an_interruption_ends_a_query_at_once(store):
+    long = "SELECT count(*) FROM range(1000000) a, range(1000000) b WHERE a.range * b.range % 7 = 3"
+    command = [sys.executable, "-c", HEEDING, "evidence", "query", str(store.directory), long]
+    with subprocess.Popen(command, stderr=subprocess.PIPE) as process:
+        assert process.stderr is not None
+        while not _working(process.pid):
+            time.sleep(0.1)
+        process.send_signal(signal.SIGINT)
+        try:
+            assert process.wait(timeout=60.0) == 130
+        finally:
+            process.kill()
+        assert b"interrupted" in process.stderr.read()
+
+
+def _working(pid):
+    """Whether a process has started DuckDB's threads, or has but one core to work with."""
+    with open(f"/proc/{pid}/maps", encoding="ascii", errors="replace") as maps:
+        loaded = "duckdb" in maps.read()
+    with open(f"/proc/{pid}/stat", encoding="ascii") as stat:
+        ticks = sum(map(int, stat.read().split()[13:15]))
+    return loaded and ticks > 3 * os.sysconf("SC_CLK_TCK")

@@ -7,18 +7,22 @@ import warnings
 
 import gymnasium as gym
 import numpy as np
+import pyarrow as pa
 import pytest
 from gymnasium.utils.env_checker import check_env
 from pairing import in_turn
 from recording import CONTEXT, PENDULUM, made, play, recorded, run_out
 
 from integ_gym.envs.catalogue.pendulum import IntegPendulumEnv
+from integ_gym.envs.environment import environment_setup
 from integ_gym.envs.registries import ENVIRONMENTS
+from integ_gym.evidence.episodes import EpisodeHead, EpisodeHeads, EpisodeLog, Layout
 from integ_gym.evidence.fields import PHASES
 from integ_gym.evidence.labels import EpisodeContext, Replays
 from integ_gym.evidence.recorder import RecordEvidence
 from integ_gym.evidence.schema import BatchExistsError
 from integ_gym.evidence.store import EvidenceStore
+from integ_gym.evidence.table import unhashed_table
 
 SETTINGS = {
     "plain": {},
@@ -302,3 +306,24 @@ def test_impossible_contexts_are_refused(arguments, message):
 def test_records_of_another_phase_than_training_and_evaluation_have_ids_of_their_own():
     ids = {EpisodeContext("run", "cell", phase=phase).record_id(0) for phase in PHASES}
     assert len(ids) == len(PHASES) - 1
+
+
+def test_no_zero_is_negative():
+    """Not in traces and summaries, nor what is rounded to zero in the narrower columns."""
+    setup = environment_setup(PENDULUM, {})
+    layout = Layout(setup.plant, setup.task, None)
+    log = EpisodeLog(layout, [EpisodeContext("run", "cell", trace_every=1)])
+    rows = np.full((len(layout), 5), -0.0)
+    rows[layout.place("sensed_theta_dot")] = -1e-60
+    log.add(rows, np.array([5]), EpisodeHeads.of([EpisodeHead(0, 1, "1/0", 0, 0)]))
+    table = unhashed_table(log, PENDULUM, [(setup, 0)])
+    seen = 0
+    for name in table.column_names:
+        values = table[name].combine_chunks()
+        if pa.types.is_list(values.type):
+            values = values.flatten()
+        if pa.types.is_floating(values.type):
+            numbers = values.drop_null().to_numpy(zero_copy_only=False)
+            assert not np.signbit(numbers[numbers == 0.0]).any(), name
+            seen += numbers.size
+    assert seen > 5 * 10

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from forgery import with_column
@@ -148,6 +149,17 @@ def test_no_code_that_a_record_names_is_run(untouched, tmp_path, monkeypatch):
     assert (done.records, list(done.skipped.values())) == (0, [4])
     with pytest.raises(SystemExit, match="executed"):
         _replayed(untouched, own_code=True)
+
+
+def test_dropped_and_doubled_rows_are_counted(untouched):
+    (file,) = untouched.files()
+    table = pq.read_table(file)
+    pq.write_table(pa.concat_tables([table.slice(0, 1), table.slice(3)]), file)
+    (found,) = missing_episodes(untouched)
+    assert str(found) == "cell 'cell', policy 'random': 2 missing of episodes 0 to 3"
+    pq.write_table(pa.concat_tables([table, table.slice(0, 1)]), file)
+    (found,) = missing_episodes(untouched)
+    assert "1 record too many of episodes 0 to 3" in str(found)
 
 
 def test_records_without_a_trace_are_checked_as_far_as_they_go(tmp_path):

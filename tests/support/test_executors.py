@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from concurrent.futures import BrokenExecutor
 from pathlib import Path
 
@@ -47,6 +49,29 @@ def test_slurm_is_refused_where_there_is_none(tmp_path, monkeypatch):
     with refused, open_cluster("slurm", resources=Resources(2)):
         pass
     assert not list(tmp_path.iterdir())
+
+
+LOGGED = """
+import logging
+from integ_gym.support.executors import Resources, open_cluster
+
+class Closed(logging.StreamHandler):
+    def close(self):
+        print("closed", flush=True)
+        super().close()
+
+logging.getLogger("mine").addHandler(Closed())
+with open_cluster("slurm", "local", Resources(1)):
+    assert logging._handlerList
+    print("open", flush=True)
+"""
+
+
+def test_submitit_leaves_the_handlers_of_the_process_alone(tmp_path):
+    """Its own set-up of logging would close them, and with them streams that are still used."""
+    words = [sys.executable, "-c", LOGGED]
+    told = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=True).stdout
+    assert told.splitlines()[0] == "open"
 
 
 def test_what_cannot_be_set_aside_is_refused():

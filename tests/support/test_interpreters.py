@@ -15,6 +15,7 @@ from integ_gym.support.interpreters import (
     make_interpreter,
     parse_packages,
 )
+from integ_gym.support.processes import reporting
 
 
 @pytest.fixture(autouse=True)
@@ -63,6 +64,15 @@ def test_what_uv_cannot_make_is_refused_in_its_words(tmp_path, monkeypatch, cach
     assert told == ["making an interpreter with tiny==1.0"]
     assert not list(cache.rglob("interpreter.json"))
     assert not list(cache.rglob("*.lock"))
+
+
+def test_results_and_work_come_as_they_are_made(tmp_path):
+    made = fake_interpreter(tmp_path)
+    with reporting() as work:
+        found = list(call_there(made, count, 3))
+    assert [number for number, _ in found] == [0, 1, 2]
+    assert os.getpid() not in {process for _, process in found}
+    assert sum(work) == 1.5
 
 
 @pytest.mark.parametrize(

@@ -59,6 +59,26 @@ def test_items_come_in_their_order_and_the_next_is_made_while_one_is_used():
         next(following)
 
 
+def test_no_item_is_lost_where_threads_end_in_between():
+    """The main thread ends while another goes on: the second item can be given to no thread."""
+    program = """
+import threading
+from integ_gym.support.processes import prefetch
+
+def use():
+    following = prefetch(iter(range(4)))
+    found = [next(following)]
+    ended.wait()
+    print(found + list(following))
+
+ended = threading.Event()
+threading.Thread(target=use).start()
+threading._register_atexit(ended.set)
+"""
+    done = _python(program)
+    assert (done.stdout, done.stderr) == ("[0, 1, 2, 3]\n", "")
+
+
 CALL = (
     "from integ_gym.support.processes import check_spawning\n{}check_spawning({})\nprint('fine')\n"
 )

@@ -42,7 +42,9 @@ from integ_gym.train.policy_files import card as limits
 from integ_gym.train.policy_files import sb3_weights as architecture
 from integ_gym.train.policy_files.card import PolicyFileError
 from integ_gym.train.policy_files.reading import read_weights
+from integ_gym.train.policy_files.sb3_published import zip_faults
 from integ_gym.train.policy_files.sb3_zip import read_sb3_model, read_sb3_zip
+from integ_gym.train.policy_files.writing import save_policy
 
 PENDULUM, CART_POLE = "Pendulum-v1", "CartPole-v1"
 SMALL = {"net_arch": [16, 8]}
@@ -369,15 +371,6 @@ def test_weights_that_are_not_the_architectures_are_refused(edit, reason, pendul
     assert reason in refusal(rewritten(pendulum_zip, tmp_path / "edited.zip", policy__pth=content))
 
 
-def test_a_torchscript_program_is_refused(pendulum_zip, tmp_path):
-    stream = io.BytesIO()
-    with zipfile.ZipFile(stream, "w") as archive:
-        archive.writestr("archive/constants.pkl", b"")
-    content = stream.getvalue()
-    path = rewritten(pendulum_zip, tmp_path / "script.zip", policy__pth=content)
-    assert "is a TorchScript program, which is never run; export it" in refusal(path)
-
-
 def _old_format(tensors):
     stream = io.BytesIO()
     torch.save(tensors, stream, _use_new_zipfile_serialization=False)
@@ -561,6 +554,23 @@ def test_pickled_weights_are_never_executed(pendulum_zip, trap):
         assert "holds something other than plain weights" in refusal(evil)
     evil = rewritten(pendulum_zip, bait.with_name("evil.zip"), policy__pth=pickle.dumps(touch))
     assert "is no file that torch.save wrote" in refusal(evil)
+
+
+def test_what_is_put_into_a_published_zip_is_found(pendulum_zip, trap):
+    touch, bait = trap
+    weights = bait.with_name("policy.safetensors")
+    save_policy(pendulum_zip, weights, "Pendulum-v1", home="stock")
+    assert list(zip_faults(pendulum_zip, weights)) == []
+    payload = base64.b64encode(pickle.dumps(touch)).decode()
+    evil = rewritten(
+        pendulum_zip, bait.with_name("evil.zip"), setting("seed", to={":serialized:": payload}),
+        policy__optimizer__pth=saved(touch),
+    )  # fmt: skip
+    faults = list(zip_faults(evil, weights))
+    assert [one.split(" when")[0] for one in faults] == [
+        "policy.optimizer.pth imports io.open",
+        "'seed' of its 'data' imports io.open",
+    ]
 
 
 def test_sb3_is_not_needed_and_torch_is(pendulum_zip, monkeypatch):

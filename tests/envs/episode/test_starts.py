@@ -9,7 +9,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from integ_gym.envs.environment import environment_setup
 from integ_gym.envs.registries import ENVIRONMENTS
-from integ_gym.envs.starts import AT_ONCE, numbers_per_start
+from integ_gym.envs.starts import AT_ONCE, LaneStarts, numbers_per_start
 from integ_gym.envs.tasks import PendulumSwingUp
 
 LANES = 3
@@ -100,3 +100,23 @@ class Rounding(PendulumSwingUp):
 def test_other_tasks_draw_one_by_one(task):
     setup = environment_setup("IntegPendulum-v0", {})
     assert numbers_per_start(type(setup)(**{**vars(setup), "task": task()})) is None
+
+
+def test_an_impossible_start_is_refused_when_it_is_drawn():
+    """Not when it is made ahead: the lanes whose starts are possible go on."""
+    setup = environment_setup("IntegPendulum-v0", {"max_speed": 1.0})
+    fast = type(setup)(**{**vars(setup), "task": Faster()})
+    starts = LaneStarts(fast, [np.random.default_rng(k) for k in range(8)], 2)
+    speeds = np.array([np.random.default_rng(k).random(2)[1] for k in range(8)])
+    slow, quick = np.flatnonzero(speeds <= 0.5), np.flatnonzero(speeds > 0.5)
+    begun = starts.begin(slow, lambda state: ())
+    np.testing.assert_array_equal(begun.values[1], 2.0 * speeds[slow])
+    with pytest.raises(ValueError, match=r"speeds up to 1, got"):
+        starts.begin(quick[:1], lambda state: ())
+
+
+class Faster(PendulumSwingUp):
+    """Some of its starts are faster than a motion may be."""
+
+    def draw_start(self, rng, start, options):
+        return rng.uniform(), 2.0 * rng.uniform()

@@ -11,6 +11,7 @@ from integ_gym.cli import main
 from integ_gym.envs.engines.stepping import missing_modules
 from integ_gym.eval.panel import tables as engines
 from integ_gym.eval.panel.cells import SpecError, map_of
+from integ_gym.eval.panel.run import check_spec
 from integ_gym.eval.panel.spec import built_in_spec, parse_spec
 from integ_gym.eval.panel.tables import installed_engines
 from integ_gym.eval.panel.units import training_config, training_key
@@ -30,6 +31,12 @@ def test_the_built_in_panel_asks_the_quick_panels_policies():
         assert maps
         assert {dt for _, dt in maps} == {0.05, 0.0125}
     assert {"native", *installed_engines()} == {d.engine for d in engines.grid}
+
+
+@pytest.mark.slow
+def test_every_engine_takes_what_the_built_in_panel_asks():
+    """Each is made, which those that compile take seconds for."""
+    check_spec(built_in_spec("engines"))
 
 
 def test_engines_that_are_not_installed_are_left_out_and_named(monkeypatch):

@@ -258,6 +258,19 @@ def test_records_of_an_earlier_schema_are_no_way_round_what_is_asked_now(run, ve
     assert (code, words in told) == (1, True)
 
 
+def test_no_look_is_dropped_by_units_that_do_not_say_after_which_they_were_finished(run, capsys):
+    """Nor does it help that all of them are silent."""
+    for marker in run.glob("units/*.json"):
+        held = json.loads(marker.read_text())
+        del held["after"]
+        marker.write_text(json.dumps(held))
+    seal(run)
+    code, told = _verify(run, capsys)
+    assert code == 1
+    assert told.count("`looks` are not those after which unit") > 3
+    assert main(["report", str(run)]) == 2
+
+
 def test_a_panel_with_policies_of_another_inherits_its_looks(run, again, tmp_path, capsys):
     """Whoever looks at policies again pays for the looks of before."""
     other = tmp_path / "other"

@@ -112,7 +112,7 @@ def test_gaps_and_classes_are_given_where_they_are_defined(panel_directory):
 
 
 @pytest.mark.parametrize("lost", ["report.html", "panel.json"])
-def test_what_a_complete_run_lacks_is_written_and_nothing_redone(run, again, lost, capsys):
+def test_what_a_complete_run_lacks_is_written_and_nothing_redone(run, again, lost):
     cost = _panel(run)["cost"]
     assert 0 < cost["train_seconds"] < 2 * cost["wall_seconds"]
     (run / lost).unlink()
@@ -121,11 +121,10 @@ def test_what_a_complete_run_lacks_is_written_and_nothing_redone(run, again, los
         for folder in ("evidence", "policies", "units")
         for path in (run / folder).rglob("*")
     }
-    assert again(run, "--verbose") == 0
+    assert again(run) == 0
     assert (run / lost).exists()
     assert files == {path: path.stat().st_mtime_ns for path in files}
     assert _panel(run)["cost"] == cost
-    assert "nothing to train or evaluate" in capsys.readouterr().err
 
 
 @pytest.mark.slow
