@@ -16,6 +16,7 @@ from recording import CONTEXT, PENDULUM, made, play, recorded, run_out
 from integ_gym.envs.catalogue.pendulum import IntegPendulumEnv
 from integ_gym.envs.environment import environment_setup
 from integ_gym.envs.registries import ENVIRONMENTS
+from integ_gym.evidence import recorder as recorder_module
 from integ_gym.evidence.episodes import EpisodeHead, EpisodeHeads, EpisodeLog, Layout
 from integ_gym.evidence.fields import PHASES
 from integ_gym.evidence.labels import EpisodeContext, Replays
@@ -242,6 +243,15 @@ def test_keys_count_the_episodes_since_seeding(tmp_path):
     again = gym.make(PENDULUM)
     again.reset(seed=int(keys[0][0]))
     assert again.unwrapped.state.tolist() == records[0]["initial_state"]
+
+
+def test_many_episodes_pass_through_a_small_buffer(tmp_path, monkeypatch):
+    hashes = []
+    for rows in (1, 4096):
+        monkeypatch.setattr(recorder_module, "_FEWEST_ROWS", rows)
+        records = recorded(tmp_path / str(rows), range(20), CONTEXT, "IntegCartPole-v0").records()
+        hashes.append([record["content_hash"] for record in records])
+    assert hashes[0] == hashes[1]
 
 
 def test_records_are_committed_in_batches_or_taken(tmp_path):
