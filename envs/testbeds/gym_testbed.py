@@ -27,7 +27,9 @@ from ..foreign import (
     without_time_limit,
 )
 from ..lanes import DiscretizedVectorEnv
+from ..rediscretized import is_mujoco_task
 from ..settings import DELAYS, Discretization, whole_multiple
+from .boundaries import Boundaries, MujocoBoundaries
 
 REFINEMENTS = (1, 2, 4)
 """Parts of a home's coarsest step that are evaluated where no steps are given."""
@@ -133,6 +135,12 @@ class Testbed(Hashable, Protocol):
     def applied(self, environments: DiscretizedVectorEnv) -> Applied:
         """What the environments that it made really do."""
 
+    def boundaries(self, environments: DiscretizedVectorEnv) -> Boundaries:
+        """What the first of them makes of states and actions before it integrates.
+
+        A testbed may lack it, and is then not compared.
+        """
+
 
 def split_period(testbed: Testbed, discretization: Discretization) -> tuple[float, int]:
     """The control period asked for, s, else the testbed's own; and its integration steps.
@@ -222,6 +230,11 @@ class SequentialTestbed:
             return env
 
         return SequentialVectorEnv(make, lanes, autoreset_mode)
+
+    def boundaries(self, environments: DiscretizedVectorEnv) -> Boundaries:
+        """All four of a task of Gymnasium's MuJoCo environments; else observation and action."""
+        env = environments.unwrapped.envs[0]  # type: ignore[attr-defined]
+        return MujocoBoundaries(env) if is_mujoco_task(env) else Boundaries(env)
 
 
 class GymTestbed(SequentialTestbed):

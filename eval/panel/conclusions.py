@@ -16,8 +16,9 @@ from dataclasses import dataclass, replace
 from typing import Final, Literal, TypeAlias
 
 from integ_gym.envs.settings import NATIVE
-from integ_gym.support.terminal import fixed, percent, plural
+from integ_gym.support.terminal import fixed, percent, plural, true_minus
 
+from ..contract import BoundaryCheck, Contract
 from ..power import WITHOUT_VERDICT, Verdict
 from ..statistics import Estimate
 from ..verdict import (
@@ -840,6 +841,32 @@ def solvable_reason(panel: Panel, cell: Cell) -> str:
     rate = percent(best.success if soon else best.recovered)
     time = "within the horizon" if soon else "within two horizons alone"
     return f"{who[0].upper()}{who[1:]}: success from {rate} of the starts {time}."
+
+
+def contract_words(
+    contract: Contract, first: str = "at home", second: str = "here"
+) -> tuple[str, ...]:
+    """Where two environments differ before any integration, a part of a sentence for each boundary.
+
+    Args:
+        contract: the comparison.
+        first: where the first is, in words.
+        second: where the second is.
+    """
+    return tuple(_boundary_words(check, first, second) for check in contract.broken)
+
+
+def _boundary_words(check: BoundaryCheck, first: str, second: str) -> str:
+    if not check.differing:
+        sizes = f"{check.sizes[0]} components {first} and {check.sizes[1]} {second}"
+        return f"{check.boundary} has {sizes}"
+    shown = [
+        f"{one.component}{'' if one.there == one.component else f' (there {one.there})'} "
+        f"{true_minus(f'{one.first:.5g}')} {first} and {true_minus(f'{one.second:.5g}')} {second}"
+        for one in check.differing[:_NAMED]
+    ]
+    more = len(check.differing) - len(shown)
+    return f"{check.boundary} of {'; '.join(shown)}{f', and {more} more' if more else ''}"
 
 
 def verdict_reason(panel: Panel, judged: Verdict) -> str:

@@ -1,0 +1,126 @@
+"""Two environments compared before they integrate: planted faults, and engines that are equal."""
+
+from __future__ import annotations
+
+import json
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from tests.helpers.envs.faulty_hoppers import FAULTS, register
+
+import integ_gym
+from integ_gym.cli import main
+from integ_gym.envs.engines.stepping import missing_modules
+from integ_gym.envs.registries import ENGINES
+from integ_gym.eval.contract import SIDES, TOLERANCE, compare_contracts
+
+HOPPER = "Hopper-v5"
+
+
+@pytest.mark.parametrize("kind", FAULTS, ids=lambda kind: kind.__name__)
+def test_a_fault_is_named_at_its_own_boundary_alone(kind) -> None:
+    boundary, components = FAULTS[kind]
+    (check,) = compare_contracts(HOPPER, register(kind)).broken
+    assert check.boundary == boundary
+    named = {one.component for one in check.differing}
+    assert components <= named
+    if boundary != "acceleration":  # which all joints have a part in
+        assert named == components
+
+
+def test_numbers_are_those_of_both_environments() -> None:
+    kind = next(kind for kind in FAULTS if kind.__name__ == "OtherGear")
+    (check,) = compare_contracts(HOPPER, register(kind)).broken
+    (gear,) = check.differing
+    assert gear.second == pytest.approx(1.1 * gear.first)
+    assert gear.relative == pytest.approx(0.1 / 1.1)
+    assert check.largest == gear.relative > check.tolerance
+
+
+@pytest.mark.parametrize("integrator", ["Euler", "RK4", "implicit", "implicitfast", "discrete"])
+def test_integrator_and_step_are_no_fault(integrator: str) -> None:
+    found = compare_contracts("dt=0.002", f"integrator={integrator},dt=0.001", HOPPER)
+    assert not found.broken
+    assert all(check.compared and check.largest == 0.0 for check in found.checks)
+
+
+COMPILED = ("mjx", "mujoco_warp", "newton")
+"""Engines that take many seconds to compile, and give a step alone."""
+
+INSTALLED = [name for name in ENGINES.names() if not missing_modules(name)]
+
+
+@pytest.mark.parametrize("env_id", ["IntegPendulum-v0", "IntegCartPoleSwingUp-v0"])
+@pytest.mark.parametrize("engine", sorted({*INSTALLED} - {"native", *COMPILED}))
+def test_engines_keep_the_contract_or_say_what_they_cannot(engine: str, env_id: str) -> None:
+    found = compare_contracts("dt=0.02", f"engine={engine},dt=0.02", env_id)
+    *others, acceleration = found.checks
+    assert not found.broken
+    assert all(check.compared for check in others)
+    tells = engine in ("mujoco", "drake", "pinocchio", "casadi", "dart")
+    assert acceleration.compared == tells
+    assert acceleration.silent == (() if tells else SIDES[1:])
+
+
+def test_a_testbed_that_has_no_state_is_compared_at_starts(tmp_path) -> None:
+    found = compare_contracts("dt=0.2", "dt=0.1", "Acrobot-v1")
+    assert found.starts_alone
+    assert [check.boundary for check in found.checks if check.compared] == [
+        "observation",
+        "command",
+    ]
+    assert not found.broken
+
+
+class Rescaled(integ_gym.GymTestbed):
+    """Gymnasium's pendulum, which observes its speed in revolutions and halves its actions."""
+
+    home = integ_gym.Discretization("symplectic_euler", 0.05, 0.05, "gymnasium")
+    choices = ("symplectic_euler",)
+
+    def build(self, discretization, **arguments):
+        env = gym.make("Pendulum-v1", **arguments)
+        env = gym.wrappers.TransformObservation(
+            env, lambda shown: shown * np.float32([1, 1, 1 / (2 * np.pi)]), env.observation_space
+        )
+        halved = gym.wrappers.TransformAction(env, lambda action: action / 2, env.action_space)
+        return self.held(halved, discretization, rewards="rate")
+
+    def read(self, env):
+        return self.as_applied("symplectic_euler", env.unwrapped.dt, env)
+
+
+def test_a_wrapper_of_ones_own_testbed_is_seen() -> None:
+    found = compare_contracts("Pendulum-v1", f"{__name__}:Rescaled")
+    told = {check.boundary: [one.component for one in check.differing] for check in found.broken}
+    assert told == {"observation": ["obs2"], "command": ["action0"]}
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "said"),
+    [
+        (HOPPER, "Walker2d-v5", "no action is the same"),
+        ("InvertedPendulum-v5", "IntegCartPoleSwingUp-v0", None),
+        ("IntegPendulum-v0", "Pendulum-v1", "cannot be put into a state"),
+        ("dt=0.1", HOPPER, "is no environment"),
+    ],
+)
+def test_what_does_not_correspond_is_refused(first: str, second: str, said: str | None) -> None:
+    if said is None:  # states of two libraries correspond by their order
+        assert compare_contracts(first, second).checks[0].compared
+        return
+    with pytest.raises(integ_gym.IntegGymError, match=said):
+        compare_contracts(first, second)
+
+
+def test_the_command_fails_where_something_differs(capsys) -> None:
+    cells = ["--env", "IntegPendulum-v0", "gravity=9.81", "gravity=9.80665"]
+    assert main(["contract", *cells, "--json"]) == 3
+    told = json.loads(capsys.readouterr().out)
+    broken = [check for check in told["checks"] if check["differing"]]
+    assert [check["boundary"] for check in broken] == ["acceleration"]
+    assert broken[0]["largest"] > TOLERANCE[64]
+    assert main(["contract", *cells]) == 3
+    assert "acceleration of theta" in " ".join(capsys.readouterr().out.split())
+    assert main(["contract", "--env", "IntegPendulum-v0", "dt=0.05", "dt=0.01"]) == 0
