@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
+from integ_gym.envs.lanes import DiscretizedVectorEnv
 from integ_gym.envs.settings import DELAYS, DISCRETIZATION, Discretization
 from integ_gym.envs.testbeds.boundaries import Boundaries, Named
 from integ_gym.envs.testbeds.gym_testbed import Testbed
@@ -41,6 +42,9 @@ Rounding and the tolerance of constraint solvers (1e-8) stay below it; a gravity
 FLOOR: Final = 1e-3
 """Of the largest component's size, by which smaller ones are measured: they carry its rounding."""
 
+MOST: Final = 1e9
+"""Of a relative difference that is said."""
+
 STATES: Final = 32
 """States that are compared."""
 
@@ -57,15 +61,15 @@ class Differing(Part, frozen=True, kw_only=True):
     Attributes:
         component: its name in the first environment.
         there: its name in the second.
-        first: its value in the first, SI units.
-        second: its value in the second, SI units.
-        relative: the difference over the component's largest size.
+        first: its value in the first, SI units; null where it is not finite.
+        second: its value in the second, likewise.
+        relative: the difference over the component's largest size, at most 1e9.
     """
 
     component: str
     there: str
-    first: float
-    second: float
+    first: float | None
+    second: float | None
     relative: float
 
 
@@ -161,28 +165,40 @@ def compare_contracts(
     """
     if states < 1:
         raise InputError(f"`states` must be 1 or above, got {states}")
-    names, made = [], list[Boundaries]()
+    names, made, opened = [], list[Boundaries](), list[DiscretizedVectorEnv]()
     try:
         for side in (first, second):
             name, testbed, place = _side(side, env_id, environment or {})
             names.append(name)
-            made.append(boundaries_of(testbed, place))
+            environments = make_checked(testbed, place, 1, **without_delays(testbed))
+            opened.append(environments)
+            made.append(boundaries_of(testbed, environments))
         return compare_boundaries(names, made, states, seed)
     finally:
-        for one in made:
-            one.env.close()
+        for environments in opened:
+            environments.close()
 
 
-def boundaries_of(testbed: Testbed, place: Discretization, **arguments: Any) -> Boundaries:
-    """What a testbed's environment says in a discretization, made for it, without delays.
+def without_delays(testbed: Testbed) -> dict[str, float]:
+    """Arguments without the testbed's delays: with them a command is one from before."""
+    return {name: 0.0 for name in DELAYS if testbed.arguments.get(name)}
 
-    Raises:
-        TypeError, ValueError: for an environment that cannot be made.
-    """
-    prompt = {name: 0.0 for name in DELAYS if testbed.arguments.get(name)}
-    environments = make_checked(testbed, place, 1, **arguments, **prompt)
+
+def boundaries_of(testbed: Testbed, environments: DiscretizedVectorEnv) -> Boundaries:
+    """What a testbed's environments say; the first lane's, of one that has no ``boundaries``."""
     say = getattr(testbed, "boundaries", None)
-    return Boundaries(environments.unwrapped) if say is None else say(environments)
+    made: Boundaries
+    if say is not None:
+        made = say(environments)
+    else:
+        envs = getattr(environments.unwrapped, "envs", None)
+        if not envs:
+            raise InputError(
+                f"{type(testbed).__name__} does not say what its environments do before they "
+                "integrate; give it a method `boundaries`"
+            )
+        made = Boundaries(envs[0])
+    return made
 
 
 def compare_boundaries(
@@ -366,13 +382,13 @@ def _check(
     size = np.nan_to_num(np.maximum(np.abs(values), np.abs(there)), posinf=0.0).max(axis=0)
     scale = np.maximum(size, FLOOR * size.max(initial=0.0))
     relative = np.divide(apart, scale, out=np.where(apart > 0.0, np.inf, 0.0), where=scale > 0.0)
-    worst, most = relative.argmax(axis=0), relative.max(axis=0)
+    worst, most = relative.argmax(axis=0), np.minimum(relative.max(axis=0), MOST)
     differing = [
         Differing(
             component=[*one[0]][k],
             there=[*other[0]][k],
-            first=float(values[worst[k], k]),
-            second=float(there[worst[k], k]),
+            first=_finite(values[worst[k], k]),
+            second=_finite(there[worst[k], k]),
             relative=float(most[k]),
         )
         for k in np.argsort(-most, kind="stable").tolist()
@@ -385,3 +401,7 @@ def _check(
         largest=float(most.max(initial=0.0)),
         differing=tuple(differing),
     )
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
