@@ -115,8 +115,9 @@ def judge_family(
 
     - `contract_error`: observation, command, force or acceleration differ from home's at the same
       states; `not_learned`: mean home success below 0.5; `unachievable`, `too_slow`,
-      `undecided`: the cell's status. No test is made, and the comparison does not count towards the family, but
-      for `undecided`, which policies that are judged in the cell may have been able to change.
+      `undecided`: the cell's status. No test is made, and the comparison does not count towards
+      the family, but for `undecided`, which policies that are judged in the cell may have been
+      able to change.
     - `inconclusive`: a group has fewer than 5 training seeds. It still counts towards the
       family, so that an unfinished panel is never judged more lightly than a finished one.
     - `fails`: "overfitting > 0.2" has an adjusted p-value below 0.05.

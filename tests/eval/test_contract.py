@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
+import shutil
 
 import gymnasium as gym
 import numpy as np
 import pytest
-from tests.helpers.envs.faulty_hoppers import FAULTS, register
+from faulty_hoppers import FAULTS, register
 
 import integ_gym
 from integ_gym.cli import main
@@ -112,6 +113,53 @@ def test_what_does_not_correspond_is_refused(first: str, second: str, said: str 
         return
     with pytest.raises(integ_gym.IntegGymError, match=said):
         compare_contracts(first, second)
+
+
+@pytest.fixture(scope="module")
+def judged(tmp_path_factory):
+    """A policy of Gymnasium's Hopper, judged on one with another gear."""
+    out = tmp_path_factory.mktemp("hoppers") / "out"
+    panel = integ_gym.evaluate(
+        "faulty_hoppers:stand", "faulty_hoppers:TwoHoppers", out, dts=[0.002, 0.001], episodes=2,
+        home="engine=mujoco,integrator=Euler,dt=0.002,control_period=0.008",
+        environment={"success_return": 1000.0}, workers=1, progress=False,
+    )  # fmt: skip
+    return panel, out
+
+
+@pytest.mark.slow
+def test_a_cell_with_a_fault_gets_no_verdict_about_the_discretization(judged) -> None:
+    panel, out = judged
+    home, *others = sorted(panel.cells, key=lambda cell: cell.engine != "mujoco")
+    assert {contract.first for contract in panel.contracts} == {home.name}
+    for cell in others:
+        contract = panel.broken_contract("stand", cell.name)
+        assert [check.boundary for check in contract.broken] == ["force"]
+        entry = panel.entry("stand", cell.name)
+        assert entry.labels == {"contract_error": 2}
+        assert entry.home_drop is entry.overfitting is None
+        assert cell.name not in {one.cell for one in panel.paired}
+    assert "contract_error" not in panel.entry("stand", home.name).labels
+    assert all("contract_error" not in e.labels for e in panel.matrix if e.row != "stand")
+    assert "nothing is said about dt" in panel.headline
+    assert "force of leg_joint" in panel.answer
+    assert "contract differs" in (out / "report.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.slow
+def test_a_comparison_is_made_again_when_a_run_is_verified(judged, tmp_path, capsys) -> None:
+    _, out = judged
+    run = shutil.copytree(out, tmp_path / "run")
+    verify = ["evidence", "verify", str(run), "--no-progress", "--own-code", "--depth", "whole"]
+    main(verify)
+    assert "contract" not in capsys.readouterr().out
+    (marker, *_) = (run / "units").glob("contract-*.json")
+    told = json.loads(marker.read_text(encoding="utf-8"))
+    for check in told["contract"]["checks"]:
+        check["differing"] = []
+    marker.write_text(json.dumps(told), encoding="utf-8")
+    assert main(verify) == 1
+    assert marker.name in capsys.readouterr().out
 
 
 def test_the_command_fails_where_something_differs(capsys) -> None:

@@ -176,8 +176,8 @@ def _of_policy(
         (replays,) = successes.replays(cell, [0])
         for row in rows[cell.name]:
             made = replays[row["episode_index"]].columns()
-            told = _COLUMNS if row["schema_version"] >= COMPARED_SINCE else _COLUMNS[:-1]
-            for name in told:
+            compared = row["schema_version"] >= COMPARED_SINCE
+            for name in _COLUMNS if compared else _COLUMNS[:-1]:
                 if not _same(row[name], made[name]):
                     message = f"`{name}` is recorded as {row[name]!r}, and comes out as"
                     yield Finding("evidence", row["record_id"], f"{message} {made[name]!r}")

@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import gymnasium as gym
 import numpy as np
 from gymnasium.envs.mujoco.hopper_v5 import HopperEnv
+
+from integ_gym.envs.foreign import SequentialVectorEnv
+from integ_gym.envs.settings import Discretization
+from integ_gym.envs.testbeds.gym_testbed import Applied, SequentialTestbed, Success, class_path
+from integ_gym.envs.testbeds.making import find_testbed
 
 
 class SwappedJoints(HopperEnv):
@@ -75,3 +82,42 @@ def register(kind: type[HopperEnv]) -> str:
     if env_id not in gym.registry:
         gym.register(env_id, kind, max_episode_steps=1000)
     return env_id
+
+
+class TwoHoppers(SequentialTestbed):
+    """Gymnasium's Hopper on the engine `mujoco`, and one with another gear on `gymnasium`."""
+
+    home = Discretization("Euler", 0.002, 0.008, "gymnasium")
+    success = Success("return of at least 1000", "success_return")
+
+    def __init__(self, **arguments):
+        super().__init__(arguments)
+
+    def integrators(self, engine):
+        return ("Euler",)
+
+    def make(self, discretization, lanes, autoreset_mode="NextStep", **arguments):
+        engine = discretization.engine
+        env_id = "Hopper-v5" if engine == "mujoco" else register(OtherGear)
+        inner = find_testbed(env_id, self.arguments)
+
+        def make():
+            env = inner.lane(discretization, {**self.arguments, **arguments})
+            settings = replace(env.setup.settings, engine=engine)
+            env.setup = replace(
+                env.setup, settings=settings, fingerprinted=None, testbed=class_path(type(self))
+            )
+            return env
+
+        return SequentialVectorEnv(make, lanes, autoreset_mode)
+
+    def applied(self, environments):
+        task = environments.unwrapped.envs[0]
+        integrator, step, count = task.applied
+        engine = task.setup.settings.engine
+        return Applied(Discretization(integrator, step, step * count, engine), count)
+
+
+def stand(observation):
+    """A policy that lets the hopper fall."""
+    return np.zeros(3)
