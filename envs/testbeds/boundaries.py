@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from math import prod
 from typing import Any, ClassVar
 
@@ -22,6 +21,9 @@ Array = NDArray[np.float64]
 
 Named = dict[str, float]
 """Values by the names of their components, in order."""
+
+ACTUATORS = "command of the actuators"
+"""What a command is where it is told as it reaches the actuators, within their limits."""
 
 
 class Boundaries:
@@ -70,12 +72,12 @@ class Boundaries:
 
     def observation(self, state: Array, seed: int) -> Named | None:
         """What is observed in a state, or, where it cannot be put into one, at a seed's start."""
-        return _numbered("obs", self.start(seed))
+        return numbered("obs", self.start(seed))
 
     def command(self, state: Array, action: Any) -> Named | None:
         """What the actuators are told."""
-        reached = _intercept(self.env, self.env.unwrapped, "step", action)
-        return None if reached is None else _numbered("action", reached)
+        reached = intercept(lambda: self.env.step(action), self.env.unwrapped, "step")
+        return None if reached is None else numbered("action", reached)
 
     def force(self, state: Array, command: Array) -> Named | None:
         """The generalized force that a command makes, by coordinate."""
@@ -90,40 +92,39 @@ class _Reached(Exception):
     """What was intercepted is on its way out."""
 
 
-def _intercept(env: gym.Env[Any, Any], inner: Any, method: str, action: Any) -> Any:
-    """The first argument with which a step calls a method inside, which is not run; or None."""
+def intercept(run: Callable[[], Any], owner: Any, name: str, argument: int = 0) -> Any:
+    """The argument with which a function inside is called first, which is not run; or None.
 
-    def catch(first: Any, *_: Any) -> Any:
-        raise _Reached(first)
+    Args:
+        run: leads to that call.
+        owner: object or module whose function it is.
+        name: of the function.
+        argument: its place among the arguments.
+    """
 
-    with _replaced(inner, method, catch):
-        try:
-            env.step(action)
-        except _Reached as reached:
-            return reached.args[0]
-    return None
+    def catch(*given: Any) -> Any:
+        raise _Reached(given[argument])
 
-
-@contextmanager
-def _replaced(owner: Any, name: str, value: Any) -> Iterator[None]:
-    """An attribute of an object replaced for as long as it lasts."""
     held = vars(owner).get(name)
-    setattr(owner, name, value)
+    setattr(owner, name, catch)
     try:
-        yield
+        run()
+    except _Reached as reached:
+        return reached.args[0]
     finally:
         if held is None:
             delattr(owner, name)
         else:
             setattr(owner, name, held)
+    return None
 
 
-def _numbered(name: str, values: Any) -> Named:
+def numbered(name: str, values: Any) -> Named:
     flat = np.asarray(values, np.float64).ravel().tolist()
     return {f"{name}{k}": value for k, value in enumerate(flat)}
 
 
-def _by_name(names: Sequence[str], values: Any) -> Named:
+def by_name(names: Sequence[str], values: Any) -> Named:
     return dict(zip(names, np.asarray(values, np.float64).ravel().tolist(), strict=True))
 
 
@@ -134,7 +135,7 @@ class IntegBoundaries(Boundaries):
         environments: whose first lane is meant.
     """
 
-    commands: ClassVar[str] = "command of the actuators"
+    commands: ClassVar[str] = ACTUATORS
 
     def __init__(self, environments: DiscretizedVectorEnv) -> None:
         super().__init__(environments)
@@ -167,7 +168,7 @@ class IntegBoundaries(Boundaries):
         """As an episode that starts there shows it, with the sensor noise of a seed."""
         start = np.array([join_state(*self._parts(state))] * self.env.num_envs)
         shown, _ = self.env.reset(seed=[seed] * self.env.num_envs, options={"state": start})
-        return _by_name(self._setup.task.observation_names, shown[0])
+        return by_name(self._setup.task.observation_names, shown[0])
 
     def command(self, state: Array, action: Any) -> Named:
         """The control within its limits."""
@@ -176,13 +177,13 @@ class IntegBoundaries(Boundaries):
 
     def force(self, state: Array, command: Array) -> Named:
         """The control, on the coordinate that it drives."""
-        return _by_name(self.coordinates, self._setup.system.generalized(float(command[0])))
+        return by_name(self.coordinates, self._setup.system.generalized(float(command[0])))
 
     def acceleration(self, state: Array, force: Array) -> Named | None:
         """The engine's; None where it gives a step alone."""
         find = getattr(self._setup.engine, "acceleration", None)
         found = None if find is None else find(*self._parts(state), tuple(force.tolist()))
-        return None if found is None else _by_name(self.coordinates, found)
+        return None if found is None else by_name(self.coordinates, found)
 
     def _parts(self, state: Array) -> tuple[tuple[float, ...], tuple[float, ...]]:
         count = len(self.coordinates)
@@ -199,7 +200,7 @@ class MujocoBoundaries(Boundaries):
         env: with such a task inside all wrappers.
     """
 
-    commands: ClassVar[str] = "command of the actuators"
+    commands: ClassVar[str] = ACTUATORS
 
     def __init__(self, env: gym.Env[Any, Any]) -> None:
         super().__init__(env)
@@ -226,26 +227,26 @@ class MujocoBoundaries(Boundaries):
             if isinstance(one, gym.ObservationWrapper):
                 shown = one.observation(shown)
         names = self._observed()
-        return _by_name(names, shown) if len(names) == np.size(shown) else _numbered("obs", shown)
+        return by_name(names, shown) if len(names) == np.size(shown) else numbered("obs", shown)
 
     def command(self, state: Array, action: Any) -> Named | None:
         """What the task tells the actuators, within their limits."""
         self._place(state)
-        told = _intercept(self.env, self._inner, "do_simulation", action)
+        told = intercept(lambda: self.env.step(action), self._inner, "do_simulation")
         if told is None or np.size(told) != self._model.nu:
             return None
         model, disabled = self._model, self._mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL
         limited = model.actuator_ctrllimited.astype(bool)
         limited &= not model.opt.disableflags & int(disabled)
         bounded = np.clip(np.ravel(told), *model.actuator_ctrlrange.T)
-        return _by_name(self._actuators, np.where(limited, bounded, np.ravel(told)))
+        return by_name(self._actuators, np.where(limited, bounded, np.ravel(told)))
 
     def force(self, state: Array, command: Array) -> Named | None:
         """`qfrc_actuator`."""
         if len(command) != self._model.nu:
             return None
         self._place(state, ctrl=command)
-        return _by_name(self._axes, self._data.qfrc_actuator)
+        return by_name(self._axes, self._data.qfrc_actuator)
 
     def acceleration(self, state: Array, force: Array) -> Named | None:
         """`qacc` with the actuators off and the force applied."""
@@ -256,7 +257,7 @@ class MujocoBoundaries(Boundaries):
         option.disableflags, option.integrator = flags | off, integrator_numbers()["Euler"]
         self._place(state, qfrc_applied=force)
         option.disableflags, option.integrator = flags, integrator
-        return _by_name(self._axes, self._data.qacc)
+        return by_name(self._axes, self._data.qacc)
 
     def _place(self, state: Array, **inputs: Array) -> None:
         """Put the model into a state with nothing left of what went before."""

@@ -880,7 +880,7 @@ def contract_words(
         first: where the first is, in words.
         second: where the second is.
     """
-    return tuple(_boundary_words(check, first, second) for check in contract.broken)
+    return tuple(true_minus(_boundary_words(one, first, second)) for one in contract.broken)
 
 
 def _boundary_words(check: BoundaryCheck, first: str, second: str) -> str:
@@ -898,7 +898,7 @@ def _boundary_words(check: BoundaryCheck, first: str, second: str) -> str:
 
 def _exact(value: float | None) -> str:
     """With the digits that tell close numbers apart."""
-    return "not finite" if value is None else true_minus(f"{value:.6g}")
+    return "not finite" if value is None else f"{value:.6g}"
 
 
 def verdict_reason(panel: Panel, judged: Verdict) -> str:
