@@ -17,7 +17,6 @@ from integ_gym.support.errors import InputError
 
 from ..contract import Contract, boundaries_of, compare_boundaries, without_delays
 from .cells import Cell, Home, engine_versions, environments_of, file_name, place_name
-from .plan import inputs
 from .run_directory import RunDirectory, key_of
 from .spec import PanelSpec
 from .units import Work
@@ -138,7 +137,19 @@ def unit_of_pair(spec: PanelSpec, pair: Pair) -> str:
 
 
 def key_of_pair(spec: PanelSpec, pair: Pair) -> str:
-    """Hash of all that the comparison depends on."""
-    engines = engine_versions({one.engine for one in pair})
-    cells = [Cell.of(one, "grid") for one in pair]
-    return key_of(engines, spec=inputs(spec, cells), pair=[one.arguments() for one in pair])
+    """Hash of all that the comparison depends on: nothing that may be added to a panel."""
+    return key_of(engines_of(pair), **key_parts(spec, pair))
+
+
+def engines_of(pair: Pair) -> dict[str, str]:
+    """Distribution and version of its foreign engines."""
+    return engine_versions({one.engine for one in pair})
+
+
+def key_parts(spec: PanelSpec, pair: Pair) -> dict[str, Any]:
+    """What its key is made of, beside versions."""
+    environment = dict(sorted(spec.environment.items()))
+    return {
+        "env_id": spec.env_id, "environment": environment,
+        "pair": [one.arguments() for one in pair],
+    }  # fmt: skip

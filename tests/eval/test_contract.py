@@ -9,6 +9,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from faulty_hoppers import FAULTS, register
+from house import page_blocks
 
 import integ_gym
 from integ_gym.cli import main
@@ -96,6 +97,25 @@ def test_a_wrapper_of_ones_own_testbed_is_seen() -> None:
     found = compare_contracts("Pendulum-v1", f"{__name__}:Rescaled")
     told = {check.boundary: [one.component for one in check.differing] for check in found.broken}
     assert told == {"observation": ["obs2"], "command": ["action0"]}
+
+
+class Told(Rescaled):
+    """Gymnasium's pendulum as it is, which says all by the document's example."""
+
+    def build(self, discretization, **arguments):
+        return self.held(gym.make("Pendulum-v1", **arguments), discretization, rewards="rate")
+
+    def boundaries(self, environments):
+        found: dict = {}
+        blocks = page_blocks("docs/how-to/testbeds.md", "python")
+        exec(next(block for block in blocks if block.startswith("# my_boundaries.py")), found)
+        return found["PendulumBoundaries"](environments.unwrapped.envs[0])
+
+
+def test_our_pendulum_is_gymnasiums_at_all_boundaries() -> None:
+    found = compare_contracts("IntegPendulum-v0", f"{__name__}:Told")
+    assert all(check.compared for check in found.checks)
+    assert not found.broken
 
 
 @pytest.mark.parametrize(

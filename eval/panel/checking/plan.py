@@ -108,6 +108,7 @@ def planned(path: Path, own_code: bool, all_searches: bool = False) -> Iterator[
     training = Trained(spec, versions, store, can_load)
     given = "policy" in plan
     is_present = _is_of_this_version(directory, versions)
+    is_whole = is_present and is_finished(directory, spec)
     homes = [policy.home for policy in policies.values()]
     parts = (
         of_files(directory),
@@ -122,9 +123,7 @@ def planned(path: Path, own_code: bool, all_searches: bool = False) -> Iterator[
         of_versions(versions, store),
         of_replays(directory, found, spec, policies, given) if can_load else iter(()),
         of_attempts(directory, spec, all_searches) if can_load else iter(()),
-        of_contracts(directory, spec, homes, is_present and is_finished(directory, spec))
-        if can_load
-        else iter(()),
+        of_contracts(directory, spec, homes, versions, is_whole) if can_load else iter(()),
     )
     for part in parts:
         try:

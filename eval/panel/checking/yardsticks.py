@@ -25,13 +25,21 @@ from integ_gym.evidence.store import EvidenceStore
 from ..achieve import search_of, tried_in, unit_of_cell
 from ..cells import Cell, Home, is_engine
 from ..contracts import PREFIX as COMPARED
-from ..contracts import Contracts, contract_of, contracts_in, marked, pairs_of
+from ..contracts import (
+    Contracts,
+    contract_of,
+    contracts_in,
+    engines_of,
+    key_parts,
+    marked,
+    pairs_of,
+)
 from ..episodes import Successes
 from ..evaluate import Evaluated, statuses
 from ..run_directory import RunDirectory
 from ..spec import PanelSpec
 from ..units import HANDMADE, baseline_of, has_controller
-from .setups import PlannedPolicy
+from .setups import PlannedPolicy, planned_key
 
 Flags = npt.NDArray[np.bool_]
 
@@ -226,7 +234,11 @@ def of_attempts(directory: RunDirectory, spec: PanelSpec, all_searches: bool) ->
 
 
 def of_contracts(
-    directory: RunDirectory, spec: PanelSpec, homes: Iterable[Home | None], whole: bool
+    directory: RunDirectory,
+    spec: PanelSpec,
+    homes: Iterable[Home | None],
+    versions: Mapping[str, str],
+    whole: bool,
 ) -> Iterator[Finding]:
     """Comparisons of engines that are missing, or that come out otherwise when made again.
 
@@ -236,6 +248,7 @@ def of_contracts(
         directory: of the run.
         spec: of the run.
         homes: of its policies.
+        versions: of the run's manifest.
         whole: whether all that is planned must be there.
     """
     pairs, markers = pairs_of(spec, homes), directory.markers(COMPARED)
@@ -247,6 +260,9 @@ def of_contracts(
             if whole:
                 yield Finding("units", None, f"{unit}.json is missing, which the plan has")
             continue
+        key = planned_key(versions, engines_of(pair), **key_parts(spec, pair))
+        if marker["key"] != key:
+            yield _of_marker(unit, "key", marker["key"], key)
         if any(is_engine(one.engine) and missing_modules(one.engine) for one in pair):
             continue
         for name, made in marked(pair, contract_of(spec, pair)).items():
