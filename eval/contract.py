@@ -6,7 +6,7 @@ what differs at one boundary is not told again at the next. Nothing is integrate
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final, Literal, TypeAlias, get_args
 
 import numpy as np
@@ -185,20 +185,19 @@ def without_delays(testbed: Testbed) -> dict[str, float]:
 
 
 def boundaries_of(testbed: Testbed, environments: DiscretizedVectorEnv) -> Boundaries:
-    """What a testbed's environments say; the first lane's, of one that has no ``boundaries``."""
-    say = getattr(testbed, "boundaries", None)
-    made: Boundaries
-    if say is not None:
-        made = say(environments)
-    else:
-        envs = getattr(environments.unwrapped, "envs", None)
-        if not envs:
-            raise InputError(
-                f"{type(testbed).__name__} does not say what its environments do before they "
-                "integrate; give it a method `boundaries`"
-            )
-        made = Boundaries(envs[0])
-    return made
+    """What a testbed's environments say, or, of one without ``boundaries``, what any one does.
+
+    Raises:
+        ValueError: for a testbed without it whose environments are not stepped one by one.
+    """
+    say: Callable[[Any], Boundaries] | None = getattr(testbed, "boundaries", None)
+    envs: Sequence[Any] = getattr(environments.unwrapped, "envs", ())
+    if say is None and not envs:
+        raise InputError(
+            f"{type(testbed).__name__} does not say what its environments do before they "
+            "integrate; give it a method `boundaries`"
+        )
+    return Boundaries(envs[0]) if say is None else say(environments)
 
 
 def compare_boundaries(
@@ -237,7 +236,8 @@ def compare_boundaries(
             side for side, own in zip(SIDES, told, strict=True) if own is None or not comparable
         )
         found.append(_check(name, told, silent, tolerance))
-        return [] if told[0] is None else [np.array([*one.values()]) for one in told[0]]
+        own = told[0] if comparable else None
+        return [] if own is None else [np.array([*one.values()]) for one in own]
 
     check("observation", seeds)
     commands = check("command", actions, first.commands == second.commands)

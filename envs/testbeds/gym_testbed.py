@@ -74,7 +74,8 @@ class Testbed(Hashable, Protocol):
 
     Built from an environment id and the arguments that all discretizations have in common; a
     user's own, ``"module:Class"``, from the arguments alone. Nothing is checked before something
-    is asked for.
+    is asked for. It may have ``boundaries(environments)`` as well, which gives what the first of
+    them does before it integrates, a :class:`~integ_gym.envs.testbeds.boundaries.Boundaries`.
 
     Attributes:
         arguments: those arguments.
@@ -134,12 +135,6 @@ class Testbed(Hashable, Protocol):
 
     def applied(self, environments: DiscretizedVectorEnv) -> Applied:
         """What the environments that it made really do."""
-
-    def boundaries(self, environments: DiscretizedVectorEnv) -> Boundaries:
-        """What the first of them makes of states and actions before it integrates.
-
-        A testbed may lack it, and is then not compared.
-        """
 
 
 def split_period(testbed: Testbed, discretization: Discretization) -> tuple[float, int]:
