@@ -122,6 +122,8 @@ def _compare(layout: PanelLayout, matrix: Matrix, a: str, b: str) -> PolicyCompa
         cell = layout.cells[name]
         if cell.kind not in ("grid", "reference") or name not in layout.cells_of[b]:
             continue
+        if {(a, name), (b, name)} & layout.broken:
+            continue
         decides = cell.role != "quarter_step" or (cell.engine, cell.integrator) in own
         rates = matrix.rates(a, name), matrix.rates(b, name)
         cells.append(PolicyCell(name, *rates, cell.role if decides else None))

@@ -757,6 +757,8 @@ def _exploratory(panel: Panel, finding: Finding) -> tuple[str, ...]:
 
 def _unjudged(panel: Panel) -> tuple[str, ...]:
     """Where no declared transfer can be judged."""
+    if all(one.verdict == "contract_error" for one in panel.verdicts):
+        return ("Not answered: every declared cell differs from home before any integration.",)
     if any(one.verdict != "not_learned" for one in panel.verdicts):
         return (
             "Not answered: no declared transfer can be judged, because no policy learned or no "

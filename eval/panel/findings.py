@@ -224,7 +224,9 @@ def rankings(layout: PanelLayout, matrix: Matrix) -> tuple[RankingAgreement, ...
     rows = [row for row in layout.rows if row.kind == "trained"]
     if truth is None or sum(len(row.policies) for row in rows) < FEWEST:
         return ()
-    return tuple(_ranking(matrix, rows, cell, truth) for cell in layout.columns() if cell != truth)
+    broken = {cell for _, cell in layout.broken}
+    cells = (cell for cell in layout.columns() if cell != truth and cell not in broken)
+    return tuple(_ranking(matrix, rows, cell, truth) for cell in cells)
 
 
 def _ranking(matrix: Matrix, rows: list[Row], cell: str, truth: str) -> RankingAgreement:

@@ -194,7 +194,7 @@ class Matrix:
             difficulty=None if loss is None else loss.difficulty,
             deadline=None if loss is None else loss.deadline,
             overfitting=None if loss is None else loss.overfitting,
-            **self._tail(row, cell),
+            **({} if loss is None else self._tail(row, cell)),
             transfer_gap=self._transfer_gap(row, cell, native),
             reference_class=self._reference_class(row, cell, reference),
             labels=dict(Counter(record["failure_label"] for record in records)),

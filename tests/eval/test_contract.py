@@ -13,9 +13,11 @@ from house import page_blocks
 
 import integ_gym
 from integ_gym.cli import main
-from integ_gym.envs.engines.stepping import missing_modules
+from integ_gym.envs.engines.stepping import NativeEngine, missing_modules
 from integ_gym.envs.registries import ENGINES
 from integ_gym.eval.contract import SIDES, TOLERANCE, compare_contracts
+from integ_gym.eval.power import Comparison, judge_family
+from integ_gym.eval.verdict import Achieved, Attempt, Rates
 
 HOPPER = "Hopper-v5"
 
@@ -135,40 +137,65 @@ def test_what_does_not_correspond_is_refused(first: str, second: str, said: str 
         compare_contracts(first, second)
 
 
-@pytest.fixture(scope="module")
-def judged(tmp_path_factory):
-    """A policy of Gymnasium's Hopper, judged on one with another gear."""
+class Floating(NativeEngine):
+    """An engine of one's own whose gravity is a hundredth less."""
+
+    def acceleration(self, q, v, force):
+        found, still = super().acceleration(q, v, force), (0.0,) * len(v)
+        weight = super().acceleration(q, still, still)
+        return tuple(a - 0.01 * w for a, w in zip(found, weight, strict=True))
+
+
+def test_an_engine_of_ones_own_is_held_against_ours() -> None:
+    cell = f"engine={__name__}:Floating,integrator=rk4,dt=0.05"
+    (check,) = compare_contracts("dt=0.05", cell, "IntegPendulum-v0").broken
+    assert check.boundary == "acceleration"
+
+
+@pytest.mark.parametrize(("kept", "verdict"), [(None, "fails"), (True, "fails"), (False, None)])
+def test_a_transfer_to_a_cell_with_a_fault_is_not_tested(kept, verdict) -> None:
+    rates = Rates(np.ones(8), np.zeros(8), np.zeros(8), None, np.ones(8))
+    achieved = Achieved("achievable", Attempt("others", 1.0, 1.0))
+    (judged,) = judge_family([Comparison("home", "there", rates, achieved, kept)])
+    assert judged.verdict == (verdict or "contract_error")
+    assert (judged.p_exceeds is None) == (verdict is None)
+
+
+@pytest.fixture(scope="module", params=[kind.__name__ for kind in FAULTS])
+def judged(request, tmp_path_factory):
+    """A policy of Gymnasium's Hopper, judged on one with a fault; and the fault's boundary."""
     out = tmp_path_factory.mktemp("hoppers") / "out"
     panel = integ_gym.evaluate(
-        "faulty_hoppers:stand", "faulty_hoppers:TwoHoppers", out, dts=[0.002, 0.001], episodes=2,
+        "faulty_hoppers:stand", "faulty_hoppers:TwoHoppers", out, dts=[0.002], episodes=2,
         home="engine=mujoco,integrator=Euler,dt=0.002,control_period=0.008",
-        environment={"success_return": 1000.0}, workers=1, progress=False,
+        environment={"success_return": 1000.0, "fault": request.param}, workers=1, progress=False,
     )  # fmt: skip
-    return panel, out
+    (boundary,) = (told[0] for kind, told in FAULTS.items() if kind.__name__ == request.param)
+    return panel, out, boundary
 
 
 @pytest.mark.slow
 def test_a_cell_with_a_fault_gets_no_verdict_about_the_discretization(judged) -> None:
-    panel, out = judged
-    home, *others = sorted(panel.cells, key=lambda cell: cell.engine != "mujoco")
-    assert {contract.first for contract in panel.contracts} == {home.name}
-    for cell in others:
-        contract = panel.broken_contract("stand", cell.name)
-        assert [check.boundary for check in contract.broken] == ["force"]
-        entry = panel.entry("stand", cell.name)
-        assert entry.labels == {"contract_error": 2}
-        assert entry.home_drop is entry.overfitting is None
-        assert cell.name not in {one.cell for one in panel.paired}
+    panel, out, boundary = judged
+    home, cell = sorted(panel.cells, key=lambda one: one.engine != "mujoco")
+    (contract,) = panel.contracts
+    assert (contract.first, contract.second) == (home.name, cell.name)
+    assert panel.broken_contract("stand", cell.name) == contract
+    assert [check.boundary for check in contract.broken] == [boundary]
+    entry = panel.entry("stand", cell.name)
+    assert entry.labels == {"contract_error": 2}
+    assert entry.home_drop is entry.overfitting is None
+    assert not panel.paired
     assert "contract_error" not in panel.entry("stand", home.name).labels
     assert all("contract_error" not in e.labels for e in panel.matrix if e.row != "stand")
     assert "nothing is said about dt" in panel.headline
-    assert "force of leg_joint" in panel.answer
+    assert f"contract differs: {boundary} of" in panel.answer
     assert "contract differs" in (out / "report.html").read_text(encoding="utf-8")
 
 
 @pytest.mark.slow
 def test_a_comparison_is_made_again_when_a_run_is_verified(judged, tmp_path, capsys) -> None:
-    _, out = judged
+    _, out, _ = judged
     run = shutil.copytree(out, tmp_path / "run")
     verify = ["evidence", "verify", str(run), "--no-progress", "--own-code", "--depth", "whole"]
     main(verify)

@@ -85,24 +85,25 @@ def register(kind: type[HopperEnv]) -> str:
 
 
 class TwoHoppers(SequentialTestbed):
-    """Gymnasium's Hopper on the engine `mujoco`, and one with another gear on `gymnasium`."""
+    """Gymnasium's Hopper on the engine `mujoco`, and one with a fault on `gymnasium`."""
 
     home = Discretization("Euler", 0.002, 0.008, "gymnasium")
     success = Success("return of at least 1000", "success_return")
 
-    def __init__(self, **arguments):
-        super().__init__(arguments)
+    def __init__(self, fault="OtherGear", **arguments):
+        super().__init__({"fault": fault, **arguments})
 
     def integrators(self, engine):
         return ("Euler",)
 
     def make(self, discretization, lanes, autoreset_mode="NextStep", **arguments):
         engine = discretization.engine
-        env_id = "Hopper-v5" if engine == "mujoco" else register(OtherGear)
-        inner = find_testbed(env_id, self.arguments)
+        given = {**self.arguments, **arguments}
+        faulty = globals()[given.pop("fault")]
+        inner = find_testbed("Hopper-v5" if engine == "mujoco" else register(faulty), given)
 
         def make():
-            env = inner.lane(discretization, {**self.arguments, **arguments})
+            env = inner.lane(discretization, given)
             settings = replace(env.setup.settings, engine=engine)
             env.setup = replace(
                 env.setup, settings=settings, fingerprinted=None, testbed=class_path(type(self))
