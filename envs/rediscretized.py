@@ -732,6 +732,11 @@ class RediscretizedEnv(ForeignWrapper):
         )  # fmt: skip
 
 
+def is_mujoco_task(env: gym.Env[Any, Any]) -> bool:
+    """Whether one of Gymnasium's MuJoCo environments is inside; nothing is imported for that."""
+    return any(kind.__name__ == "MujocoEnv" for kind in type(env.unwrapped).__mro__)
+
+
 def _mujoco_env(env: gym.Env[Any, Any]) -> Any:
     """Gymnasium's MuJoCo environment inside.
 

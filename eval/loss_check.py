@@ -24,7 +24,7 @@ from integ_gym.support.errors import InputError
 from integ_gym.support.optional import require
 
 from .panel.cells import SpecError, file_name
-from .panel.conclusions import Cause, cause_of, closed_words
+from .panel.conclusions import Status, cause_of, closed_words, contract_reason
 from .panel.plan import with_seed_count
 from .panel.result import Panel
 from .panel.run import check_spec, run_panel
@@ -81,6 +81,7 @@ class CheckedCell:
         recovered: the same within one horizon or two.
         loss: success at home less that, with its interval; None at home.
         achievability: whether the cell can be solved in time; None where it was not asked.
+        contract: how it differs from home before any integration; empty where it does not.
     """
 
     name: str
@@ -88,6 +89,7 @@ class CheckedCell:
     recovered: float
     loss: Estimate | None
     achievability: Achievability | None = None
+    contract: str = ""
 
 
 @dataclass(frozen=True)
@@ -137,7 +139,8 @@ class Check:
 
         `yes` where the interval of the loss is above 0 and reaches beyond 0.1; `no` where the loss
         is practically equal, a gain, or below 0.2 and not shown. `undecided` otherwise, and where
-        too little was learned or the truth is not known to be solvable in time.
+        too little was learned, the truth is not known to be solvable in time, or it differs from
+        home before any integration.
         """
         status = self._status
         if status == "cause":
@@ -146,7 +149,9 @@ class Check:
         return "no" if small or status in ("not_cause", "gained") else "undecided"
 
     @property
-    def _status(self) -> Cause:
+    def _status(self) -> Status:
+        if self.truth.contract:
+            return "contract_error"
         low, high = self.loss.ends
         return cause_of(
             self.loss,
@@ -174,6 +179,8 @@ class Check:
             f"{lost.estimate:z.2f} (95 % interval {low:z.2f} to {high:z.2f}): "
         )
         status = self._status
+        if status == "contract_error":
+            return f"{told}{self.truth.contract}"
         if status == "not_learned":
             return f"{told}too little was learned on {home.name} to lose it."
         if status == "closed":
@@ -314,7 +321,9 @@ def check_of(panel: Panel, place: Path, home: Discretization) -> Check:
         success, recovered, lost = entry.success.estimate, entry.recovered.estimate, None
         if cell.name != home.name:
             lost = loss_interval(at_home.success_by_seed, entry.success_by_seed)
-        cells.append(CheckedCell(cell.name, success, recovered, lost, cell.achievability))
+        differs = contract_reason(panel, row.name, cell.name)
+        found = CheckedCell(cell.name, success, recovered, lost, cell.achievability, differs)
+        cells.append(found)
     exact, starts = panel.truth is not None, panel.spec["episodes"]
     return Check(panel, place, row.seeds, starts, cells[0], cells[-1], exact, tuple(cells))
 

@@ -31,11 +31,12 @@ from .verdict import (
 )
 
 VerdictCode: TypeAlias = Literal[
-    "fails", "transfers", "inconclusive", "not_learned", "unachievable", "too_slow", "undecided"
-]
-"""The last four are marks of comparisons without a verdict: of the row, or of the cell."""
+    "fails", "transfers", "inconclusive",
+    "contract_error", "not_learned", "unachievable", "too_slow", "undecided",
+]  # fmt: skip
+"""The last five are marks of comparisons without a verdict: of both, of the row, or of the cell."""
 
-WITHOUT_VERDICT = ("not_learned", "unachievable", "too_slow", "undecided")
+WITHOUT_VERDICT = ("contract_error", "not_learned", "unachievable", "too_slow", "undecided")
 
 
 @dataclass(frozen=True)
@@ -50,12 +51,15 @@ class Comparison:
         What the loss is made of.
     achieved
         Whether j can be solved at all, decided without these policies.
+    contract_kept
+        Whether j keeps the contract of i, compared before any integration; None: not compared.
     """
 
     row: str
     cell: str
     rates: Rates
     achieved: Achieved
+    contract_kept: bool | None = None
 
 
 class Verdict(Part, frozen=True, kw_only=True):
@@ -64,8 +68,8 @@ class Verdict(Part, frozen=True, kw_only=True):
     Attributes:
         row: name of the row.
         cell: name of the cell that its policies were transferred to.
-        verdict: `fails`, `transfers`, `inconclusive`; without a verdict `not_learned`, or the
-            cell's status.
+        verdict: `fails`, `transfers`, `inconclusive`; without a verdict `contract_error`,
+            `not_learned`, or the cell's status.
         total: success at home minus success here; positive is worse. The next three add up to it.
         difficulty: what policies trained here and the hand-made controller do not reach either.
         deadline: what is won back within a second horizon.
@@ -109,9 +113,11 @@ def judge_family(
 ) -> tuple[Verdict, ...]:
     """Judge a declared family of transfers by overfitting; see `Loss`.
 
-    - `not_learned`: mean home success below 0.5; `unachievable`, `too_slow`, `undecided`: the
-      cell's status. No test is made, and the comparison does not count towards the family, but
-      for `undecided`, which policies that are judged in the cell may have been able to change.
+    - `contract_error`: observation, command, force or acceleration differ from home's at the same
+      states; `not_learned`: mean home success below 0.5; `unachievable`, `too_slow`,
+      `undecided`: the cell's status. No test is made, and the comparison does not count towards
+      the family, but for `undecided`, which policies that are judged in the cell may have been
+      able to change.
     - `inconclusive`: a group has fewer than 5 training seeds. It still counts towards the
       family, so that an unfinished panel is never judged more lightly than a finished one.
     - `fails`: "overfitting > 0.2" has an adjusted p-value below 0.05.
@@ -186,6 +192,8 @@ def postponed(verdict: Verdict) -> Verdict:
 
 def _mark(comparison: Comparison) -> VerdictCode | None:
     """Why there is no verdict; None where there is one."""
+    if comparison.contract_kept is False:
+        return "contract_error"
     if mean_rate(comparison.rates.home) < LEARNED:
         return "not_learned"
     status = comparison.achieved.status

@@ -176,7 +176,7 @@ def last(entry: str) -> Origin:
     return rows(lambda episodes: episodes.last(entry))
 
 
-SCHEMA_VERSION = 5
+SCHEMA_VERSION = 6
 
 FIRST_WRITTEN = 4
 """Earliest schema version that this version of integ-gym wrote; as much is asked of its files."""
@@ -193,6 +193,7 @@ cell before any policy is judged in it, and the same with twice the time."""
 LABELS = (
     "none",
     "evaluation_error",
+    "contract_error",
     "unachievable",
     "not_learned",
     "too_slow",
@@ -391,6 +392,8 @@ _REPLAYS = _group(
     _field("cell_status?", "string", "", "whether the goal can be reached here: a hand-made "
         "controller may show it, a search rule it out; null: neither could be tried",
         choices=CELL_STATUSES, since=2),
+    _flag("contract_kept?", "whether observation, command, force and acceleration are those of "
+        "home at the same states, before any integration; null: not compared", since=6),
 )  # fmt: skip
 
 _LEDGER = _group(

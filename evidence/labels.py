@@ -41,6 +41,8 @@ class Replays:
         home_success: share of its starts from which the policy succeeds at home; None: not known.
         cell_status: one of :data:`integ_gym.evidence.fields.CELL_STATUSES`, decided without
             the policy; None: not known.
+        contract_kept: whether observation, command, force and acceleration are those of home at the
+            same states, before any integration; None: not compared.
     """
 
     home: Home = None
@@ -49,6 +51,7 @@ class Replays:
     second_horizon: bool | None = None
     home_success: float | None = None
     cell_status: str | None = None
+    contract_kept: bool | None = None
 
     def columns(self) -> dict[str, Any]:
         """Fields of a record by name."""
@@ -59,6 +62,7 @@ class Replays:
             "replay_second_horizon": self.second_horizon,
             "home_success": self.home_success,
             "cell_status": self.cell_status,
+            "contract_kept": self.contract_kept,
         }
 
 
@@ -101,6 +105,8 @@ REASONS = {
     "return_not_finite": "the return is not finite{after}",
     "success_unknown": "{goal}; the return is {return:.6g}",
     "succeeded": "succeeded: {goal}{since}",
+    "contract_differs": "observation, command, force or acceleration at once differ from those at "
+    f"home, so nothing is put down to the discretization; {_COURSE}",
     "cell_unachievable": "a search over controls misses the goal's energy here from most starts, "
     f"in twice the time too; {_COURSE}",
     "not_learned_at_home": "the policy succeeds from {percentage:.3g} % of its starts at home; "
@@ -171,6 +177,8 @@ def _find_rule(facts: EpisodeFacts, replays: Replays) -> tuple[str, str, dict[st
         "reached": facts.goal_reached,
         "left": facts.goal_left,
     }
+    if replays.contract_kept is False:
+        return "contract_error", "contract_differs", course
     if replays.cell_status == "unachievable":
         return "unachievable", "cell_unachievable", course
     home = replays.home_success

@@ -552,6 +552,7 @@ def replays_of(fields: Any) -> Replays:
         second_horizon=fields["replay_second_horizon"],
         home_success=fields["home_success"],
         cell_status=fields["cell_status"],
+        contract_kept=fields["contract_kept"],
     )
 
 

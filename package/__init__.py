@@ -21,8 +21,10 @@ _NAMESPACES = {
 _MODULES = {
     "along": "integ_gym.envs.ops.ops",
     "Applied": "integ_gym.envs.testbeds.gym_testbed",
+    "Boundaries": "integ_gym.envs.testbeds.boundaries",
     "check": "integ_gym.eval.loss_check",
     "Command": "integ_gym.envs.tasks",
+    "compare_contracts": "integ_gym.eval.contract",
     "Discretization": "integ_gym.envs.settings",
     "discretization_gap": "integ_gym.train.monitoring",
     "DiscretizationCallback": "integ_gym.train.sb3_callback",
@@ -63,6 +65,7 @@ _MODULES = {
 
 _EXTRAS = {
     "check": "panel",
+    "compare_contracts": "report",
     "DiscretizationCallback": "train",
     "evaluate": "report",
     "read_panel": "report",

@@ -11,11 +11,13 @@ from integ_gym.envs.registries import ENVIRONMENTS as ENVIRONMENTS
 from integ_gym.envs.settings import Discretization as Discretization
 from integ_gym.envs.tasks import Command as Command
 from integ_gym.envs.tasks import Task as Task
+from integ_gym.envs.testbeds.boundaries import Boundaries as Boundaries
 from integ_gym.envs.testbeds.gym_testbed import Applied as Applied
 from integ_gym.envs.testbeds.gym_testbed import GymTestbed as GymTestbed
 from integ_gym.envs.testbeds.gym_testbed import Success as Success
 from integ_gym.envs.testbeds.gym_testbed import Testbed as Testbed
 from integ_gym.envs.vector import IntegVectorEnv as IntegVectorEnv
+from integ_gym.eval.contract import compare_contracts as compare_contracts
 from integ_gym.eval.loss_check import check as check
 from integ_gym.eval.panel.existing import evaluate as evaluate
 from integ_gym.eval.panel.result import read_panel as read_panel

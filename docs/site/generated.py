@@ -48,7 +48,7 @@ API = {
     "judging": (
         "Judging",
         "Panels, policies that exist, and films.",
-        ("evaluate", "check", "run_panel", "read_panel", "side_by_side"),
+        ("evaluate", "check", "compare_contracts", "run_panel", "read_panel", "side_by_side"),
     ),
     "evidence": (
         "Evidence",
@@ -60,7 +60,7 @@ API = {
         "What plants, integrators, tasks, engines and testbeds of your own are made of.",
         (
             "Plant", "parameter", "positive", "nonnegative", "Integrator", "Step", "along", "Task",
-            "Command", "Engine", "Testbed", "GymTestbed", "Applied", "Success",
+            "Command", "Engine", "Testbed", "GymTestbed", "Applied", "Success", "Boundaries",
         ),
     ),
     "numerics": (

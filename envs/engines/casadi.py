@@ -76,6 +76,15 @@ class CasadiEngine(MappedEngine):
             cap = "max_num_steps" if self.map == TRUTH else "max_iter"
             self.solver_cap = self.settings[cap]
 
+    def acceleration(self, q: Components, v: Components, force: Components) -> Components:
+        """By the expression that the integrator is made of."""
+        system, casadi = self.system, load("casadi", "casadi")
+        equations = _equations(system)
+        rates = casadi.Function("rates", [equations["x"], equations["p"]], [equations["ode"]])
+        losses = (0.0,) * len(system.no_losses)
+        found = rates([*q, *v, *losses], force[system.plant.actuated])
+        return tuple(np.array(found).ravel()[len(q) : 2 * len(q)].tolist())
+
     def move(
         self, ops: Ops, q: Components, v: Components, losses: Components, control: Component
     ) -> Step:

@@ -63,6 +63,15 @@ class DartEngine(RigidBodyEngine):
         gravity = -np.array(self._skeleton.getGravityForces())
         return np.array(self._skeleton.getMassMatrix()), gravity
 
+    def forward_dynamics(self, q: Components, v: Components, force: Components) -> Array:
+        """By the mass matrix; DART's own takes damping as at the end of a step."""
+        skeleton = self._skeleton
+        skeleton.setPositions(q)
+        skeleton.setVelocities(v)
+        damping = np.array([link.damping for link in self.mechanism.links])
+        bias = np.array(skeleton.getCoriolisAndGravityForces()) + damping * v
+        return np.linalg.solve(skeleton.getMassMatrix(), force - bias)
+
     def run(self, count: int) -> Run:
         """Take ``count`` steps under forces that no limit clamps.
 

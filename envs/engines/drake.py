@@ -415,6 +415,20 @@ class DrakeEngine(RigidBodyEngine):
         gravity = plant.CalcGravityGeneralizedForces(context)
         return np.array(plant.CalcMassMatrix(context)), np.array(gravity)
 
+    def forward_dynamics(self, q: Components, v: Components, force: Components) -> Array:
+        """By inverse dynamics at rest and the mass matrix, which discrete plants have as well.
+
+        Drake's joint limits are left out.
+        """
+        tree = load("pydrake.multibody.tree", "drake")
+        plant, context = self._plant, self._plant.CreateDefaultContext()
+        plant.SetPositions(context, q)
+        plant.SetVelocities(context, v)
+        inner = tree.MultibodyForces(plant)
+        plant.CalcForceElementsContribution(context, inner)
+        held = plant.CalcInverseDynamics(context, np.zeros(len(v)), inner)
+        return np.linalg.solve(plant.CalcMassMatrix(context), np.array(force) - held)
+
     def run_with_speeds(self, count: int) -> Run:
         """Take ``count`` steps and note the velocities of each."""
         return self.run(count, speeds=True)

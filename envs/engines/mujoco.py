@@ -7,6 +7,8 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any, ClassVar
 
+import numpy as np
+
 from integ_gym.support.optional import load
 
 from ..ops.ops import Components
@@ -53,6 +55,15 @@ class MujocoEngine(MujocoSettings, RigidBodyEngine):
         data.qpos[:] = q
         self._mujoco.mj_forward(self._model, data)
         return mass_matrix(self._mujoco, self._model, data), -data.qfrc_bias
+
+    def forward_dynamics(self, q: Components, v: Components, force: Components) -> Array:
+        """By `mj_forward` under `Euler`: under `discrete` it looks ahead by a step."""
+        text = mjcf(self.mechanism, self.dt, "Euler")
+        model = self._mujoco.MjModel.from_xml_string(text)
+        data = self._mujoco.MjData(model)
+        data.qpos[:], data.qvel[:], data.qfrc_applied[:] = q, v, force
+        self._mujoco.mj_forward(model, data)
+        return np.array(data.qacc)
 
     def run(self, count: int) -> Run:
         """Take ``count`` steps in one call, or one by one where there is a solver to report on."""

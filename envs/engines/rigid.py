@@ -123,6 +123,15 @@ class RigidBodyEngine(ForeignEngine):
     def at_rest(self, q: Components) -> tuple[Array, Array]:
         """The simulator's mass matrix, (dof, dof), and its generalized force of gravity, (dof,)."""
 
+    def forward_dynamics(self, q: Components, v: Components, force: Components) -> Array | None:
+        """The simulator's accelerations under a generalized force, (dof,); None: it tells none."""
+        return None
+
+    def acceleration(self, q: Components, v: Components, force: Components) -> Components | None:
+        """The simulator's, with our stops and friction; None where it tells none."""
+        found = self.forward_dynamics(q, v, self.system.with_resistance(SCALAR, q, v, force))
+        return None if found is None else tuple(found.tolist())
+
     def _check(self) -> None:
         """Compare the model with the plant.
 

@@ -16,7 +16,7 @@ from integ_gym.support.parameters import unknown_name
 from ..integrators.interface import Step
 from ..integrators.newton import LEAST_TOLERANCE, Solved
 from ..mechanics import Friction, Stops
-from ..ops.ops import FLOAT32_MAX, Component, Components, Ops
+from ..ops.ops import FLOAT32_MAX, SCALAR, Component, Components, Ops
 from ..plants.interface import Plant
 from ..registries import ENGINES, INTEGRATORS, TRUTH
 
@@ -71,6 +71,12 @@ class PlantSystem:
             return plant.acceleration(ops, q, v, force), (plant.dissipation(ops, q, v),)
         force, losses = self._resisted(ops, q, v, force)
         return plant.acceleration(ops, q, v, force), losses
+
+    def with_resistance(
+        self, ops: Ops, q: Components, v: Components, force: Components
+    ) -> Components:
+        """A generalized force with that of friction and of our stops."""
+        return self._resisted(ops, q, v, force)[0] if self.steep else force
 
     def slopes(
         self, ops: Ops, q: Components, v: Components, control: Component
@@ -402,6 +408,13 @@ class SteppedEngine(ABC):
     ) -> Step:
         """Advance (q, v, losses) by one step under a constant control."""
 
+    def acceleration(self, q: Components, v: Components, force: Components) -> Components | None:
+        """Accelerations at a state under a generalized force, before any step, m/s² or rad/s².
+
+        None: the engine gives a step alone.
+        """
+        return None
+
     def solver(self) -> dict[str, Any]:
         """`solver_tolerance` and `solver_cap`; None where there is none."""
         return {"solver_tolerance": self.solver_tolerance, "solver_cap": self.solver_cap}
@@ -544,6 +557,11 @@ class NativeEngine(SteppedEngine):
             made.solver_tolerance, made.solver_cap = self.settings.values()
         self.solver_tolerance = getattr(self.integrator, "solver_tolerance", None)
         self.solver_cap = getattr(self.integrator, "solver_cap", None)
+
+    def acceleration(self, q: Components, v: Components, force: Components) -> Components:
+        """The plant's, with its stops and friction."""
+        total = self.system.with_resistance(SCALAR, q, v, force)
+        return self.system.plant.acceleration(SCALAR, q, v, total)
 
     def move(
         self, ops: Ops, q: Components, v: Components, losses: Components, control: Component

@@ -27,7 +27,9 @@ from ..foreign import (
     without_time_limit,
 )
 from ..lanes import DiscretizedVectorEnv
+from ..rediscretized import is_mujoco_task
 from ..settings import DELAYS, Discretization, whole_multiple
+from .boundaries import Boundaries, MujocoBoundaries
 
 REFINEMENTS = (1, 2, 4)
 """Parts of a home's coarsest step that are evaluated where no steps are given."""
@@ -72,7 +74,8 @@ class Testbed(Hashable, Protocol):
 
     Built from an environment id and the arguments that all discretizations have in common; a
     user's own, ``"module:Class"``, from the arguments alone. Nothing is checked before something
-    is asked for.
+    is asked for. It may have ``boundaries(environments)`` as well, which gives what the first of
+    them does before it integrates, a :class:`~integ_gym.envs.testbeds.boundaries.Boundaries`.
 
     Attributes:
         arguments: those arguments.
@@ -222,6 +225,11 @@ class SequentialTestbed:
             return env
 
         return SequentialVectorEnv(make, lanes, autoreset_mode)
+
+    def boundaries(self, environments: DiscretizedVectorEnv) -> Boundaries:
+        """All four of a task of Gymnasium's MuJoCo environments; else observation and action."""
+        env = environments.unwrapped.envs[0]  # type: ignore[attr-defined]
+        return MujocoBoundaries(env) if is_mujoco_task(env) else Boundaries(env)
 
 
 class GymTestbed(SequentialTestbed):

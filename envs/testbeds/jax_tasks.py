@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from functools import lru_cache
 from importlib import import_module
-from typing import Any
+from typing import Any, ClassVar
 
 import gymnasium as gym
 import numpy as np
@@ -18,7 +18,10 @@ from integ_gym.support.errors import InputError
 from integ_gym.support.optional import check_versions, load
 from integ_gym.support.parameters import unknown_name
 
+from ..lanes import DiscretizedVectorEnv
+from ..rediscretized import plant_of
 from ..settings import Discretization
+from .boundaries import ACTUATORS, Boundaries, Named, by_name, intercept, numbered
 from .gym_testbed import Applied, GymTestbed, split_period, without_stated
 
 
@@ -173,6 +176,91 @@ def _late_step(inner: Any) -> Any:
     return _jitted(step)
 
 
+class PlaygroundBoundaries(Boundaries):
+    """Of a task of Playground's: all four by MJX, in JAX's floats.
+
+    What is observed is told of tasks whose ``_get_obs`` takes data and info, with the info of a
+    start: noise and goals are those of a seed.
+
+    Args:
+        env: made by :class:`Playground`.
+    """
+
+    commands: ClassVar[str] = ACTUATORS
+    width = 32
+
+    def __init__(self, env: gym.Env[Any, Any]) -> None:
+        super().__init__(env)
+        inner: Any = env.unwrapped
+        self._lane, self._task = inner, inner.inner
+        plant = plant_of(load("mujoco", "mujoco"), self._task.mj_model, "")
+        self.coordinates, self.velocities = plant.coordinates, plant.velocities
+        self._axes = [name.removesuffix("_dot") for name in plant.velocities]
+        self._actuators = [name.removesuffix("_control") for name, _ in plant.controls]
+        self._forward = _forward(self._task)
+
+    @property
+    def state(self) -> NDArray[np.float64]:
+        """Of MJX's data."""
+        data = self._lane._state.data
+        return np.concatenate([data.qpos, data.qvel]).astype(np.float64)
+
+    def observation(self, state: NDArray[np.float64], seed: int) -> Named | None:
+        """What the task makes of it; None where its function takes other things."""
+        self.start(seed)
+        try:
+            shown = self._task._get_obs(self._placed(state), self._lane._state.info)
+        except (AttributeError, TypeError):
+            return None
+        entry = self._lane._entry
+        return numbered("obs", shown[entry] if isinstance(shown, dict) else shown)
+
+    def command(self, state: NDArray[np.float64], action: Any) -> Named | None:
+        """What the task gives its physics, within the actuators' limits."""
+        module: Any = import_module("mujoco_playground._src.mjx_env")
+        before = self._lane._state.replace(data=self._placed(state))
+        told = intercept(lambda: self._task.step(before, action), module, "step", argument=2)
+        model = self._task.mj_model
+        if told is None or np.size(told) != model.nu:
+            return None
+        bounded = np.clip(np.ravel(told), *model.actuator_ctrlrange.T)
+        limited = model.actuator_ctrllimited.astype(bool)
+        return by_name(self._actuators, np.where(limited, bounded, np.ravel(told)))
+
+    def force(self, state: NDArray[np.float64], command: NDArray[np.float64]) -> Named | None:
+        """`qfrc_actuator`."""
+        if len(command) != self._task.mj_model.nu:
+            return None
+        return by_name(self._axes, self._placed(state, ctrl=command).qfrc_actuator)
+
+    def acceleration(self, state: NDArray[np.float64], force: NDArray[np.float64]) -> Named | None:
+        """`qacc` under the force alone: what actuators do without a command is taken off."""
+        if len(force) != self._task.mj_model.nv:
+            return None
+        idle = np.asarray(self._placed(state).qfrc_actuator)
+        return by_name(self._axes, self._placed(state, qfrc_applied=force - idle).qacc)
+
+    def _placed(self, state: NDArray[np.float64], **inputs: NDArray[np.float64]) -> Any:
+        """MJX's data in a state, with no control but those given."""
+        size, data = self._task.mj_model.nq, self._lane._state.data
+        values = {"ctrl": 0.0 * data.ctrl, "qfrc_applied": 0.0 * data.qfrc_applied, **inputs}
+        return self._forward(data, state[:size], state[size:], values)
+
+
+@lru_cache(maxsize=32)
+def _forward(task: Any) -> Any:
+    """MJX's `forward` of a task's model, compiled: data, positions, velocities, other fields."""
+    jax, mjx = load("jax", "fleet"), load("mujoco.mjx", "mjx")
+
+    def forward(data: Any, q: Any, v: Any, fields: Any) -> Any:
+        zero = 0.0 * data.qacc_warmstart
+        return mjx.forward(
+            task.mjx_model, data.replace(qpos=q, qvel=v, qacc_warmstart=zero, **fields)
+        )
+
+    return jax.jit(forward)
+
+
 class Playground(StatePassingTestbed):
     """A task of MuJoCo Playground, ``"playground:CartpoleBalance"``, computed by MJX.
 
@@ -221,6 +309,10 @@ class Playground(StatePassingTestbed):
         name = next((own for own, n in INTEGRATORS.items() if n == number), str(number))
         step = round_trip_step(task.mjx_model.opt.timestep)
         return Applied(Discretization(name, step, step * count, PLAYGROUND), count)
+
+    def boundaries(self, environments: DiscretizedVectorEnv) -> PlaygroundBoundaries:
+        """By MJX."""
+        return PlaygroundBoundaries(environments.unwrapped.envs[0])  # type: ignore[attr-defined]
 
     def _make(
         self, integrator: str | None, dt: float, period: float, **arguments: Any

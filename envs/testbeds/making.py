@@ -27,6 +27,7 @@ from ..lanes import DiscretizedVectorEnv
 from ..rediscretized import RediscretizedEnv, integrator_numbers, rediscretize
 from ..registries import ENGINES, ENVIRONMENTS, TESTBEDS, TRUTH
 from ..settings import DELAYS, DISCRETIZATION, Discretization, agrees, dividing_step
+from .boundaries import IntegBoundaries
 from .gym_testbed import (
     CLASSIC,
     REFINEMENTS,
@@ -197,6 +198,10 @@ class IntegTestbed:
         """From the setup, which is what the environments step."""
         (setup,) = environments.setups
         return Applied(Discretization.of(setup), setup.timing.substeps)
+
+    def boundaries(self, environments: DiscretizedVectorEnv) -> IntegBoundaries:
+        """From the setup and the engine."""
+        return IntegBoundaries(environments)
 
 
 _MEMBERS = (

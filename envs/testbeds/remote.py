@@ -18,7 +18,9 @@ from numpy.typing import NDArray
 
 from integ_gym.support.isolated import ISOLATED, IsolatedEnvironment, Worker
 
+from ..lanes import DiscretizedVectorEnv
 from ..settings import Discretization
+from .boundaries import ACTUATORS, Boundaries, Named, by_name, numbered
 from .gym_testbed import Applied, GymTestbed, split_period, without_stated
 
 STARTING = 900.0
@@ -120,6 +122,49 @@ class RemoteTestbed(GymTestbed):
         return Applied(Discretization(**answer, engine=self.apart.name), count)
 
 
+class DmControlBoundaries(Boundaries):
+    """Of a task of dm_control's suite: all four, by its own MuJoCo.
+
+    Args:
+        env: with a :class:`RemoteEnv` inside all wrappers.
+    """
+
+    commands: ClassVar[str] = ACTUATORS
+
+    def __init__(self, env: gym.Env[Any, Any]) -> None:
+        super().__init__(env)
+        self._lane: Any = env.unwrapped
+        names = self._ask("names")
+        self.coordinates, self.velocities = tuple(names["coordinates"]), tuple(names["velocities"])
+        self._actuators = names["actuators"]
+
+    @property
+    def state(self) -> NDArray[np.float64]:
+        """Of MuJoCo's data."""
+        return np.array(self._ask("state"))
+
+    def observation(self, state: NDArray[np.float64], seed: int) -> Named:
+        """What the task makes of it."""
+        return numbered("obs", self._ask("observation", state=state))
+
+    def command(self, state: NDArray[np.float64], action: Any) -> Named:
+        """What the task tells the actuators, within their limits."""
+        told = self._ask("command", state=state, action=np.ravel(action).astype(np.float64))
+        return by_name(self._actuators, told)
+
+    def force(self, state: NDArray[np.float64], command: NDArray[np.float64]) -> Named:
+        """`qfrc_actuator`."""
+        return by_name(self.velocities, self._ask("force", state=state, command=command))
+
+    def acceleration(self, state: NDArray[np.float64], force: NDArray[np.float64]) -> Named:
+        """`qacc` with the actuators off and the force applied."""
+        return by_name(self.velocities, self._ask("acceleration", state=state, force=force))
+
+    def _ask(self, what: str, **given: NDArray[np.float64]) -> Any:
+        plain = {name: values.tolist() for name, values in given.items()}
+        return self._lane.worker.call(what, lane=self._lane.lane, **plain)
+
+
 class DmControlTask(RemoteTestbed):
     """A task of dm_control's suite, ``"dm_control:cartpole.swingup"``, stepped by its own MuJoCo.
 
@@ -130,6 +175,10 @@ class DmControlTask(RemoteTestbed):
     apart = ISOLATED["dm_control"]
     served = Path(__file__).with_name("served_dm_control.py")
     choices = ("Euler", "RK4", "implicit", "implicitfast")
+
+    def boundaries(self, environments: DiscretizedVectorEnv) -> DmControlBoundaries:
+        """By the task's own MuJoCo."""
+        return DmControlBoundaries(environments.unwrapped.envs[0])  # type: ignore[attr-defined]
 
 
 class IsaaclabTask(RemoteTestbed):

@@ -79,6 +79,77 @@ class Served:
             return [0.0] * len(_observations(env.reset())), 0.0, True
         return _observations(now), float(now.reward), bool(now.last())
 
+    def names(self, lane: int) -> dict[str, list[str]]:
+        """Of a lane's joints, with the dimensions of each, and of its actuators."""
+        model = self._lanes[lane].physics.model
+        joints = [model.id2name(k, "joint") or f"joint{k}" for k in range(model.njnt)]
+        sizes = {0: (7, 6), 1: (4, 3)}  # free, ball; hinges and slides have one
+        of_q, of_v = (
+            [_part(name, k, size) for name, size in named for k in range(size)]
+            for named in (
+                [(j, sizes.get(int(model.jnt_type[k]), (1, 1))[part]) for k, j in enumerate(joints)]
+                for part in (0, 1)
+            )
+        )
+        actuators = [model.id2name(k, "actuator") or f"actuator{k}" for k in range(model.nu)]
+        return {"coordinates": of_q, "velocities": of_v, "actuators": actuators}
+
+    def state(self, lane: int) -> list[float]:
+        """Positions, then velocities."""
+        data = self._lanes[lane].physics.data
+        return [*data.qpos.tolist(), *data.qvel.tolist()]
+
+    def observation(self, lane: int, state: list[float]) -> list[float]:
+        """What the task observes in a state."""
+        env = self._lanes[lane]
+        _place(env.physics, state)
+        flat = import_module("dm_control.rl.control").flatten_observation
+        observed: list[float] = flat(env.task.get_observation(env.physics))["observations"].tolist()
+        return observed
+
+    def command(self, lane: int, state: list[float], action: list[float]) -> list[float]:
+        """What the task tells the actuators, within their limits."""
+        env = self._lanes[lane]
+        model, data = env.physics.model, _place(env.physics, state)
+        env.task.before_step(import_module("numpy").array(action), env.physics)
+        told: list[float] = data.ctrl.tolist()
+        for k, (low, high) in enumerate(model.actuator_ctrlrange.tolist()):
+            if model.actuator_ctrllimited[k]:
+                told[k] = min(max(told[k], low), high)
+        return told
+
+    def force(self, lane: int, state: list[float], command: list[float]) -> list[float]:
+        """MuJoCo's generalized force of the actuators."""
+        data = _place(self._lanes[lane].physics, state, ctrl=command)
+        found: list[float] = data.qfrc_actuator.tolist()
+        return found
+
+    def acceleration(self, lane: int, state: list[float], force: list[float]) -> list[float]:
+        """MuJoCo's accelerations under a force, with the actuators off."""
+        physics, off = self._lanes[lane].physics, import_module("mujoco").mjtDisableBit
+        option = physics.model.opt
+        held = option.disableflags, option.integrator
+        option.disableflags = held[0] | int(off.mjDSBL_ACTUATION)
+        option.integrator = _number("Euler")
+        found: list[float] = _place(physics, state, qfrc_applied=force).qacc.tolist()
+        option.disableflags, option.integrator = held
+        return found
+
+
+def _part(name: str, place: int, size: int) -> str:
+    return name if size == 1 else f"{name}{place}"
+
+
+def _place(physics: Any, state: list[float], **inputs: list[float]) -> Any:
+    """Data of MuJoCo in a state, with nothing left of what went before."""
+    mujoco, model, data = import_module("mujoco"), physics.model, physics.data
+    mujoco.mj_resetData(model.ptr, data.ptr)
+    data.qpos[:], data.qvel[:] = state[: model.nq], state[model.nq :]
+    for name, values in inputs.items():
+        getattr(data, name)[:] = values
+    mujoco.mj_forward(model.ptr, data.ptr)
+    return data
+
 
 def _stock(task: str, arguments: dict[str, Any]) -> Any:
     suite = import_module("dm_control.suite")

@@ -49,6 +49,7 @@ def build_artefact(
         other: attributes of :class:`Panel` that the outcome does not tell.
     """
     losses = layout.losses(matrix)
+    broken = layout.broken
     places = [(row, cell) for row in layout.rows for cell in layout.cells_of[row.name]]
     failures = [
         failure
@@ -73,13 +74,14 @@ def build_artefact(
                 row.name,
                 cell,
                 layout.native(cell),
-                layout.reference_of(matrix, cell),
-                losses.get((row.name, cell)),
+                None if (row.name, cell) in broken else layout.reference_of(matrix, cell),
+                None if (row.name, cell) in broken else losses.get((row.name, cell)),
                 tuple(dict.fromkeys(file for policy in row.policy_ids for file in files[policy])),
                 _query(directory, row, cell),
             )
             for row, cell in places
         ),
+        contracts=tuple(layout.contracts.values()),
         paired=paired_episodes(layout, matrix),
         verdicts=_verdicts(layout, matrix, decided=stage is None),
         policy_comparisons=tuple(_compare(layout, matrix, a, b) for a, b in layout.compare),
@@ -119,6 +121,8 @@ def _compare(layout: PanelLayout, matrix: Matrix, a: str, b: str) -> PolicyCompa
     for name in layout.cells_of[a]:
         cell = layout.cells[name]
         if cell.kind not in ("grid", "reference") or name not in layout.cells_of[b]:
+            continue
+        if {(a, name), (b, name)} & layout.broken:
             continue
         decides = cell.role != "quarter_step" or (cell.engine, cell.integrator) in own
         rates = matrix.rates(a, name), matrix.rates(b, name)

@@ -16,8 +16,9 @@ from dataclasses import dataclass, replace
 from typing import Final, Literal, TypeAlias
 
 from integ_gym.envs.settings import NATIVE
-from integ_gym.support.terminal import fixed, percent, plural
+from integ_gym.support.terminal import fixed, percent, plural, true_minus
 
+from ..contract import BoundaryCheck, Contract
 from ..power import WITHOUT_VERDICT, Verdict
 from ..statistics import Estimate
 from ..verdict import (
@@ -57,11 +58,12 @@ that cannot be solved in time, or of which that is not known. `not_learned`: too
 home to lose any.
 """
 
-Status: TypeAlias = Cause | Literal["home_unknown", "home_decides", "exploratory"]
+Status: TypeAlias = Cause | Literal["home_unknown", "home_decides", "contract_error", "exploratory"]
 """The same, and what else may be said of a row.
 
 `home_unknown`: nothing states what it was trained on. `home_decides`: its home is the truth, or the
-finest step that was evaluated. `exploratory`: a loss of a panel that declared no family.
+finest step that was evaluated. `contract_error`: the cell differs from home before any integration.
+`exploratory`: a loss of a panel that declared no family.
 """
 
 RETURN_MARGIN: Final = 0.1
@@ -113,7 +115,26 @@ def answer_lines(panel: Panel) -> tuple[str, ...]:
     doubt = success_doubt(panel)
     undecided = [] if panel.stage is None else [_stage_words(panel.stage)]
     separated = filter(None, (separation_words(panel),))
-    return (*undecided, f"{doubt} {first}" if doubt else first, *others, *separated)
+    headline = f"{doubt} {first}" if doubt else first
+    return (*undecided, headline, *others, *separated, *_broken_contracts(panel))
+
+
+def _broken_contracts(panel: Panel) -> Iterator[str]:
+    """Where cells differ from home before any integration, a line for each way in which they do."""
+    found: dict[str, list[str]] = {}
+    for entry in panel.matrix:
+        words = contract_reason(panel, entry.row, entry.cell)
+        if words:
+            found.setdefault(words, []).append(entry.cell)
+    for words, cells in found.items():
+        where = _named(panel, dict.fromkeys(cells))
+        yield f"No verdict on {where}: {words}"
+
+
+def contract_reason(panel: Panel, row: str, cell: str) -> str:
+    """How a cell differs from a row's home before any integration; empty where it does not."""
+    contract = panel.broken_contract(row, cell)
+    return "" if contract is None else f"contract differs: {'; '.join(contract_words(contract))}."
 
 
 def separation_words(panel: Panel) -> str:
@@ -287,6 +308,8 @@ def _finding_of_given(panel: Panel, row: Row) -> Finding:
     lost = None if found is None else found.success if measure == "success" else found.returns
     if not known:
         status: Status = "home_unknown"
+    elif cell is not None and panel.broken_contract(row.name, cell.name) is not None:
+        status = "contract_error"
     elif cell is None or cell.name == home or found is None or lost is None:
         status = "home_decides"
     else:
@@ -351,7 +374,9 @@ def _succeeds(panel: Panel, row: str) -> bool:
 
 def _finest(panel: Panel, row: Row) -> Cell | None:
     """The finest step of a row's own integrator, or of any where its own is at no finer one."""
-    columns = [cell for cell in panel.columns if panel.entry(row.name, cell.name)]
+    every = [cell for cell in panel.columns if panel.entry(row.name, cell.name)]
+    kept = [cell for cell in every if panel.broken_contract(row.name, cell.name) is None]
+    columns = kept if any(cell.name not in row.shares for cell in kept) else every
     own = [cell for cell in columns if cell.integrator == row.integrator]
     finest = min(own or columns, key=lambda cell: cell.dt, default=None)
     if finest is not None and finest.name == row.home:
@@ -418,6 +443,9 @@ def _first(panel: Panel, finding: Finding, row: Row) -> str:
         known = f"{what} {where} {told.interval(own)}; home" if own else "Home"
         return f"{known} unknown, so what is lost is unknown, and so is whether dt is the cause."
     at_home = f"{what} at home {told.number(finding.at_home)}"
+    if finding.status == "contract_error":
+        there = f"{where} {told.number(finding.there)}"
+        return f"{at_home}, {there}: the contract differs, so nothing is said about dt."
     if finding.status == "home_decides" or finding.lost is None:
         if panel.truth is not None and finding.home == panel.truth.name:
             return f"{at_home}, and home is the truth: dt is not the cause."
@@ -729,6 +757,8 @@ def _exploratory(panel: Panel, finding: Finding) -> tuple[str, ...]:
 
 def _unjudged(panel: Panel) -> tuple[str, ...]:
     """Where no declared transfer can be judged."""
+    if all(one.verdict == "contract_error" for one in panel.verdicts):
+        return ("Not answered: every declared cell differs from home before any integration.",)
     if any(one.verdict != "not_learned" for one in panel.verdicts):
         return (
             "Not answered: no declared transfer can be judged, because no policy learned or no "
@@ -842,10 +872,44 @@ def solvable_reason(panel: Panel, cell: Cell) -> str:
     return f"{who[0].upper()}{who[1:]}: success from {rate} of the starts {time}."
 
 
+def contract_words(
+    contract: Contract, first: str = "at home", second: str = "here"
+) -> tuple[str, ...]:
+    """Where two environments differ before any integration, a part of a sentence for each boundary.
+
+    Args:
+        contract: the comparison.
+        first: where the first is, in words.
+        second: where the second is.
+    """
+    return tuple(true_minus(_boundary_words(one, first, second)) for one in contract.broken)
+
+
+def _boundary_words(check: BoundaryCheck, first: str, second: str) -> str:
+    if not check.differing:
+        sizes = f"{check.sizes[0]} components {first} and {check.sizes[1]} {second}"
+        return f"{check.boundary} has {sizes}"
+    shown = [
+        f"{one.component}{'' if one.there == one.component else f' (there {one.there})'} "
+        f"{_exact(one.first)} {first} and {_exact(one.second)} {second}"
+        for one in check.differing[:_NAMED]
+    ]
+    more = len(check.differing) - len(shown)
+    return f"{check.boundary} of {'; '.join(shown)}{f', and {more} more' if more else ''}"
+
+
+def _exact(value: float | None) -> str:
+    """With the digits that tell close numbers apart."""
+    return "not finite" if value is None else f"{value:.6g}"
+
+
 def verdict_reason(panel: Panel, judged: Verdict) -> str:
     """Why a verdict is what it is, in a sentence with numbers."""
     success = panel.row(judged.row).home_success
     home = fixed(success.estimate if success else None)
+    if judged.verdict == "contract_error":
+        reason = contract_reason(panel, judged.row, judged.cell)
+        return f"{reason[0].upper()}{reason[1:]}"
     if judged.verdict == "not_learned":
         return f"Home success {home} is below {LEARNED}, so there is nothing to transfer."
     if judged.verdict in WITHOUT_VERDICT:
@@ -1001,6 +1065,8 @@ def _next_of_given(panel: Panel, finding: Finding) -> NextStep | None:
     if finding.status == "home_decides" and panel.truth is None:
         steps = sorted({cell.dt for cell in panel.columns}, reverse=True)
         return NextStep("Try a finer step", _again(panel, "--dt", *steps, steps[-1] / 2.0))
+    if finding.status == "contract_error" and finding.home and finding.cell:
+        return NextStep("See what differs", _contract(panel, finding.home, finding.cell))
     if row.dt is None or finding.home is None or finding.status == "closed":
         return None
     if finding.status == "cause":
@@ -1033,6 +1099,18 @@ def _check(panel: Panel, row: Row, finer: int) -> str:
             [] if row.control_period is None else ["--control-period", f"{row.control_period:g}"]
         )
         words += [] if engine == NATIVE else ["--engine", engine]
+    for name, value in panel.spec.get("environment", {}).items():
+        words += ["--env-arg", f"{name}={value if isinstance(value, str) else json.dumps(value)}"]
+    return shlex.join(words)
+
+
+def _contract(panel: Panel, home: str, cell: str) -> str:
+    """`integ-gym contract` of two cells."""
+    places = [
+        ",".join(f"{name}={x}" for name, x in panel.cell(one).discretization.arguments().items())
+        for one in (home, cell)
+    ]
+    words = ["integ-gym", "contract", "--env", str(panel.spec.get("env_id")), *places]
     for name, value in panel.spec.get("environment", {}).items():
         words += ["--env-arg", f"{name}={value if isinstance(value, str) else json.dumps(value)}"]
     return shlex.join(words)

@@ -23,6 +23,7 @@ from integ_gym.support.processes import report_work
 from integ_gym.train.policy import Policy, PolicyStack
 
 from .cells import Cell, Home, environments_of, place_arguments
+from .contracts import Contracts, is_kept
 from .costs import cell_seconds
 from .elsewhere import interpreter_for, other_packages
 from .spec import PanelSpec
@@ -53,6 +54,7 @@ class Successes:
         before: of every policy, of how many of how many earlier episodes at home it succeeded, by
             cell.
         known: success in cells that are not among these, by policy and cell.
+        contracts: what was compared of homes and cells on other engines.
     """
 
     def __init__(
@@ -66,7 +68,9 @@ class Successes:
         homeless: Collection[int] = (),
         before: Sequence[Mapping[Discretization, tuple[int, int]]] = (),
         known: Mapping[tuple[int, Key], Flags] | None = None,
+        contracts: Contracts | None = None,
     ) -> None:
+        self._contracts = contracts or {}
         self._homes = homes
         self._environment = environment
         self._first = first
@@ -109,11 +113,17 @@ class Successes:
         whole: dict[str, Any] = {
             "home_success": self._home_success(place),
             "cell_status": self._statuses.get(cell.name),
+            "contract_kept": is_kept(self._contracts, self._members(place), cell),
         }
         return {
             self._first + k: Replays(**{n: _episode(x, k) for n, x in said.items()}, **whole)
             for k in range(len(self._known[place, _key(cell)]))
         }
+
+    def _members(self, place: int) -> tuple[Discretization, ...]:
+        """What a policy was trained on."""
+        home = self._homes[place]
+        return () if home is None else tuple(home.shares)
 
     def _home_success(self, place: int) -> float | None:
         """Success in what the policy was trained on, by shares; None where that was not run."""
@@ -281,6 +291,7 @@ def evaluate(
     store: EvidenceStore,
     statuses: Mapping[str, str],
     known: Mapping[tuple[int, Key], Flags] | None = None,
+    contracts: Contracts | None = None,
 ) -> Iterator[Any]:
     """Run all policies side by side, cell by cell; the records of every cell as a table.
 
@@ -296,6 +307,7 @@ def evaluate(
         store: where the records are meant for; nothing is written.
         statuses: whether a cell can be solved, by its name.
         known: success in other cells, by policy and cell, that labels may rest on.
+        contracts: what was compared of homes and cells on other engines.
     """
     everywhere = subjects
     subjects = [subject.within(()) for subject in everywhere]
@@ -311,6 +323,7 @@ def evaluate(
         before=[subject.at_home for subject in subjects],
         homeless=[place for place, subject in enumerate(subjects) if not subject.home_known],
         known=known,
+        contracts=contracts,
     )
     waiting: list[_Played] = []
     for cell, places in _schedule(subjects):

@@ -26,6 +26,7 @@ from .achieve import (
     try_cells,
 )
 from .cells import Cell, engine_versions
+from .contracts import Contracts, compare_engines, contracts_in, not_compared
 from .costs import cell_seconds, cell_timing, trying_seconds
 from .episodes import Subject, divided, evaluate
 from .plan import inputs
@@ -194,12 +195,15 @@ def evaluate_all(
     """
     waiting = [(part, not_evaluated(part, directory, subjects)) for part in spec.parts()]
     directory.storage.send()  # what is no longer there
-    if not any(own for _, own in waiting) and not not_tried(spec, directory):
+    homes = [subject.home for subject in subjects]
+    before = not_tried(spec, directory) or not_compared(spec, directory, homes)
+    if not any(own for _, own in waiting) and not before:
         return
     seconds, left = expected_seconds(spec, directory, subjects, waiting)
     bar = panel_bar(label, seconds, progress)
     with open_work(directory, cluster, bar, preparation_of(spec, cluster)) as work:
         work.skip(seconds - left)
+        compare_engines(spec, directory, homes, work)
         try_cells(spec, directory, work)
         for part, own in waiting:
             batch_subjects = knowing_home(part, directory, own)
@@ -215,13 +219,14 @@ def _evaluate_part(
 ) -> None:
     """Evaluate subjects from the starts that came last, each batch finished by one commit."""
     batches, can = batches_of(spec, waiting, workers), statuses(spec, directory)
+    contracts = contracts_in(directory)
     if workers == 1 or spec.testbed.batched or len(batches) >= ENOUGH * workers:
-        units = {unit_of(spec, batch)[0]: (spec, batch, can) for batch in batches}
+        units = {unit_of(spec, batch)[0]: (spec, batch, can, contracts) for batch in batches}
         work.commit("evaluating", evaluate_batch, units)
         return
     for batch in batches:
-        tables = _divided(spec, directory, batch, can, work, workers)
-        evaluate_batch(spec, directory, batch, can, tables)
+        tables = _divided(spec, directory, batch, can, contracts, work, workers)
+        evaluate_batch(spec, directory, batch, can, contracts, tables)
         directory.storage.send()
 
 
@@ -230,6 +235,7 @@ def evaluate_batch(
     directory: RunDirectory,
     batch: Sequence[Subject],
     can: Mapping[str, str],
+    contracts: Contracts,
     tables: Iterable[Any] | None = None,
 ) -> None:
     """Evaluate policies in all their cells, by default here, and mark that as finished.
@@ -239,13 +245,15 @@ def evaluate_batch(
         directory: that it is written to.
         batch: the policies, with records of the same cells.
         can: whether a cell can be solved, by its name.
+        contracts: what was compared of homes and cells on other engines.
         tables: the records, where they were made elsewhere.
     """
     hashes, start = _hashes(batch), time.time()
     unit, key = unit_of(spec, batch)
     store = EvidenceStore(directory.evidence)
     directory.discard_remains(unit)
-    store.commit_all(unit, tables or evaluate(spec, batch, spec.latest, store, can))
+    played = tables or evaluate(spec, batch, spec.latest, store, can, contracts=contracts)
+    store.commit_all(unit, played)
     names = {s.policy.policy_id: [cell.name for cell in s.missing] for s in batch}
     directory.finish(unit, key, start, first=spec.latest.start, policies=hashes, cells=names)
 
@@ -290,13 +298,14 @@ def _divided(
     directory: RunDirectory,
     batch: Sequence[Subject],
     can: Mapping[str, str],
+    contracts: Contracts,
     work: Work,
     workers: int,
 ) -> Iterator[Any]:
     """The tables of a batch whose episodes are divided among all workers."""
-    store = EvidenceStore(directory.evidence)
+    given = EvidenceStore(directory.evidence), can, None, contracts
     parts = {
-        f"{_named(batch)} from episode {part.start}": (spec, batch, part, store, can)
+        f"{_named(batch)} from episode {part.start}": (spec, batch, part, *given)
         for part in divided(spec, workers)
     }
     for tables in work.do("evaluating", _listed, parts):

@@ -159,7 +159,8 @@ def _paired(layout: PanelLayout, matrix: Matrix, row: Row) -> Iterator[PairedEpi
     against, shares = _held_against(layout, matrix, row)
     if against is None:
         return
-    tested = [cell for cell in cells if cell not in shares or len(shares) > 1]
+    others = [cell for cell in cells if cell not in shares or len(shares) > 1]
+    tested = [cell for cell in others if (row.name, cell) not in layout.broken]
     success = _mixed(matrix, row.name, "success", shares)
     earned = _mixed(matrix, row.name, "return", shares)
     rates = [paired_success(success, _of(matrix, row.name, "success", cell)) for cell in tested]
@@ -223,7 +224,9 @@ def rankings(layout: PanelLayout, matrix: Matrix) -> tuple[RankingAgreement, ...
     rows = [row for row in layout.rows if row.kind == "trained"]
     if truth is None or sum(len(row.policies) for row in rows) < FEWEST:
         return ()
-    return tuple(_ranking(matrix, rows, cell, truth) for cell in layout.columns() if cell != truth)
+    broken = {cell for _, cell in layout.broken}
+    cells = (cell for cell in layout.columns() if cell != truth and cell not in broken)
+    return tuple(_ranking(matrix, rows, cell, truth) for cell in cells)
 
 
 def _ranking(matrix: Matrix, rows: list[Row], cell: str, truth: str) -> RankingAgreement:
@@ -268,7 +271,9 @@ def remedies(layout: PanelLayout, matrix: Matrix, losses: Losses) -> tuple[Remed
             row=mixture,
             singles=tuple(singles),
             cells=tuple(
-                _remedy_in(matrix, losses, mixture, singles, cell) for cell in layout.columns()
+                _remedy_in(matrix, losses, mixture, singles, cell)
+                for cell in layout.columns()
+                if not any((row, cell) in layout.broken for row in (mixture, *singles))
             ),
         )
         for mixture in mixtures
@@ -314,7 +319,7 @@ def _separations_of(layout: PanelLayout, matrix: Matrix, row: Row) -> Iterator[S
     names = {_content(axes_between(home, cell)): cell.name for cell in own}
     for measure, cell in product(MEASURES, own):
         axes = axes_between(home, cell)
-        if cell.integrator == TRUTH or len(axes) < 2:
+        if cell.integrator == TRUTH or len(axes) < 2 or (row.name, cell.name) in layout.broken:
             continue
         lost = partial(_lost, matrix, row, measure)
         total, costs = lost(cell.name), []

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from math import isclose
 from typing import Any
 
@@ -42,6 +43,7 @@ from ..verdict import (
 )
 from .achieve import Tried
 from .cells import AppliedDiscretization, Cell, Home, main_home
+from .contracts import Contracts, is_kept
 from .result import Entry, Failure, Look, Measure, Policy, Row
 from .run_directory import Seen, looks_before, spent_by
 from .spec import PanelSpec
@@ -192,7 +194,7 @@ class Matrix:
             difficulty=None if loss is None else loss.difficulty,
             deadline=None if loss is None else loss.deadline,
             overfitting=None if loss is None else loss.overfitting,
-            **self._tail(row, cell),
+            **({} if loss is None else self._tail(row, cell)),
             transfer_gap=self._transfer_gap(row, cell, native),
             reference_class=self._reference_class(row, cell, reference),
             labels=dict(Counter(record["failure_label"] for record in records)),
@@ -294,6 +296,7 @@ class PanelLayout:
         looks_before: those before this one, and those that were planned.
         tried: what a hand-made controller and a search reach, by cell.
         applied: what the cells' environments really did, by cell.
+        contracts: what was compared of homes and cells on other engines.
     """
 
     rows: tuple[Row, ...]
@@ -306,6 +309,7 @@ class PanelLayout:
     looks_before: Looks = field(default_factory=Looks)
     tried: Mapping[str, Tried] = field(default_factory=dict)
     applied: Mapping[str, AppliedDiscretization] = field(default_factory=dict)
+    contracts: Contracts = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -316,6 +320,7 @@ class PanelLayout:
         tried: Mapping[str, Tried],
         applied: Mapping[str, AppliedDiscretization],
         looks: Sequence[Seen] = (),
+        contracts: Contracts | None = None,
     ) -> PanelLayout:
         """Rows of a panel with the cells that each is evaluated in.
 
@@ -326,6 +331,7 @@ class PanelLayout:
             tried: see the class.
             applied: see the class.
             looks: every look at the verdicts so far, this one included.
+            contracts: see the class.
         """
         own = {row.name: spec.cells_of(homes.get(row.name)) for row in rows}
         every = [*spec.columns(), *(cell for cells in own.values() for cell in cells)]
@@ -340,6 +346,7 @@ class PanelLayout:
             looks_before=looks_before(looks[:-1], spec.looks)[-1],
             tried=tried,
             applied=applied,
+            contracts=contracts or {},
         )
 
     @property
@@ -423,7 +430,20 @@ class PanelLayout:
         """The transfer of a row with a home to a cell, as it is judged."""
         rates = self.rates(matrix, row, cell)
         assert rates is not None
-        return Comparison(row, cell, rates, self.achieved(matrix, cell))
+        achieved = self.achieved(matrix, cell)
+        return Comparison(row, cell, rates, achieved, self.contract_kept(row, cell))
+
+    @cached_property
+    def broken(self) -> frozenset[tuple[str, str]]:
+        """Rows and cells that differ from home before any integration: nothing is judged there."""
+        places = ((row.name, cell) for row in self.rows for cell in self.cells_of[row.name])
+        return frozenset(place for place in places if self.contract_kept(*place) is False)
+
+    def contract_kept(self, row: str, cell: str) -> bool | None:
+        """Whether a cell keeps the contract of a row's home; None: not compared."""
+        shares = next(one.shares for one in self.rows if one.name == row)
+        homes = [self.cells[name].discretization for name in shares]
+        return is_kept(self.contracts, homes, self.cells[cell])
 
     def _tried(self, cell: str) -> Tried:
         return self.tried.get(cell, Tried())

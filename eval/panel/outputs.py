@@ -22,6 +22,7 @@ from .achieve import tried
 from .artefact import as_sealed, build_artefact
 from .cells import Home
 from .checking.plan import check_records
+from .contracts import contracts_in
 from .evaluate import evaluated
 from .findings import agreements, training_costs
 from .matrix import COLUMNS, Matrix, PanelLayout, applied_in, reward_doubts
@@ -183,8 +184,9 @@ def reduce_records(
     store = EvidenceStore(directory.evidence)
     table = store.query(f"SELECT {', '.join(COLUMNS)} FROM records WHERE phase = 'evaluation'")
     layout = PanelLayout.of(
-        spec, rows, homes, tried(directory), applied_in(store), directory.looks()
-    )
+        spec, rows, homes, tried(directory), applied_in(store), directory.looks(),
+        contracts_in(directory),
+    )  # fmt: skip
     return layout, Matrix(rows, table.to_pylist(), spec.episodes, spec.trace_every)
 
 

@@ -18,6 +18,7 @@ from integ_gym.evidence.schema import published_text, schema_head
 from integ_gym.support.errors import InputError
 from integ_gym.support.files import read_bounded, write_json
 
+from ..contract import Contract
 from ..power import Verdict
 from ..statistics import Estimate, Median, Part
 from ..verdict import (
@@ -27,7 +28,7 @@ from ..verdict import (
     ReferenceClass,
     require_unique,
 )
-from .cells import Cell, Home, flatten
+from .cells import Cell, Home, flatten, place_name
 
 RowKind: TypeAlias = Literal["trained", "given", "baseline"]
 """Trained by the panel, given to it, or a baseline that nobody trained."""
@@ -154,8 +155,8 @@ class Entry(Part, frozen=True, kw_only=True):
             where nothing is gained or the residual is not known.
         diverged: episodes that the simulation did not survive.
         not_converged: episodes in which the solver missed its tolerance.
-        home_drop: success at home minus success here; null at home and without one. The next
-            three add up to it.
+        home_drop: success at home minus success here; null at home and without one, and where the
+            contract of home is not kept. The next three add up to it.
         difficulty: what policies trained here and the hand-made controller do not reach either.
         deadline: what is won back within a second horizon.
         overfitting: the rest.
@@ -510,6 +511,8 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
         rows: policies, by what they were trained on.
         cells: discretizations in which policies were evaluated.
         matrix: what each row did in each cell that it was evaluated in.
+        contracts: homes and cells on other engines, compared before any integration; where they
+            differ nothing is judged.
         paired: what given policies do in each cell, beside what they do at home or on the truth
             from the same starts.
         verdicts: verdicts on the declared family of transfers.
@@ -547,6 +550,7 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
     rows: tuple[Row, ...]
     cells: tuple[Cell, ...]
     matrix: tuple[Entry, ...]
+    contracts: tuple[Contract, ...] = ()
     paired: tuple[PairedEpisodes, ...] = ()
     verdicts: tuple[Verdict, ...] = ()
     looks: tuple[Look, ...] = ()
@@ -582,6 +586,19 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
     def entry(self, row: str, cell: str) -> Entry | None:
         """What a row did in a cell, or None where it was not evaluated."""
         return self._entries.get((row, cell))
+
+    def broken_contract(self, row: str, cell: str) -> Contract | None:
+        """How a cell differs from a row's home before any integration; None: it does not.
+
+        Of a mixture, from the first of its members, all of which it must differ from.
+        """
+        there, shares = self.cell(cell), self.row(row).shares
+        if there.packages or not shares or not self.contracts:
+            return None
+        place = place_name(there.discretization, float(self.spec["control_period"]))
+        found = {one.first: one for one in self.contracts if one.second == place}
+        told = [found.get(home) for home in shares]
+        return told[0] if all(one is not None and one.broken for one in told) else None
 
     def anchor(self, row: str, cell: str) -> str | None:
         """Name of an entry's place in the report; None where there is none."""
@@ -707,7 +724,7 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
         """
         declared = {(judged.row, judged.cell) for judged in self.verdicts}
         columns = {cell.name for cell in self.columns if cell.achievability not in UNSOLVABLE}
-        found = []
+        found = []  # without those where the contract is not kept, which have no loss
         for entry in self.matrix:
             row = self.row(entry.row)
             if row.baseline or row.learned is False or entry.cell in row.shares:

@@ -10,7 +10,7 @@ from integ_gym.support.figures import ENERGY_FLOOR, ink_on, success_colour, syml
 from integ_gym.support.terminal import NONE, compact, fixed, plural
 
 from ..panel.cells import Cell
-from ..panel.conclusions import solvable_reason
+from ..panel.conclusions import contract_reason, solvable_reason
 from ..panel.result import Entry, Group, Panel, Row
 from ..verdict import Achievability
 
@@ -125,6 +125,9 @@ def success_matrix(panel: Panel) -> Matrix | None:
         "▲ false pass": "false_pass" in classes,
         "▽ false fail": "false_fail" in classes,
         "✕n episodes diverged": any(entry.diverged for entry in entries),
+        "≠ contract differs, no verdict": any(
+            panel.broken_contract(entry.row, entry.cell) for entry in entries
+        ),
     }
 
     def shade(entry: Entry, home: bool) -> Shade:
@@ -138,6 +141,10 @@ def success_matrix(panel: Panel) -> Matrix | None:
         if entry.diverged:
             words.append(f"{entry.diverged} diverged")
             marks.append(f"✕{entry.diverged}")
+        broken = contract_reason(panel, entry.row, entry.cell)
+        if broken:
+            words.append(broken.removesuffix("."))
+            marks.append("≠")
         hatched = cell.achievability if cell.achievability in HATCHED else None
         if hatched is not None:
             words.append(f"the cell is {solved_words(panel, cell)}")
@@ -215,7 +222,8 @@ def loss_matrix(panel: Panel) -> Matrix | None:
     def shade(entry: Entry, home: bool) -> Shade:
         loss = entry.home_drop
         if loss is None:
-            words = "at home" if home else "no loss is known"
+            broken = contract_reason(panel, entry.row, entry.cell)
+            words = "at home" if home else broken.removesuffix(".") or "no loss is known"
             return Shade("home" if home else NONE, "empty", 0.0, words)
         words = f"{loss} of success lost against home"
         if entry.overfitting is not None:

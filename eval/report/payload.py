@@ -47,6 +47,7 @@ MOST_LEDGERS: Final = 250_000
 
 LABEL_WORDS: Final = {
     "evaluation_error": "simulator or metric broke",
+    "contract_error": "differs from home before any integration",
     "unachievable": "a search over controls misses the goal's energy from most starts",
     "not_learned": "the policy fails at home, too",
     "too_slow": "succeeds from the same start in twice the time",

@@ -202,6 +202,7 @@ TONES: Final = {
     "fails": "red",
     "transfers": "green",
     "inconclusive": "yellow",
+    "contract_error": "dim",
     "not_learned": "dim",
     "unachievable": "dim",
     "too_slow": "dim",

@@ -66,6 +66,7 @@ class _Planter:
             "second_horizon": self.one_of(None, True, False),
             "home_success": self.one_of(None, float(rng.uniform(0.0, 1.0))),
             "cell_status": self.one_of(None, *CELL_STATUSES),
+            "contract_kept": self.one_of(None, True),
         }
 
     def one_of(self, *choices):
@@ -78,6 +79,9 @@ class _Planter:
 
     def none(self):
         self.facts["success"] = True
+
+    def contract_error(self):
+        self.replays["contract_kept"] = False
 
     def unachievable(self):
         self.replays["cell_status"] = "unachievable"
@@ -172,8 +176,8 @@ def test_a_planted_cause_is_found(kind):
 @pytest.mark.parametrize("home", [True, False, None, "is home", "no home"])
 def test_every_field_of_replays_is_a_column(home):
     """Where the episode ran at home, or has none, there was no replay at home."""
-    said = Replays(home, True, False, True, 0.75, "undecided")
+    said = Replays(home, True, False, True, 0.75, "undecided", False)
     own = home if isinstance(home, bool) else None
-    assert list(said.columns().values()) == [own, True, False, True, 0.75, "undecided"]
+    assert list(said.columns().values()) == [own, True, False, True, 0.75, "undecided", False]
     names = [field.name for field in SUMMARY_FIELDS if field.group == "replays"]
     assert list(said.columns()) == names

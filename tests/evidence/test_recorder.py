@@ -135,7 +135,7 @@ def test_what_a_label_rests_on_is_recorded(tmp_path):
     env = made(tmp_path, EpisodeContext("run", "cell", training_discretization={"dt": 0.025}))
     play(env, range(4))
     said = {
-        0: Replays(home=True, cell_status="unachievable", home_success=0.25, second_horizon=True),
+        0: Replays(home=True, cell_status="unachievable", home_success=0.25, contract_kept=True),
         1: Replays(home=True, without_noise=False, without_delay=True, second_horizon=False),
         2: Replays(home="is home", cell_status="undecided", home_success=1.0),
     }
@@ -143,10 +143,10 @@ def test_what_a_label_rests_on_is_recorded(tmp_path):
     records = list(EvidenceStore(tmp_path).records())
     names = (*Replays().columns(), "failure_label")
     assert [tuple(record[name] for name in names) for record in records] == [
-        (True, None, None, True, 0.25, "unachievable", "unachievable"),
-        (True, False, True, False, None, None, "discretization_error"),
-        (None, None, None, None, 1.0, "undecided", records[2]["failure_label"]),
-        (None, None, None, None, None, None, "unattributed"),
+        (True, None, None, None, 0.25, "unachievable", True, "unachievable"),
+        (True, False, True, False, None, None, None, "discretization_error"),
+        (None, None, None, None, 1.0, "undecided", None, records[2]["failure_label"]),
+        (None, None, None, None, None, None, None, "unattributed"),
     ]
     assert records[2]["failure_label"] in ("control_error", "planning_error")
     assert EvidenceStore(tmp_path).verify() == []

@@ -54,7 +54,7 @@ from .setups import (
     planned_key,
     planned_policies,
 )
-from .yardsticks import of_attempts, of_replays
+from .yardsticks import of_attempts, of_contracts, of_replays
 
 EVALUATION, TRIED = "evaluate-", "achieve-"
 """How the names of units begin that evaluate policies, and that try cells."""
@@ -108,6 +108,8 @@ def planned(path: Path, own_code: bool, all_searches: bool = False) -> Iterator[
     training = Trained(spec, versions, store, can_load)
     given = "policy" in plan
     is_present = _is_of_this_version(directory, versions)
+    is_whole = is_present and is_finished(directory, spec)
+    homes = [policy.home for policy in policies.values()]
     parts = (
         of_files(directory),
         _of_looks(directory, spec, is_present),
@@ -121,6 +123,7 @@ def planned(path: Path, own_code: bool, all_searches: bool = False) -> Iterator[
         of_versions(versions, store),
         of_replays(directory, found, spec, policies, given) if can_load else iter(()),
         of_attempts(directory, spec, all_searches) if can_load else iter(()),
+        of_contracts(directory, spec, homes, versions, is_whole) if can_load else iter(()),
     )
     for part in parts:
         try:

@@ -9,26 +9,37 @@ from __future__ import annotations
 import math
 import random
 from collections import defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import msgspec
 import numpy as np
 import numpy.typing as npt
 
+from integ_gym.envs.engines.stepping import missing_modules
 from integ_gym.envs.settings import Discretization
 from integ_gym.evidence.fields import ATTEMPT, LATER_ATTEMPT, SECOND_HORIZON
 from integ_gym.evidence.schema import Finding, argument_values
 from integ_gym.evidence.store import EvidenceStore
 
 from ..achieve import search_of, tried_in, unit_of_cell
-from ..cells import Cell
+from ..cells import Cell, Home, is_engine
+from ..contracts import PREFIX as COMPARED
+from ..contracts import (
+    Contracts,
+    contract_of,
+    contracts_in,
+    engines_of,
+    key_parts,
+    marked,
+    pairs_of,
+)
 from ..episodes import Successes
 from ..evaluate import Evaluated, statuses
 from ..run_directory import RunDirectory
 from ..spec import PanelSpec
 from ..units import HANDMADE, baseline_of, has_controller
-from .setups import PlannedPolicy
+from .setups import PlannedPolicy, planned_key
 
 Flags = npt.NDArray[np.bool_]
 
@@ -38,9 +49,12 @@ SEARCHES = 4
 RECORDS_SINCE = 4
 """Schema version since which second horizons and attempts are records."""
 
+COMPARED_SINCE = 6
+"""Schema version since which records say whether the contract of home is kept."""
+
 _COLUMNS = (
     *("replay_home", "replay_without_noise", "replay_without_delay", "replay_second_horizon"),
-    *("home_success", "cell_status"),
+    *("home_success", "cell_status", "contract_kept"),
 )
 
 _PLAIN = " AND ".join(f"{{0}}{name} IS NULL" for name in _COLUMNS)
@@ -109,6 +123,7 @@ def of_replays(
         if row["schema_version"] > 1:  # which did not keep what its labels rest on
             rows[row["policy_id"]][row["cell"]].append(row)
     can = [(part, statuses(part, directory)) for part in spec.parts()]
+    contracts = contracts_in(directory)
     for policy in policies.keys() & rows.keys() & found.keys():
         before: dict[Discretization, tuple[int, int]] = {}
         undisturbed = {
@@ -123,7 +138,8 @@ def of_replays(
             }
             whole = {cell: held for cell, held in own.items() if len(held) == len(part.latest)}
             unknown = given and policies[policy].home is None and policy not in spec.baselines
-            yield from _of_policy(part, policies[policy], unknown, whole, later, status, before)
+            told = contracts, whole, later, status, before
+            yield from _of_policy(part, policies[policy], unknown, *told)
             for name in whole.keys() & undisturbed.keys():
                 count, total = before.get(undisturbed[name], (0, 0))
                 succeeded = sum(bool(row["success"]) for row in whole[name])
@@ -134,6 +150,7 @@ def _of_policy(
     spec: PanelSpec,
     policy: PlannedPolicy,
     unknown: bool,
+    contracts: Contracts,
     rows: Mapping[str, list[dict[str, Any]]],
     later: Mapping[tuple[str, str], Mapping[int, bool]],
     status: Mapping[str, str],
@@ -144,7 +161,7 @@ def _of_policy(
     successes = Successes(
         [policy.home], [cells], spec.environment, spec.latest.start, status,
         whole=spec.testbed.batched, before=[before] if spec.latest.start else [],
-        homeless=[0] if unknown else [],
+        homeless=[0] if unknown else [], contracts=contracts,
     )  # fmt: skip
     for cell in cells:
         held = rows[cell.name]
@@ -167,7 +184,8 @@ def _of_policy(
         (replays,) = successes.replays(cell, [0])
         for row in rows[cell.name]:
             made = replays[row["episode_index"]].columns()
-            for name in _COLUMNS:
+            compared = row["schema_version"] >= COMPARED_SINCE
+            for name in _COLUMNS if compared else _COLUMNS[:-1]:
                 if not _same(row[name], made[name]):
                     message = f"`{name}` is recorded as {row[name]!r}, and comes out as"
                     yield Finding("evidence", row["record_id"], f"{message} {made[name]!r}")
@@ -213,6 +231,43 @@ def of_attempts(directory: RunDirectory, spec: PanelSpec, all_searches: bool) ->
     random.shuffle(searched)
     for part, cell, unit in searched if all_searches else searched[:SEARCHES]:
         yield from _searched_again(directory, part, cell, unit)
+
+
+def of_contracts(
+    directory: RunDirectory,
+    spec: PanelSpec,
+    homes: Iterable[Home | None],
+    versions: Mapping[str, str],
+    whole: bool,
+) -> Iterator[Finding]:
+    """Comparisons of engines that are missing, or that come out otherwise when made again.
+
+    Those of engines that are not installed here are believed.
+
+    Args:
+        directory: of the run.
+        spec: of the run.
+        homes: of its policies.
+        versions: of the run's manifest.
+        whole: whether all that is planned must be there.
+    """
+    pairs, markers = pairs_of(spec, homes), directory.markers(COMPARED)
+    for unit in markers.keys() - pairs.keys():
+        yield Finding(f"units/{unit}.json", None, "compares what the plan does not have")
+    for unit, pair in pairs.items():
+        marker = markers.get(unit)
+        if marker is None:
+            if whole:
+                yield Finding("units", None, f"{unit}.json is missing, which the plan has")
+            continue
+        key = planned_key(versions, engines_of(pair), **key_parts(spec, pair))
+        if marker["key"] != key:
+            yield _of_marker(unit, "key", marker["key"], key)
+        if any(is_engine(one.engine) and missing_modules(one.engine) for one in pair):
+            continue
+        for name, made in marked(pair, contract_of(spec, pair)).items():
+            if not _same(marker.get(name), msgspec.json.decode(msgspec.json.encode(made))):
+                yield _of_marker(unit, name, marker.get(name), made)
 
 
 def _outcomes(
@@ -330,6 +385,8 @@ def _is_twice(spec: PanelSpec, arguments: str, own: str | None) -> bool:
 def _same(said: Any, made: Any) -> bool:
     if isinstance(said, list) and isinstance(made, list):
         return len(said) == len(made) and all(map(_same, said, made))
+    if isinstance(said, dict) and isinstance(made, dict):
+        return said.keys() == made.keys() and all(_same(said[k], made[k]) for k in said)
     if isinstance(said, float) and isinstance(made, float):
         return math.isclose(said, made, rel_tol=1e-6, abs_tol=1e-9)
     return bool(said == made)

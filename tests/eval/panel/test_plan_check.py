@@ -20,7 +20,7 @@ from integ_gym.eval.panel.run_directory import (
     spent_by,
 )
 from integ_gym.eval.verdict import Shares
-from integ_gym.evidence.fields import SUMMARY_FIELDS
+from integ_gym.evidence.fields import SCHEMA_VERSION, SUMMARY_FIELDS
 from integ_gym.evidence.hashing import with_hashes
 from integ_gym.evidence.schema import VERSION_KEY
 from integ_gym.evidence.sealing import seal
@@ -246,7 +246,9 @@ def test_records_of_an_earlier_schema_are_no_way_round_what_is_asked_now(run, ve
         pq.write_table(with_hashes(table.replace_schema_metadata(told)), file)
     make_fit(run, panel=False)
     seal(run)
-    words = f"records of schema version {version} in a run of the version that writes 5"
+    words = (
+        f"records of schema version {version} in a run of the version that writes {SCHEMA_VERSION}"
+    )
     code, told = _verify(run, capsys)
     assert (code, words in told) == (1, True)
     manifest = run / "run.json"
