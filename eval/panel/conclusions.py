@@ -1,7 +1,7 @@
 """What a panel concludes, in sentences: terminal, page and figures take them from here.
 
-The answer's first line always has the same order: success at home, on the truth, what is lost, and
-whether dt is the cause. Everything is read from a :class:`Panel`, which holds numbers and codes;
+The answer's first line always has the same order: success at home, on the truth (or at the limit),
+what is lost, and whether dt is the cause. Everything is read from a :class:`Panel`, which holds numbers and codes;
 nothing is computed here but means.
 """
 
@@ -38,6 +38,7 @@ from ..verdict import (
 from .cells import Cell
 from .result import (
     MEASURES,
+    MOST_CHANGED,
     EngineAgreement,
     Entry,
     Measure,
@@ -279,7 +280,7 @@ def finding_of(panel: Panel) -> Finding | None:
 def _finding_of_given(panel: Panel, row: Row) -> Finding:
     home = row.home if row.home and panel.entry(row.name, row.home) else None
     known = bool(row.shares) and all(panel.entry(row.name, cell) for cell in row.shares)
-    cell = panel.truth or (_finest(panel, row) if known else None)
+    cell = panel.yardstick or (_finest(panel, row) if known else None)
     measure: Literal["success", "return"] = "success" if _succeeds(panel, row.name) else "return"
     at_home = _mean_over(panel, row.name, row.shares, measure) if known else None
     there = None if cell is None else _value(panel.entry(row.name, cell.name), measure)
@@ -400,6 +401,7 @@ def _given(panel: Panel, finding: Finding) -> tuple[str, ...]:
     lines = [
         _first(panel, finding, row),
         _about_home(panel, finding, row),
+        limit_words(panel, row.name),
         _split(panel.entry(row.name, finding.cell)) if split and finding.cell else "",
         *_compared(panel, finding, row),
         _returns(panel, finding, row),
@@ -440,7 +442,7 @@ def _first(panel: Panel, finding: Finding, row: Row) -> str:
 def _closed_end(panel: Panel, finding: Finding) -> str:
     if finding.cell is None:
         return ""
-    place = f"the finest step ({finding.cell})" if panel.truth is None else "the truth"
+    place = panel.yardstick_words if panel.yardstick else f"the finest step ({finding.cell})"
     return closed_words(place, panel.cell(finding.cell).achievability)
 
 
@@ -478,7 +480,9 @@ class _Numbers:
 
 
 def _where(panel: Panel, cell: str | None) -> str:
-    if cell is None or panel.truth is None:
+    if panel.limit is not None and cell == panel.limit.name:
+        return f"at {panel.in_words(cell)}"
+    if cell is None or panel.yardstick is None:
         return f"at the finest step ({cell})"
     return f"on {panel.in_words(cell)}"
 
@@ -512,9 +516,26 @@ def _about_home(panel: Panel, finding: Finding, row: Row) -> str:
     remark = ""
     if panel.truth is not None and finding.measure == "return":
         remark = " It never succeeds, so returns are compared."
-    elif panel.truth is None and finding.status != "home_decides":
+    elif panel.yardstick is None and finding.status != "home_decides":
         remark = " This task has no truth, so the finest step stands in for it."
     return f"Home is {home}.{remark} {scope}"
+
+
+def limit_words(panel: Panel, row: str) -> str:
+    """How a row comes to its limit, or why that is not called one; empty without one."""
+    found = next((one for one in panel.limits if one.row == row), None)
+    if found is None:
+        return ""
+    cells = [panel.cell(name) for name in found.steps]
+    steps = ", ".join(f"{cell.dt:g}" for cell in cells[:-1]) + f" and {cells[-1].dt:g} s"
+    share = f"{found.not_converged} of {plural(found.episodes, 'episode')}"
+    told = f"{cells[-1].scheme} at {steps}"
+    if found.converges:
+        return f"The limit is extrapolated from {told}; {share} do not converge."
+    why = f"more than {percent(MOST_CHANGED)}"
+    if found.grows:
+        why = "and more change as the step shrinks"
+    return f"No limit: from {told}, {share} do not converge, {why}."
 
 
 def _range(panel: Panel, finding: Finding) -> str:
@@ -582,7 +603,7 @@ def _tally(
         )
         if counts[status]
     ]
-    against = "home" if found[0].against == "home" else "the truth"
+    against = "home" if found[0].against == "home" else f"the {found[0].against}"
     text = f"{plural(len(found), noun)} against {against}: {', '.join(parts)}."
     shown = [words for _, words in sorted(changed, reverse=True)[:_NAMED]]
     return text + (f" Largest: {'; '.join(shown)}." if shown else "")
@@ -635,7 +656,7 @@ def _worst(panel: Panel, judged: Sequence[Verdict]) -> Verdict:
         late = max(judged, key=lambda one: one.total.estimate)
         if late.total.estimate >= EQUIVALENCE_MARGIN:
             return late
-        truth = [one for one in judged if panel.truth and one.cell == panel.truth.name]
+        truth = [one for one in judged if panel.yardstick and one.cell == panel.yardstick.name]
         return max(truth or judged, key=lambda one: one.total.estimate)
     failed = [one for one in judged if one.verdict == "fails"]
     open_ones = [one for one in judged if one.verdict == "inconclusive"]
@@ -998,7 +1019,7 @@ def _next_of_given(panel: Panel, finding: Finding) -> NextStep | None:
     if finding.status == "undecided":
         more = 4 * _starts(panel, row)
         return NextStep("Try more starts", _again(panel, "--episodes", more))
-    if finding.status == "home_decides" and panel.truth is None:
+    if finding.status == "home_decides" and panel.yardstick is None:
         steps = sorted({cell.dt for cell in panel.columns}, reverse=True)
         return NextStep("Try a finer step", _again(panel, "--dt", *steps, steps[-1] / 2.0))
     if row.dt is None or finding.home is None or finding.status == "closed":
