@@ -1,8 +1,8 @@
 """What a panel concludes, in sentences: terminal, page and figures take them from here.
 
 The answer's first line always has the same order: success at home, on the truth (or at the limit),
-what is lost, and whether dt is the cause. Everything is read from a :class:`Panel`, which holds numbers and codes;
-nothing is computed here but means.
+what is lost, and whether dt is the cause. Everything is read from a :class:`Panel`, which holds
+numbers and codes; nothing is computed here but means.
 """
 
 from __future__ import annotations
@@ -113,6 +113,8 @@ def answer_lines(panel: Panel) -> tuple[str, ...]:
     first, *others = lines
     doubt = success_doubt(panel)
     undecided = [] if panel.stage is None else [_stage_words(panel.stage)]
+    if not panel.given_alone:
+        others = [*others, *filter(None, (limit_words(panel, _least_converged(panel)),))]
     separated = filter(None, (separation_words(panel),))
     return (*undecided, f"{doubt} {first}" if doubt else first, *others, *separated)
 
@@ -442,7 +444,9 @@ def _first(panel: Panel, finding: Finding, row: Row) -> str:
 def _closed_end(panel: Panel, finding: Finding) -> str:
     if finding.cell is None:
         return ""
-    place = panel.yardstick_words if panel.yardstick else f"the finest step ({finding.cell})"
+    place = f"the finest step ({finding.cell})"
+    if panel.yardstick is not None:
+        place = f"the {panel.yardstick_name}"
     return closed_words(place, panel.cell(finding.cell).achievability)
 
 
@@ -521,6 +525,13 @@ def _about_home(panel: Panel, finding: Finding, row: Row) -> str:
     return f"Home is {home}.{remark} {scope}"
 
 
+def _least_converged(panel: Panel) -> str:
+    """The row but a baseline of which most episodes do not converge; empty without a limit."""
+    own = [one for one in panel.limits if not panel.row(one.row).baseline]
+    worst = max(own, key=lambda one: one.not_converged / one.episodes, default=None)
+    return worst.row if worst else ""
+
+
 def limit_words(panel: Panel, row: str) -> str:
     """How a row comes to its limit, or why that is not called one; empty without one."""
     found = next((one for one in panel.limits if one.row == row), None)
@@ -530,6 +541,8 @@ def limit_words(panel: Panel, row: str) -> str:
     steps = ", ".join(f"{cell.dt:g}" for cell in cells[:-1]) + f" and {cells[-1].dt:g} s"
     share = f"{found.not_converged} of {plural(found.episodes, 'episode')}"
     told = f"{cells[-1].scheme} at {steps}"
+    if not panel.given_alone:
+        share += f" of {panel.in_words(row)}"
     if found.converges:
         return f"The limit is extrapolated from {told}; {share} do not converge."
     why = f"more than {percent(MOST_CHANGED)}"
@@ -977,14 +990,14 @@ def remedy_summary(panel: Panel, remedy: Remedy) -> str:
             f"No policy of a single discretization that learned loses more than {FAIL_MARGIN} by "
             f"overfitting anywhere, so there is nothing for {mixture} to remedy."
         )
-    own_entry = panel.on_truth(remedy.row)
-    singles = [e.success.estimate for row in remedy.singles if (e := panel.on_truth(row))]
+    own_entry = panel.on_yardstick(remedy.row)
+    singles = [e.success.estimate for row in remedy.singles if (e := panel.on_yardstick(row))]
     if own_entry is None or not singles:
         return summary
     return (
-        f"{summary} On the truth they succeed in {percent(own_entry.success.estimate)} of the "
-        f"episodes, policies of single discretizations in {percent(min(singles))} to "
-        f"{percent(max(singles))}."
+        f"{summary} {panel.at_yardstick.capitalize()} they succeed in "
+        f"{percent(own_entry.success.estimate)} of the episodes, policies of single "
+        f"discretizations in {percent(min(singles))} to {percent(max(singles))}."
     )
 
 

@@ -657,7 +657,8 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
                 schemes.setdefault(cell.scheme, []).append(cell)
         groups = [Group(name, _coarse_first(cells)) for name, cells in schemes.items()]
         called = self._limit_names
-        finest = tuple(c for c in self.cells if c.column and (c.kind == "limit" or c.name in called))
+        own = (c for c in self.cells if c.kind == "limit" or c.name in called)
+        finest = tuple(cell for cell in own if cell.column)
         truth = tuple(cell for cell in self.cells if cell.reference)
         first = [Group("truth", truth, reference=True)] if truth else []
         if finest:
@@ -726,9 +727,14 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
         return self.truth or self.limit
 
     @property
-    def yardstick_words(self) -> str:
-        """What that is called in a sentence."""
-        return "the truth" if self.truth else "the limit"
+    def yardstick_name(self) -> str:
+        """What that is called."""
+        return "limit" if self.truth is None and self.limit else "truth"
+
+    @property
+    def at_yardstick(self) -> str:
+        """Where that is, in a sentence."""
+        return f"{'at' if self.yardstick_name == 'limit' else 'on'} the {self.yardstick_name}"
 
     @cached_property
     def sweeps(self) -> dict[str, dict[float, str]]:
@@ -778,10 +784,18 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
             return self.truth
         return next((c for c in exact if math.isclose(c.control_period, control_period)), None)
 
-    def on_truth(self, row: str) -> Entry | None:
-        """What a row did on the truth at its control period, or None."""
-        truth = self.truth_at(self.row(row).control_period)
-        return None if truth is None else self.entry(row, truth.name)
+    def on_yardstick(self, row: str) -> Entry | None:
+        """What a row did on the truth, or without one at the limit, at its control period."""
+        period = self.row(row).control_period
+        found = self.truth_at(period) if self.truth else self.limit_at(period)
+        return None if found is None else self.entry(row, found.name)
+
+    def limit_at(self, control_period: float | None) -> Cell | None:
+        """The limit at a control period, s; the first where that is not known; None without it."""
+        called = [self.cell(name) for name in self._limit_names]
+        if control_period is None:
+            return self.limit
+        return next((c for c in called if math.isclose(c.control_period, control_period)), None)
 
     @cached_property
     def undeclared(self) -> tuple[Entry, ...]:
@@ -816,7 +830,7 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
 
     @cached_property
     def _limit_names(self) -> dict[str, str]:
-        """What limits' finest cells are called, by name; with the control period after the first."""
+        """What limits' finest cells are called; all but the first with the control period."""
         cells = [self.cell(name) for name in limits_called(self.limits, self.rows)]
         others = {cell.name: f"limit control={cell.control_period:g}" for cell in cells[1:]}
         return {cell.name: "limit" for cell in cells[:1]} | others
