@@ -137,11 +137,7 @@ def test_differences_that_do_not_shrink_are_not_extrapolated():
 
 
 def test_an_episode_that_ends_otherwise_or_earns_otherwise_does_not_converge():
-    success = [
-        np.array([[1.0, 1.0, 0.0]]),
-        np.array([[1.0, 1.0, 0.0]]),
-        np.array([[1.0, 0.0, 0.0]]),
-    ]
+    before, finest = np.array([[1.0, 1.0, 0.0]]), np.array([[1.0, 0.0, 0.0]])
     returns = [np.zeros((1, 3)), np.zeros((1, 3)), np.array([[0.0, 0.0, 9.0]])]
     found = extrapolate([before, before, finest], returns, 4, close=5.0)
     assert found.changed.tolist() == [[False, True, True]]
