@@ -1,11 +1,11 @@
 """Outcomes at a limit, extrapolated from those of its three steps.
 
-An episode's outcome at the limit lies no further from that at the finest step than this lies from
-that at the step before, if halving the step at least halves the error, as a method of order one or
-above does. That is all that is assumed of success, so its interval is widened on either side by the
-share of episodes that still change (bounds without a model of what is not known: Manski 2003). Of
-returns the same holds, and where their differences shrink they are extrapolated (Richardson 1911),
-with the order that is observed, at most the integrator's (Roache 1998).
+If halving the step at least halves the error, as in a method of order one or above, no more changes
+beyond the finest step than in the last halving. That is all that is assumed of success, so its
+interval is widened on either side by the share of episodes whose success still changes (bounds
+without a model of what is not known: Manski 2003). Of returns the same holds, and where their
+differences shrink they are extrapolated (Richardson 1911), with the order that is observed, at most
+the integrator's (Roache 1998).
 """
 
 from __future__ import annotations
@@ -27,7 +27,8 @@ class AtLimit:
 
     Attributes:
         success: 1 or 0, at the finest step.
-        returns: extrapolated; at the finest step where an episode does not converge.
+        returns: extrapolated; at the finest step where an episode does not converge; NaN where one
+            of the two finest steps has none that is finite.
         changed: whether an episode does not converge.
         changed_before: episodes whose success differs in the two coarser steps.
         success_slack: by how much mean success may be another on either side.
@@ -61,7 +62,7 @@ def extrapolate(
         beyond = np.where(~changed & (shrunk >= 2.0), last / (shrunk - 1.0), 0.0)
     return AtLimit(
         success[2],
-        returns[2] + beyond,
+        np.where(np.isfinite(last), returns[2] + beyond, np.nan),
         changed,
         int((success[0] != success[1]).sum()),
         float(flipped.mean()),

@@ -15,7 +15,6 @@ from integ_gym.envs.integrators.newton import LEAST_TOLERANCE
 from integ_gym.envs.registries import INTEGRATORS, MAPS
 from integ_gym.envs.settings import Discretization
 from integ_gym.envs.testbeds.gym_testbed import Testbed
-from integ_gym.support.errors import InputError
 
 from .cells import Cell, Home, SpecError, environments_of, is_engine, map_of
 
@@ -81,7 +80,7 @@ def _steps_from(testbed: Testbed, home: Discretization) -> tuple[dict[str, Any],
         try:
             steps = {part: _tightened(testbed, place) for part, place in places.items()}
             return tuple({"part": part, **arguments} for part, arguments in steps.items())
-        except (InputError, ValueError) as error:
+        except (TypeError, ValueError) as error:
             fault = str(error)
     raise SpecError(f"a limit needs a half, a quarter and an eighth of {home.name}: {fault}")
 
