@@ -25,6 +25,7 @@ import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 from measuring import results
+from tqdm import tqdm
 
 import integ_gym  # noqa: F401  registers the ids
 from integ_gym.envs.registries import INTEGRATORS, TRUTH
@@ -176,9 +177,11 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=TRAINING["total_steps"], help="of training")
     given = parser.parse_args()
     found: dict[Case, list[Repeat]] = {case: [] for case in CASES}
-    for policy in trained(given):
-        for case, repeat in repeats_of(policy, given.repeats, given.first_start):
-            found[case].append(repeat)
+    with tqdm(total=len(given.seeds) * len(CASES) * given.repeats, unit="limit") as bar:
+        for policy in trained(given):
+            for case, repeat in repeats_of(policy, given.repeats, given.first_start):
+                found[case].append(repeat)
+                bar.update()
     rows = [line(case, own) for case, own in found.items()]
     header = (
         *("limit", "called", "holds success", "median width"),
