@@ -49,6 +49,7 @@ from .result import (
     Row,
     Separation,
     TrainingCost,
+    limits_called,
 )
 from .spec import PanelSpec
 
@@ -243,7 +244,7 @@ def _held_against(
         return "home", row.shares
     if layout.reference is not None:
         return "truth", {layout.reference: 1.0}
-    finest = next((steps[-1] for steps in layout.limit_steps()), None)
+    finest = next(iter(limits_called(limits(layout, matrix), layout.rows)), None)
     return (None, {}) if finest is None else ("limit", {finest: 1.0})
 
 
@@ -365,7 +366,8 @@ def separations(layout: PanelLayout, matrix: Matrix) -> tuple[Separation, ...]:
 def _separations_of(layout: PanelLayout, matrix: Matrix, row: Row) -> Iterator[Separation]:
     """Of one row, whose cells are found by what they are."""
     home = layout.cells[str(row.home)].discretization
-    own = [layout.cells[name] for name in layout.cells_of[row.name]]
+    cells = [layout.cells[name] for name in layout.cells_of[row.name]]
+    own = [cell for cell in cells if cell.kind != "limit"]
     names = {_content(axes_between(home, cell)): cell.name for cell in own}
     for measure, cell in product(MEASURES, own):
         axes = axes_between(home, cell)

@@ -64,7 +64,8 @@ def _evaluate(policy: Path, env_id: str, out: Path, *more: str) -> int:
 def run(balancing) -> Path:
     out = balancing.parent / "out"
     chosen = [f"--integrator={name}" for name in ("Euler", "implicitfast")]
-    assert _evaluate(balancing, "InvertedPendulum-v5", out, *chosen, "--dt=0.02", "--dt=0.01") == 0
+    chosen += ["--dt=0.02", "--dt=0.01", "--no-limit"]
+    assert _evaluate(balancing, "InvertedPendulum-v5", out, *chosen) == 0
     return out
 
 
@@ -156,6 +157,7 @@ def test_resumes_where_it_was_interrupted(run, balancing, tmp_path):
     (out / "units" / "evaluate-random.json").unlink()
     kept = (out / "evidence" / "evaluate-balance.parquet").stat().st_mtime_ns
     chosen = ["--integrator=Euler", "--integrator=implicitfast", "--dt=0.02", "--dt=0.01"]
+    chosen += ["--no-limit"]
     assert _evaluate(balancing, "InvertedPendulum-v5", out, *chosen) == 0
     assert (out / "evidence" / "evaluate-balance.parquet").stat().st_mtime_ns == kept
     assert _panel(out)["matrix"] == [
