@@ -184,8 +184,8 @@ def main() -> None:
                 bar.update()
     rows = [line(case, own) for case, own in found.items()]
     header = (
-        *("limit", "called", "holds success", "median width"),
-        *("holds return", "median width", "true success"),
+        *("limit", "called", "holds success", "success width"),
+        *("holds return", "return width", "true success"),
     )
     results.print_table(header, rows)
     if given.json:
