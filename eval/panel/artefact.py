@@ -18,7 +18,8 @@ from integ_gym.support.processes import host, instruction_sets
 from ..power import WITHOUT_VERDICT, Verdict, judge_family, postponed, seeds_wanted
 from ..verdict import PolicyCell, PolicyComparison, compare_policies
 from .cells import Cell
-from .findings import paired_episodes, rankings, remedies, separations
+from .extrapolation import entry_at_limit
+from .findings import limits, paired_episodes, rankings, remedies, separations
 from .matrix import Matrix, PanelLayout, mean_success
 from .result import FILE_NAME, Failure, OtherVersionError, Panel, Row, Stage, read_panel
 from .run_directory import RunDirectory
@@ -48,8 +49,9 @@ def build_artefact(
         stage: see :class:`Panel`; there are no verdicts yet where it is given.
         other: attributes of :class:`Panel` that the outcome does not tell.
     """
-    losses = layout.losses(matrix)
     broken = layout.broken
+    losses, at_limit = layout.losses(matrix), limits(layout, matrix)
+    at = {(one.row, one.cell): one for one in at_limit}
     places = [(row, cell) for row in layout.rows for cell in layout.cells_of[row.name]]
     failures = [
         failure
@@ -70,18 +72,24 @@ def build_artefact(
         rows=tuple(_row(row, matrix, training_steps) for row in layout.rows),
         cells=tuple(_cell(cell, layout, matrix) for cell in layout.cells.values()),
         matrix=tuple(
-            matrix.entry(
-                row.name,
-                cell,
-                layout.native(cell),
-                None if (row.name, cell) in broken else layout.reference_of(matrix, cell),
-                None if (row.name, cell) in broken else losses.get((row.name, cell)),
-                tuple(dict.fromkeys(file for policy in row.policy_ids for file in files[policy])),
-                _query(directory, row, cell),
+            entry_at_limit(
+                matrix.entry(
+                    row.name,
+                    cell,
+                    layout.native(cell),
+                    None
+                    if (row.name, cell) in broken
+                    else layout.reference_of(matrix, cell, at_limit),
+                    None if (row.name, cell) in broken else losses.get((row.name, cell)),
+                    tuple(dict.fromkeys(file for p in row.policy_ids for file in files[p])),
+                    _query(directory, row, cell),
+                ),
+                at.get((row.name, cell)),
             )
             for row, cell in places
         ),
         contracts=tuple(layout.contracts.values()),
+        limits=at_limit,
         paired=paired_episodes(layout, matrix),
         verdicts=_verdicts(layout, matrix, decided=stage is None),
         policy_comparisons=tuple(_compare(layout, matrix, a, b) for a, b in layout.compare),

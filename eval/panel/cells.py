@@ -157,8 +157,9 @@ class Variation(Part, frozen=True):
     at: tuple[Literal["home", "truth"] | Discretization, ...] = ("home", "truth")
 
 
-CellKind: TypeAlias = Literal["grid", "reference", "varied", "ladder"]
-"""Of the grid; the truth; another with some arguments changed; the control period follows dt."""
+CellKind: TypeAlias = Literal["grid", "reference", "varied", "ladder", "limit"]
+"""Of the grid; the truth; another with some arguments changed; the control period follows dt; a
+step of the limit that the grid has not."""
 
 
 class AppliedDiscretization(Part, frozen=True, kw_only=True):
@@ -191,10 +192,12 @@ class Cell(Part, frozen=True, kw_only=True):
         dt: integration step, s.
         control_period: time between two decisions, s.
         environment: other constructor arguments that differ from the panel's.
-        kind: `grid`, `reference`, `varied` or `ladder`.
+        kind: `grid`, `reference`, `varied`, `ladder` or `limit`.
         variation: name of what is varied; null unless the cell is `varied`.
         at: name of the cell that it is varied from; null likewise.
         role: `reference` or `quarter_step` where the cell decides a comparison of policies.
+        limit_part: 2, 4 or 8 where it is that part of a home's step from which the limit is
+            extrapolated; the limit's column is the cell with 8.
         applied: what its records tell of the environments; null without records.
         achievability: `achievable`, `too_slow` (within two horizons alone), `unachievable` or
             `undecided`; null where it was not asked.
@@ -212,6 +215,7 @@ class Cell(Part, frozen=True, kw_only=True):
     variation: str | None = None
     at: str | None = None
     role: CellRole | None = None
+    limit_part: Literal[2, 4, 8] | None = None
     applied: AppliedDiscretization | None = None
     achievability: Achievability | None = None
     best: Attempt | None = None
@@ -233,6 +237,11 @@ class Cell(Part, frozen=True, kw_only=True):
     def reference(self) -> bool:
         """Whether this is a truth column."""
         return self.kind == "reference"
+
+    @property
+    def column(self) -> bool:
+        """Whether every row is evaluated in it for its own sake: of the limit, the finest step."""
+        return self.kind in ("grid", "reference") or (self.kind, self.limit_part) == ("limit", 8)
 
     @property
     def scheme(self) -> str:

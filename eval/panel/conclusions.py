@@ -1,8 +1,8 @@
 """What a panel concludes, in sentences: terminal, page and figures take them from here.
 
-The answer's first line always has the same order: success at home, on the truth, what is lost, and
-whether dt is the cause. Everything is read from a :class:`Panel`, which holds numbers and codes;
-nothing is computed here but means.
+The answer's first line always has the same order: success at home, on the truth (or at the limit),
+what is lost, and whether dt is the cause. Everything is read from a :class:`Panel`, which holds
+numbers and codes; nothing is computed here but means.
 """
 
 from __future__ import annotations
@@ -39,6 +39,7 @@ from ..verdict import (
 from .cells import Cell
 from .result import (
     MEASURES,
+    MOST_CHANGED,
     EngineAgreement,
     Entry,
     Measure,
@@ -114,6 +115,8 @@ def answer_lines(panel: Panel) -> tuple[str, ...]:
     first, *others = lines
     doubt = success_doubt(panel)
     undecided = [] if panel.stage is None else [_stage_words(panel.stage)]
+    if not panel.given_alone:
+        others = [*others, *filter(None, (limit_words(panel, _least_converged(panel)),))]
     separated = filter(None, (separation_words(panel),))
     headline = f"{doubt} {first}" if doubt else first
     return (*undecided, headline, *others, *separated, *_broken_contracts(panel))
@@ -300,7 +303,7 @@ def finding_of(panel: Panel) -> Finding | None:
 def _finding_of_given(panel: Panel, row: Row) -> Finding:
     home = row.home if row.home and panel.entry(row.name, row.home) else None
     known = bool(row.shares) and all(panel.entry(row.name, cell) for cell in row.shares)
-    cell = panel.truth or (_finest(panel, row) if known else None)
+    cell = panel.yardstick or (_finest(panel, row) if known else None)
     measure: Literal["success", "return"] = "success" if _succeeds(panel, row.name) else "return"
     at_home = _mean_over(panel, row.name, row.shares, measure) if known else None
     there = None if cell is None else _value(panel.entry(row.name, cell.name), measure)
@@ -425,6 +428,7 @@ def _given(panel: Panel, finding: Finding) -> tuple[str, ...]:
     lines = [
         _first(panel, finding, row),
         _about_home(panel, finding, row),
+        limit_words(panel, row.name),
         _split(panel.entry(row.name, finding.cell)) if split and finding.cell else "",
         *_compared(panel, finding, row),
         _returns(panel, finding, row),
@@ -468,7 +472,9 @@ def _first(panel: Panel, finding: Finding, row: Row) -> str:
 def _closed_end(panel: Panel, finding: Finding) -> str:
     if finding.cell is None:
         return ""
-    place = f"the finest step ({finding.cell})" if panel.truth is None else "the truth"
+    place = f"the finest step ({finding.cell})"
+    if panel.yardstick is not None:
+        place = f"the {panel.yardstick_name}"
     return closed_words(place, panel.cell(finding.cell).achievability)
 
 
@@ -506,7 +512,9 @@ class _Numbers:
 
 
 def _where(panel: Panel, cell: str | None) -> str:
-    if cell is None or panel.truth is None:
+    if panel.limit is not None and cell == panel.limit.name:
+        return f"at {panel.in_words(cell)}"
+    if cell is None or panel.yardstick is None:
         return f"at the finest step ({cell})"
     return f"on {panel.in_words(cell)}"
 
@@ -540,9 +548,35 @@ def _about_home(panel: Panel, finding: Finding, row: Row) -> str:
     remark = ""
     if panel.truth is not None and finding.measure == "return":
         remark = " It never succeeds, so returns are compared."
-    elif panel.truth is None and finding.status != "home_decides":
+    elif panel.yardstick is None and finding.status != "home_decides":
         remark = " This task has no truth, so the finest step stands in for it."
     return f"Home is {home}.{remark} {scope}"
+
+
+def _least_converged(panel: Panel) -> str:
+    """The row but a baseline of which most episodes do not converge; empty without a limit."""
+    own = [one for one in panel.limits if not panel.row(one.row).baseline]
+    worst = max(own, key=lambda one: one.not_converged / one.episodes, default=None)
+    return worst.row if worst else ""
+
+
+def limit_words(panel: Panel, row: str) -> str:
+    """How a row comes to its limit, or why that is not called one; empty without one."""
+    found = next((one for one in panel.limits if one.row == row), None)
+    if found is None:
+        return ""
+    cells = [panel.cell(name) for name in found.steps]
+    steps = ", ".join(f"{cell.dt:g}" for cell in cells[:-1]) + f" and {cells[-1].dt:g} s"
+    share = f"{found.not_converged} of {plural(found.episodes, 'episode')}"
+    told = f"{cells[-1].scheme} at {steps}"
+    if not panel.given_alone:
+        share += f" of {panel.in_words(row)}"
+    if found.converges:
+        return f"The limit is extrapolated from {told}; {share} do not converge."
+    why = f"more than {percent(MOST_CHANGED)}"
+    if found.grows:
+        why = "and more change as the step shrinks"
+    return f"No limit: from {told}, {share} do not converge, {why}."
 
 
 def _range(panel: Panel, finding: Finding) -> str:
@@ -610,7 +644,7 @@ def _tally(
         )
         if counts[status]
     ]
-    against = "home" if found[0].against == "home" else "the truth"
+    against = "home" if found[0].against == "home" else f"the {found[0].against}"
     text = f"{plural(len(found), noun)} against {against}: {', '.join(parts)}."
     shown = [words for _, words in sorted(changed, reverse=True)[:_NAMED]]
     return text + (f" Largest: {'; '.join(shown)}." if shown else "")
@@ -663,7 +697,7 @@ def _worst(panel: Panel, judged: Sequence[Verdict]) -> Verdict:
         late = max(judged, key=lambda one: one.total.estimate)
         if late.total.estimate >= EQUIVALENCE_MARGIN:
             return late
-        truth = [one for one in judged if panel.truth and one.cell == panel.truth.name]
+        truth = [one for one in judged if panel.yardstick and one.cell == panel.yardstick.name]
         return max(truth or judged, key=lambda one: one.total.estimate)
     failed = [one for one in judged if one.verdict == "fails"]
     open_ones = [one for one in judged if one.verdict == "inconclusive"]
@@ -1020,14 +1054,14 @@ def remedy_summary(panel: Panel, remedy: Remedy) -> str:
             f"No policy of a single discretization that learned loses more than {FAIL_MARGIN} by "
             f"overfitting anywhere, so there is nothing for {mixture} to remedy."
         )
-    own_entry = panel.on_truth(remedy.row)
-    singles = [e.success.estimate for row in remedy.singles if (e := panel.on_truth(row))]
+    own_entry = panel.on_yardstick(remedy.row)
+    singles = [e.success.estimate for row in remedy.singles if (e := panel.on_yardstick(row))]
     if own_entry is None or not singles:
         return summary
     return (
-        f"{summary} On the truth they succeed in {percent(own_entry.success.estimate)} of the "
-        f"episodes, policies of single discretizations in {percent(min(singles))} to "
-        f"{percent(max(singles))}."
+        f"{summary} {panel.at_yardstick.capitalize()} they succeed in "
+        f"{percent(own_entry.success.estimate)} of the episodes, policies of single "
+        f"discretizations in {percent(min(singles))} to {percent(max(singles))}."
     )
 
 
@@ -1062,7 +1096,7 @@ def _next_of_given(panel: Panel, finding: Finding) -> NextStep | None:
     if finding.status == "undecided":
         more = 4 * _starts(panel, row)
         return NextStep("Try more starts", _again(panel, "--episodes", more))
-    if finding.status == "home_decides" and panel.truth is None:
+    if finding.status == "home_decides" and panel.yardstick is None:
         steps = sorted({cell.dt for cell in panel.columns}, reverse=True)
         return NextStep("Try a finer step", _again(panel, "--dt", *steps, steps[-1] / 2.0))
     if finding.status == "contract_error" and finding.home and finding.cell:

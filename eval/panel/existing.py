@@ -30,13 +30,14 @@ from integ_gym.train.baselines import possible_baselines
 from integ_gym.train.policy_files.reading import unscaled
 from integ_gym.train.policy_files.sidecar import Stated
 
-from .cells import environments_of, main_home, many
+from .cells import SpecError, environments_of, main_home, many
 from .checking.plan import check_records
 from .doubts import doubts_of
 from .elsewhere import make_interpreters
 from .episodes import Subject
 from .evaluate import all_seconds, evaluate_all
 from .home import VARIED, Provenance, provenance
+from .limit import steps_of_limit
 from .matrix import given_rows
 from .outputs import (
     CHECKING,
@@ -222,6 +223,7 @@ def plan(
     episodes: int = 50,
     varied: Mapping[str, Any] = MappingProxyType({}),
     at: Sequence[str] = (),
+    limit: bool | None = None,
 ) -> PanelSpec:
     """The evaluation as a panel without training, all its cells checked.
 
@@ -236,6 +238,7 @@ def plan(
         episodes: paired starts.
         varied: constructor arguments with the values that they take, every combination of them.
         at: `home` or `truth`: these are varied; by default every discretization is.
+        limit: whether a limit is extrapolated; None: where there is no truth and its steps fit.
 
     Raises:
         TypeError, ValueError: for a cell that cannot be made.
@@ -275,6 +278,14 @@ def plan(
         ]
     places: Any = tuple(at) or (*columns, "home", "truth")
     asked = tuple(vary(None, rest, places)) if rest else ()
+    steps: tuple[dict[str, Any], ...] = ()
+    if limit or (limit is None and testbed.truth(period) is None):
+        try:
+            steps = steps_of_limit(testbed, [existing.home] if existing.home else [], around)
+        except SpecError as error:
+            if limit:
+                raise
+            unmade.append(f"No limit is extrapolated: {error}.")
     spec = PanelSpec(
         name=f"evaluate {name}",
         env_id=env_id,
@@ -283,6 +294,7 @@ def plan(
         grid=tuple(dict.fromkeys([*columns, *own])),
         seeds=(),
         environment=environment,
+        limit=steps,
         ladder=False,
         episodes=episodes,
         question=f"Does {name} survive another integrator or timestep?",
@@ -416,6 +428,7 @@ def evaluate(
     episodes: int = 50,
     varied: Mapping[str, Any] | None = None,
     at: Sequence[str] = (),
+    limit: bool | None = None,
     environment: Mapping[str, Any] | None = None,
     obs_stats: str | os.PathLike[str] | None = None,
     own_code: bool = False,
@@ -449,6 +462,8 @@ def evaluate(
             "mujoco==3.2.7"]``, each for cells of its own, in an interpreter that uv makes; of
             several at once a list or ``"mujoco==3.1.0 numpy==2.2.0"``.
         at: where: ``"home"``, ``"truth"``, or both; by default in every discretization.
+        limit: whether a limit is extrapolated from the best integrator's finer steps; by default
+            where there is no truth and these steps fit.
         environment: constructor arguments, without the discretization.
         obs_stats: VecNormalize's statistics, as its ``vecnormalize.pkl`` or as JSON.
         own_code: whether classes that the side-car names as ``"module:Class"`` may be loaded.
@@ -496,7 +511,7 @@ def evaluate(
             )
         statistics = None if obs_stats is None else Path(obs_stats)
         existing = read_existing(Path(policy), env_id, given, statistics, own_code, home)
-    spec = plan(existing, env_id, integrators, dts, episodes, varied or {}, at)
+    spec = plan(existing, env_id, integrators, dts, episodes, varied or {}, at, limit)
     on_home(str(existing.provenance))
     asked = resources_for(resources, workers, None)
     with open_cluster(executor, address, asked) as cluster, open_storage(out) as place:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from itertools import product
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -30,11 +30,16 @@ from ..statistics import (
 )
 from ..verdict import FAIL_MARGIN, UNSOLVED, Loss, adjust_for_look, share_of_look
 from .cells import Cell, axes_between, changes_name, is_engine, map_of
+from .conclusions import RETURN_MARGIN
+from .extrapolation import widen
+from .limit import order_of
 from .matrix import Matrix, PanelLayout
 from .result import (
     MEASURES,
+    Against,
     AxisCost,
     EngineAgreement,
+    Limit,
     Measure,
     PairedEpisodes,
     RankingAgreement,
@@ -44,6 +49,7 @@ from .result import (
     Row,
     Separation,
     TrainingCost,
+    limits_called,
 )
 from .spec import PanelSpec
 
@@ -148,6 +154,26 @@ def _mean(values: Sequence[Any]) -> float:
 Array = npt.NDArray[Any]
 
 
+def limits(layout: PanelLayout, matrix: Matrix) -> tuple[Limit, ...]:
+    """What every row reaches at the limit at each of its control periods."""
+    return tuple(
+        matrix.limit(row.name, *_of_limit(layout, matrix, row.name, steps))
+        for steps in layout.limit_steps()
+        for row in layout.rows
+    )
+
+
+def _of_limit(
+    layout: PanelLayout, matrix: Matrix, row: str, steps: Sequence[str]
+) -> tuple[Sequence[str], int, float]:
+    """Steps and order of a limit, and by how much a return there may change for a row."""
+    order, lead = order_of(layout.cells[steps[-1]].discretization), 0.0
+    if "random" in matrix.rows:
+        own, chance = (matrix.values(name, steps[-1], "return") for name in (row, "random"))
+        lead = float(own.mean() - chance.mean())
+    return steps, order, RETURN_MARGIN * lead if lead > 0.0 else math.inf
+
+
 def paired_episodes(layout: PanelLayout, matrix: Matrix) -> tuple[PairedEpisodes, ...]:
     """What every given policy does in each cell, beside home; beside the truth without a home."""
     given = [row for row in layout.rows if row.kind == "given"]
@@ -159,12 +185,31 @@ def _paired(layout: PanelLayout, matrix: Matrix, row: Row) -> Iterator[PairedEpi
     against, shares = _held_against(layout, matrix, row)
     if against is None:
         return
-    others = [cell for cell in cells if cell not in shares or len(shares) > 1]
-    tested = [cell for cell in others if (row.name, cell) not in layout.broken]
+    at = {
+        steps[-1]: matrix.at_limit(row.name, *_of_limit(layout, matrix, row.name, steps))
+        for steps in layout.limit_steps()
+    }
+    tested = [
+        cell
+        for cell in cells
+        if (layout.cells[cell].kind != "limit" or cell in at)
+        and (cell not in shares or len(shares) > 1)
+        and (row.name, cell) not in layout.broken
+    ]
     success = _mixed(matrix, row.name, "success", shares)
     earned = _mixed(matrix, row.name, "return", shares)
-    rates = [paired_success(success, _of(matrix, row.name, "success", cell)) for cell in tested]
-    means = [_return(earned, _of(matrix, row.name, "return", cell)) for cell in tested]
+    rates, means = [], []
+    for cell in tested:
+        found = at.get(cell)
+        if found is None:
+            rates.append(paired_success(success, _of(matrix, row.name, "success", cell)))
+            means.append(_return(earned, _of(matrix, row.name, "return", cell)))
+        else:
+            rates.append(
+                _beyond_slack(*paired_success(success, found.success[0]), found.success_slack)
+            )
+            lost = _return(earned, found.returns[0])
+            means.append(lost and _beyond_slack(*lost, found.return_slack, math.inf))
     share = share_of_look(max(1, len(layout.looks)))
     adjusted = [adjust_for_look(p, share) for p in holm([p for _, p in rates]).tolist()]
     known = [p for found in means if found for p in found[1:]]
@@ -184,13 +229,24 @@ def _paired(layout: PanelLayout, matrix: Matrix, row: Row) -> Iterator[PairedEpi
         )
 
 
+def _beyond_slack(
+    lost: Estimate, p: float, slack: float, most: float = 1.0
+) -> tuple[Estimate, float]:
+    """A difference with a slack on either side; within it there is nothing to show."""
+    wide: Estimate = widen(lost, slack, -most, most)
+    return wide, 1.0 if wide.ends[0] <= 0.0 <= wide.ends[1] else p
+
+
 def _held_against(
     layout: PanelLayout, matrix: Matrix, row: Row
-) -> tuple[Literal["home", "truth"] | None, dict[str, float]]:
+) -> tuple[Against | None, dict[str, float]]:
     """What a row is held against, as shares of cells; None where there is nothing."""
     if row.shares and all(matrix.has(row.name, cell) for cell in row.shares):
         return "home", row.shares
-    return (None, {}) if layout.reference is None else ("truth", {layout.reference: 1.0})
+    if layout.reference is not None:
+        return "truth", {layout.reference: 1.0}
+    finest = next(iter(limits_called(limits(layout, matrix), layout.rows)), None)
+    return (None, {}) if finest is None else ("limit", {finest: 1.0})
 
 
 def _of(matrix: Matrix, row: str, name: str, cell: str) -> Array:
@@ -315,7 +371,8 @@ def separations(layout: PanelLayout, matrix: Matrix) -> tuple[Separation, ...]:
 def _separations_of(layout: PanelLayout, matrix: Matrix, row: Row) -> Iterator[Separation]:
     """Of one row, whose cells are found by what they are."""
     home = layout.cells[str(row.home)].discretization
-    own = [layout.cells[name] for name in layout.cells_of[row.name]]
+    cells = [layout.cells[name] for name in layout.cells_of[row.name]]
+    own = [cell for cell in cells if cell.kind != "limit"]
     names = {_content(axes_between(home, cell)): cell.name for cell in own}
     for measure, cell in product(MEASURES, own):
         axes = axes_between(home, cell)

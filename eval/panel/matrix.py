@@ -44,7 +44,9 @@ from ..verdict import (
 from .achieve import Tried
 from .cells import AppliedDiscretization, Cell, Home, main_home
 from .contracts import Contracts, is_kept
-from .result import Entry, Failure, Look, Measure, Policy, Row
+from .extrapolation import AtLimit, extrapolate, widen
+from .limit import PARTS
+from .result import Entry, Failure, Limit, Look, Measure, Policy, Row, limits_called
 from .run_directory import Seen, looks_before, spent_by
 from .spec import PanelSpec
 
@@ -110,7 +112,10 @@ class Matrix:
 
     def units(self, row: str, cell: str, name: str) -> Array:
         """One column by unit of replication, shape (units, episodes of each)."""
-        values = self.values(row, cell, name)
+        return self._by_unit(row, self.values(row, cell, name))
+
+    def _by_unit(self, row: str, values: Array) -> Array:
+        """Values of shape (seeds, episodes) by unit of replication."""
         by_episode = self._by_episode or self.rows[row].kind == "baseline"
         return values.reshape(-1, 1) if by_episode else values
 
@@ -182,7 +187,7 @@ class Matrix:
             success=mean_success(rates),
             success_by_seed=tuple(self.values(row, cell, "success").mean(axis=1).tolist()),
             recovered=mean_success(self.recovered_rates(row, cell)),
-            returns=self._return(row, cell),
+            returns=self._mean_return(row, self.values(row, cell, "return")),
             time_to_success=self._mean(row, cell, "time_to_success"),
             time_to_success_episodes=sum(r["time_to_success"] is not None for r in records),
             energy_residual=self._mean(row, cell, "energy_residual_total"),
@@ -223,8 +228,39 @@ class Matrix:
         """Whether an episode's trace is kept."""
         return episode_index % self.trace_every == 0
 
-    def _return(self, row: str, cell: str) -> Estimate | None:
-        values = self.units(row, cell, "return")
+    def at_limit(self, row: str, steps: Sequence[str], order: int, close: float) -> AtLimit:
+        """Outcomes of a row at the limit.
+
+        Args:
+            row: row name.
+            steps: the limit's cells, the coarsest first.
+            order: of their integrator.
+            close: see :func:`extrapolate`.
+        """
+        success, returns = (
+            [self.values(row, cell, name) for cell in steps] for name in ("success", "return")
+        )
+        return extrapolate(success, returns, order, close)
+
+    def limit(self, row: str, steps: Sequence[str], order: int, close: float) -> Limit:
+        """What a row reaches at the limit; arguments as of :meth:`at_limit`."""
+        found, cell = self.at_limit(row, steps, order, close), steps[-1]
+        returns = self._mean_return(row, found.returns)
+        return Limit(
+            row=row,
+            cell=cell,
+            steps=tuple(steps),
+            order=order,
+            episodes=found.changed.size,
+            changed_before=found.changed_before,
+            not_converged=int(found.changed.sum()),
+            success=widen(mean_success(self.rates(row, cell)), found.success_slack, 0.0),
+            success_slack=found.success_slack,
+            returns=widen(returns, found.return_slack, -np.inf, np.inf),
+        )
+
+    def _mean_return(self, row: str, returns: Array) -> Estimate | None:
+        values = self._by_unit(row, returns)
         if not np.isfinite(values).all():
             return None
         if self._by_episode:
@@ -365,17 +401,21 @@ class PanelLayout:
         """The row that was trained in a cell alone, if there is one."""
         return next((row.name for row in self.rows if row.home == cell), None)
 
-    def reference_of(self, matrix: Matrix, cell: str) -> str | None:
-        """The truth at a cell's control period, where nothing is varied in it.
+    def reference_of(self, matrix: Matrix, cell: str, limits: Sequence[Limit]) -> str | None:
+        """The truth, or without one the limit, at a cell's control period.
 
-        None where the cell cannot be solved in time, so that failing there says nothing.
+        None where something is varied in the cell, or it cannot be solved in time, so that failing
+        there says nothing.
         """
         own = self.cells[cell]
-        if not own.plain or own.kind == "ladder":
+        if not own.plain or own.kind in ("ladder", "limit"):
             return None
         if self.achieved(matrix, cell).status in UNSOLVABLE:
             return None
-        return self.truth_at(own.control_period)
+        if self.reference is not None:
+            return self.truth_at(own.control_period)
+        finest = (self.cells[name] for name in limits_called(limits, self.rows))
+        return next((c.name for c in finest if isclose(c.control_period, own.control_period)), None)
 
     def truth_at(self, control_period: float | None) -> str | None:
         """Name of the truth at a control period, s; None where there is none."""
@@ -391,7 +431,15 @@ class PanelLayout:
 
     def columns(self) -> tuple[str, ...]:
         """Names of the cells that every row is evaluated in."""
-        return tuple(n for n, c in self.cells.items() if c.kind in ("grid", "reference"))
+        return tuple(name for name, cell in self.cells.items() if cell.column)
+
+    def limit_steps(self) -> tuple[tuple[str, ...], ...]:
+        """Names of the limit's steps at each of its control periods, the coarsest first."""
+        found: dict[float, dict[int, str]] = {}
+        for cell in self.cells.values():
+            if cell.limit_part is not None:
+                found.setdefault(cell.control_period, {})[cell.limit_part] = cell.name
+        return tuple(tuple(own[part] for part in PARTS) for own in found.values())
 
     def rates(self, matrix: Matrix, row: str, cell: str) -> Rates | None:
         """What the loss of a row in a cell is made of; None without a home."""

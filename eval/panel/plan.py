@@ -112,7 +112,7 @@ GROWING: Final = "seeds"
 EPISODES: Final = ("episodes", "episode_parts")
 """How many starts there are, to which more may be added, and how many came at a time."""
 
-WORDS: Final = ("question", "sources")
+WORDS: Final = ("question", "sources", "unmade")
 """What may be another: words for people, and what follows from the lists."""
 
 
@@ -211,6 +211,7 @@ _LISTS: Final[Mapping[str, tuple[str, Callable[[Any], str]]]] = {
     "grid": ("cell", _place_words),
     "variations": ("variation", _change_words),
     "baselines": ("baseline", repr),
+    "limit": ("step of the limit", lambda entry: f"dt={entry['dt']:g}"),
 }
 """Lists to which more may be added anywhere, what an entry is called, and how it is told."""
 
@@ -234,7 +235,7 @@ STAGES: Final = (4, 12)
 
 FREE: Final = (
     *("question", "seeds", "exploratory_seeds", "train", "grid", "variations"),
-    *("baselines", "family", "compare", "looks", "ladder", "sources", "unmade"),
+    *("baselines", "family", "compare", "looks", "ladder", "limit", "sources", "unmade"),
 )
 """Parts of a specification that no record of a policy in a cell depends on."""
 

@@ -22,6 +22,7 @@ from ..contract import Contract
 from ..power import Verdict
 from ..statistics import Estimate, Median, Part
 from ..verdict import (
+    EQUIVALENCE_MARGIN,
     FAIL_MARGIN,
     UNSOLVABLE,
     PolicyComparison,
@@ -32,6 +33,11 @@ from .cells import Cell, Home, flatten, place_name
 
 RowKind: TypeAlias = Literal["trained", "given", "baseline"]
 """Trained by the panel, given to it, or a baseline that nobody trained."""
+
+
+MOST_CHANGED: Final = EQUIVALENCE_MARGIN
+"""Share of episodes that need not converge at a limit; with more, no practical equality could be
+shown there."""
 
 
 class Policy(Part, frozen=True, kw_only=True):
@@ -204,6 +210,54 @@ class Entry(Part, frozen=True, kw_only=True):
         return self.reference_class in ("false_pass", "false_fail")
 
 
+Against: TypeAlias = Literal["home", "truth", "limit"]
+
+
+class Limit(Part, frozen=True, kw_only=True):
+    """What one row reaches at a limit, which stands where there is no truth.
+
+    It is extrapolated from three steps, each half the one before, from the same starts.
+
+    Attributes:
+        row: name of the row.
+        cell: name of the cell with the finest step, whose entry of the matrix holds what is lost.
+        steps: names of the cells, the coarsest first.
+        order: of their integrator in the step.
+        episodes: how many episodes.
+        changed_before: episodes whose success differs in the two coarser steps.
+        not_converged: those whose success differs in the two finest steps, or whose return does by
+            more than what is called practically equal.
+        success: success rate at the finest step; its interval is widened on either side by
+            `success_slack`.
+        success_slack: share of the episodes whose success differs in the two finest steps.
+        returns: mean of the extrapolated returns, of the kind of :class:`Entry`; its interval is
+            widened by the mean size of their difference in the two finest steps.
+    """
+
+    row: str
+    cell: str
+    steps: tuple[str, ...]
+    order: int
+    episodes: int
+    changed_before: int
+    not_converged: int
+    success: Estimate
+    success_slack: float
+    returns: Estimate | None
+
+    @property
+    def converges(self) -> bool:
+        """Whether it is called a limit: few episodes do not converge, and not ever more."""
+        return self.not_converged <= MOST_CHANGED * self.episodes and not self.grows
+
+    @property
+    def grows(self) -> bool:
+        """Whether success changes in more episodes, by two standard errors, as the step shrinks."""
+        changed = round(self.success_slack * self.episodes)
+        both = changed + self.changed_before
+        return changed - self.changed_before > 2.0 * math.sqrt(both)
+
+
 class PairedEpisodes(Part, frozen=True, kw_only=True):
     """One given policy in one cell, held against what it does from the same starts elsewhere.
 
@@ -213,7 +267,7 @@ class PairedEpisodes(Part, frozen=True, kw_only=True):
     Attributes:
         row: name of the row.
         cell: name of the cell.
-        against: what it is held against: `home`, or `truth` where its home is unknown.
+        against: what it is held against: `home`; where that is unknown, `truth` or else `limit`.
         scope: what the numbers are about.
         episodes: how many paired starts.
         success: success there minus success here; positive is worse.
@@ -229,7 +283,7 @@ class PairedEpisodes(Part, frozen=True, kw_only=True):
 
     row: str
     cell: str
-    against: Literal["home", "truth"]
+    against: Against
     scope: Literal["this policy, these starts"] = "this policy, these starts"
     episodes: int
     success: Estimate
@@ -513,6 +567,7 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
         matrix: what each row did in each cell that it was evaluated in.
         contracts: homes and cells on other engines, compared before any integration; where they
             differ nothing is judged.
+        limits: what rows reach at the limit; empty without one.
         paired: what given policies do in each cell, beside what they do at home or on the truth
             from the same starts.
         verdicts: verdicts on the declared family of transfers.
@@ -551,6 +606,7 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
     cells: tuple[Cell, ...]
     matrix: tuple[Entry, ...]
     contracts: tuple[Contract, ...] = ()
+    limits: tuple[Limit, ...] = ()
     paired: tuple[PairedEpisodes, ...] = ()
     verdicts: tuple[Verdict, ...] = ()
     looks: tuple[Look, ...] = ()
@@ -608,14 +664,23 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
 
     @cached_property
     def groups(self) -> tuple[Group, ...]:
-        """Columns of the success matrix, the truth first: it is what decides."""
+        """Columns of the success matrix, the truth first, then the limit: they are what decides.
+
+        Where it is not called a limit, its finest step is a column like others.
+        """
         schemes: dict[str, list[Cell]] = {}
         for cell in self.cells:
-            if cell.kind == "grid" and cell.plain and not cell.reference:
+            if cell.kind == "grid" and cell.name not in self._limit_names:
                 schemes.setdefault(cell.scheme, []).append(cell)
         groups = [Group(name, _coarse_first(cells)) for name, cells in schemes.items()]
+        called = self._limit_names
+        own = (c for c in self.cells if c.kind == "limit" or c.name in called)
+        finest = tuple(cell for cell in own if cell.column)
         truth = tuple(cell for cell in self.cells if cell.reference)
-        return (Group("reference", truth, reference=True), *groups) if truth else tuple(groups)
+        first = [Group("truth", truth, reference=True)] if truth else []
+        if finest:
+            first.append(Group("limit" if called else "dt/8", finest, reference=bool(called)))
+        return (*first, *groups)
 
     @cached_property
     def columns(self) -> tuple[Cell, ...]:
@@ -665,6 +730,30 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
         return next((cell for cell in self.cells if cell.reference), None)
 
     @cached_property
+    def limit(self) -> Cell | None:
+        """The limit's finest step, if it converges for every row but baselines; else None.
+
+        At the first of its control periods.
+        """
+        name = next(iter(limits_called(self.limits, self.rows)), None)
+        return None if name is None else self.cell(name)
+
+    @property
+    def yardstick(self) -> Cell | None:
+        """What cells are held against: the truth, else the limit; None without either."""
+        return self.truth or self.limit
+
+    @property
+    def yardstick_name(self) -> str:
+        """What that is called."""
+        return "limit" if self.truth is None and self.limit else "truth"
+
+    @property
+    def at_yardstick(self) -> str:
+        """Where that is, in a sentence."""
+        return f"{'at' if self.yardstick_name == 'limit' else 'on'} the {self.yardstick_name}"
+
+    @cached_property
     def sweeps(self) -> dict[str, dict[float, str]]:
         """Arguments that alone take several values at home or on the truth.
 
@@ -684,12 +773,14 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
         return len({cell.control_period for cell in self.columns}) > 1
 
     def label(self, name: str, truth: str = "truth") -> str:
-        """The name of a row or a cell as people read it, in which the reference is the truth.
+        """The name of a row or a cell as people read it: the reference is the truth.
 
         Args:
             name: of the row or the cell; another text comes back as it is.
-            truth: what the truth is called.
+            truth: what the truth is called; a limit is called likewise.
         """
+        if name in self._limit_names:
+            return truth.replace("truth", self._limit_names[name])
         if self.truth is None:
             return name
         known: tuple[Cell | Row, ...] = (*self.cells, *self.rows)
@@ -710,10 +801,18 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
             return self.truth
         return next((c for c in exact if math.isclose(c.control_period, control_period)), None)
 
-    def on_truth(self, row: str) -> Entry | None:
-        """What a row did on the truth at its control period, or None."""
-        truth = self.truth_at(self.row(row).control_period)
-        return None if truth is None else self.entry(row, truth.name)
+    def on_yardstick(self, row: str) -> Entry | None:
+        """What a row did on the truth, or without one at the limit, at its control period."""
+        period = self.row(row).control_period
+        found = self.truth_at(period) if self.truth else self.limit_at(period)
+        return None if found is None else self.entry(row, found.name)
+
+    def limit_at(self, control_period: float | None) -> Cell | None:
+        """The limit at a control period, s; the first where that is not known; None without it."""
+        called = [self.cell(name) for name in self._limit_names]
+        if control_period is None:
+            return self.limit
+        return next((c for c in called if math.isclose(c.control_period, control_period)), None)
 
     @cached_property
     def undeclared(self) -> tuple[Entry, ...]:
@@ -747,6 +846,13 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
         return sum(loss is not None and loss.estimate > FAIL_MARGIN for loss in losses)
 
     @cached_property
+    def _limit_names(self) -> dict[str, str]:
+        """What limits' finest cells are called; all but the first with the control period."""
+        cells = [self.cell(name) for name in limits_called(self.limits, self.rows)]
+        others = {cell.name: f"limit control={cell.control_period:g}" for cell in cells[1:]}
+        return {cell.name: "limit" for cell in cells[:1]} | others
+
+    @cached_property
     def _row_places(self) -> dict[str, int]:
         return {row.name: place for place, row in enumerate(self.rows)}
 
@@ -757,6 +863,13 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
     @cached_property
     def _entries(self) -> dict[tuple[str, str], Entry]:
         return {(entry.row, entry.cell): entry for entry in self.matrix}
+
+
+def limits_called(limits: Iterable[Limit], rows: Iterable[Row]) -> tuple[str, ...]:
+    """Names of the limits' finest cells, where all rows converge but baselines; else none."""
+    judged = {row.name for row in rows if not row.baseline}
+    own = [one for one in limits if one.row in judged]
+    return tuple(dict.fromkeys(x.cell for x in own)) if all(x.converges for x in own) else ()
 
 
 def _coarse_first(cells: Iterable[Cell]) -> tuple[Cell, ...]:

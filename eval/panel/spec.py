@@ -53,6 +53,7 @@ from .cells import (
     place_name,
     timing_fault,
 )
+from .limit import PARTS, steps_of_limit
 from .tables import (
     INSTALLED,
     PerturbationTable,
@@ -79,7 +80,7 @@ ALGORITHM = "algorithm"
 NO_RESULT = ("memory_gib", "left_out")
 """Attributes that change no result."""
 
-LATER = ("episode_parts", "looks", "unmade")
+LATER = ("episode_parts", "looks", "unmade", "limit")
 """Attributes that are told where there is something to tell; specifications of before lack them."""
 
 
@@ -110,6 +111,8 @@ class PanelSpec:
     """Pairs of the same whose policies are compared under refinement."""
     looks: tuple[Count, ...] = ()
     """Seeds at the planned looks at verdicts, which share the level; empty: none is planned."""
+    limit: tuple[Mapping[str, Any], ...] = ()
+    """Constructor arguments of the steps that the limit is extrapolated from; empty: no limit."""
     ladder: bool = True
     """Also refine each policy's own discretization with the control period following dt."""
     episodes: Count = 20
@@ -208,11 +211,21 @@ class PanelSpec:
         return tuple(range(self.seeds[0], self.seeds[0] + START_SETS))
 
     def columns(self) -> tuple[Cell, ...]:
-        """Cells that every row is evaluated in: the grid, then the truth at its control periods."""
+        """Cells that every row is evaluated in: the grid, the truth and the limit.
+
+        The latter two at each control period, the limit as its finest step.
+        """
         periods = dict.fromkeys((self.control_period, *(d.control_period for d in self.grid)))
         truths = [truth for truth in map(self.testbed.truth, periods) if truth is not None]
+        steps = [cell for cell in self._limit_cells() if not cell.changes]
+        parts = {cell.discretization: cell.limit_part for cell in steps}
         grid = (
-            self._cell(d, "grid", role="quarter_step" if self._decides(d) else None)
+            self._cell(
+                d,
+                "grid",
+                role="quarter_step" if self._decides(d) else None,
+                limit_part=parts.get(d),
+            )
             for d in self.grid
             if d not in truths
         )
@@ -220,7 +233,26 @@ class PanelSpec:
             self._cell(d, "reference", role="reference" if d == self.reference else None)
             for d in truths
         )
-        return (*grid, *exact)
+        limits = (cell for cell in self._limit_cells() if cell.limit_part == PARTS[-1])
+        return (
+            *grid,
+            *exact,
+            *(c for c in limits if c.changes or c.discretization not in self.grid),
+        )
+
+    def _limit_cells(self) -> Iterator[Cell]:
+        """The limit's steps, each by itself."""
+        for arguments in self.limit:
+            changes = {name: arguments[name] for name in ("solver",) if name in arguments}
+            place = Discretization(**{name: arguments[name] for name in DISCRETIZATION})
+            name = place_name(place, self.control_period)
+            yield self._cell(
+                place,
+                "limit",
+                name=f"{name}, tight solver" if changes else name,
+                environment=changes,
+                limit_part=arguments["part"],
+            )
 
     def _cell(self, place: Discretization, kind: CellKind, **others: Any) -> Cell:
         return Cell.of(place, kind, **{"name": place_name(place, self.control_period), **others})
@@ -242,9 +274,10 @@ class PanelSpec:
         """What every panel has and this one lacks, in sentences."""
         found = []
         if self.reference is None:
+            stand_in = "the limit" if self.limit else "each other"
             found.append(
                 f"{self.env_id} has no reference solution: its cells are held against the home and "
-                "against each other, not against the truth."
+                f"against {stand_in}, not against the truth."
             )
         found += [f"There is no baseline {b!r}." for b in BASELINES if b not in self.baselines]
         changed = {name for one in self.variations for name in one.changes}
@@ -266,7 +299,8 @@ class PanelSpec:
         return found
 
     def cells_of(self, home: Home | None) -> tuple[Cell, ...]:
-        """Cells of one row: columns, those that it was trained in first, what varies, its ladder.
+        """Cells of one row: columns, those that it was trained in first, the limit's other steps,
+        what varies, its ladder.
 
         Of a cell that differs from a home in several axes, also those in which one of them alone is
         changed, and all but one.
@@ -276,7 +310,7 @@ class PanelSpec:
         varied = [cell for cell, fault in self.varied(own) if fault is None]
         separated = self._separated(home, varied) if isinstance(home, Discretization) else ()
         found: dict[Any, Cell] = {}
-        for cell in (*columns, *varied, *separated, *self._ladder(home)):
+        for cell in (*columns, *self._limit_cells(), *varied, *separated, *self._ladder(home)):
             found.setdefault((cell.discretization, cell.changes), cell)
         return tuple(found.values())
 
@@ -633,6 +667,7 @@ _Toml = derived_table(
         "perturbations": list[PerturbationTable],
         "sweep": list[SweepTable],
         "episodes": Count | list[Count],
+        "limit": bool,
         **dict.fromkeys(("grid", "variations", "episode_parts", "unmade", "left_out")),
     },
     _REQUIRED.__contains__,
@@ -735,11 +770,14 @@ def _parse(data: Mapping[str, Any]) -> PanelSpec:
     perturbations = given.pop("perturbations", None)
     grid, variations, unmade = evaluation_cells(entries, home)
     installed = any(entry.get("engine") == INSTALLED for entry in entries)
+    train = training_homes(given["train"], home)
+    wanted = given.pop("limit", False)
     given.setdefault("baselines", possible_baselines(nominal, testbed.controller))
     return PanelSpec(
         **{
             **given,
-            "train": training_homes(given["train"], home),
+            "train": train,
+            "limit": steps_of_limit(testbed, train, home) if wanted else (),
             "grid": grid,
             "unmade": unmade,
             "variations": (

@@ -169,7 +169,9 @@ def draw_ladders(ladders: LadderPlots) -> Figure:
 def ladder_entries(ladders: LadderPlots, scale: float = 1.0) -> list[Entry]:
     """Of the legend: the series, and the truth where a plot has it."""
     truth = any(plot.truth is not None for _, plots in ladders.rows for plot in plots)
-    return scheme_entries(ladders.schemes) + ([Entry("truth", _truth(scale))] if truth else [])
+    return scheme_entries(ladders.schemes) + (
+        [Entry(ladders.truth_name, _truth(scale))] if truth else []
+    )
 
 
 def _truth(scale: float) -> dict[str, Any]:
@@ -370,7 +372,7 @@ def _head(group: Group) -> list[str]:
     """A group's name on one line, or cut after underscores and spaces into two where narrow."""
     width = len(group.cells) * _CELL_WIDTH + 0.1
     most = int(width / (BOLD * 6.5))
-    text = plain("truth" if group.reference else group.label, max(2 * most, 8))
+    text = plain(group.label, max(2 * most, 8))
     if len(text) * BOLD * 9.5 <= width:
         return [text]
     cuts = [place + 1 for place, letter in enumerate(text[:-1]) if letter in "_ "]

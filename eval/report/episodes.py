@@ -284,7 +284,7 @@ def _largest_drops(panel: Panel) -> list[Entry]:
 
     def order(entry: Entry) -> tuple[bool, float]:
         home = panel.entry(entry.row, _home(panel, entry.row) or "")
-        best = [e.success.estimate for e in (home, panel.on_truth(entry.row)) if e is not None]
+        best = [e.success.estimate for e in (home, panel.on_yardstick(entry.row)) if e is not None]
         return _is_unsolvable(panel, entry.cell), entry.success.estimate - max(best, default=0.0)
 
     entries = [e for e in panel.matrix if e.cell in columns and not panel.row(e.row).baseline]
@@ -349,7 +349,7 @@ def _cells_of_lead(
     those what the numerics gave or took most. Where nobody succeeds in time comes last.
     """
     row, cell = pair
-    truth = panel.truth.name if panel.truth else None
+    truth = panel.yardstick.name if panel.yardstick else None
     wanted = (_home(panel, row), cell, truth, *(group.cells[0].name for group in panel.groups))
     first, *others = dict.fromkeys(
         name for name in wanted if name and panel.entry(row, name) is not None

@@ -180,7 +180,7 @@ def print_matrix(matrix: Matrix) -> Figure:
     axes = inch_canvas(figure)
     for group in matrix.groups:
         first, last = places[group.cells[0].name][0], sum(places[group.cells[-1].name])
-        name = "truth" if group.reference else plain(group.label, 30).replace("_", "\n")
+        name = plain(group.label, 30).replace("_", "\n")
         axes.text(
             (first + last) / 2.0, top - 0.5, name, ha="center", va="bottom", linespacing=1.0,
             **_TYPE,

@@ -47,15 +47,15 @@ def findings_of(panel: Panel, trusts: Sequence[Trust]) -> list[Finding]:
                 f"{fixed(one.overfitting.estimate)} is lost by overfitting."
             )
             fails.append(Finding("fails", text))
-    if panel.truth is None:
+    if panel.yardstick is None:
         text = (
             "There is no truth column here: this page shows where discretizations disagree, not "
             "which of them is right."
         )
     elif not trusts:
         text = (
-            "Nothing was compared with the truth here, so this panel cannot tell false passes from "
-            "true ones."
+            f"Nothing was compared with the {panel.yardstick_name} here, so this panel cannot tell "
+            "false passes from true ones."
         )
     else:
         wrong = [*_false_passes(panel, trusts), *_false_fails(panel, trusts)]
@@ -82,13 +82,14 @@ def _agreement(panel: Panel, trusts: Sequence[Trust]) -> Finding:
         nothing += "about transfer" if nothing else ""
         return Finding(
             "agreement",
-            f"Every pass and every fail agrees with the truth, in all {len(judged)} pairs of "
-            f"policies and discretizations compared{nothing}.{out}",
+            f"Every pass and every fail agrees with the {panel.yardstick_name}, in all "
+            f"{len(judged)} pairs of policies and discretizations compared{nothing}.{out}",
         )
     right = counts["true_pass"] + counts["true_fail"]
     return Finding(
         "agreement",
-        f"{right} of {plural(len(judged), 'answer')} agree with the truth; {' and '.join(parts)} "
+        f"{right} of {plural(len(judged), 'answer')} agree with the {panel.yardstick_name}; "
+        f"{' and '.join(parts)} "
         f"{'does' if len(judged) - right == 1 else 'do'} not.{out}",
     )
 
@@ -99,19 +100,19 @@ def _false_passes(panel: Panel, trusts: Sequence[Trust]) -> Iterator[Finding]:
         wrong = [e for trust in trusts for e in trust.of("false_pass") if e.row == row.name]
         if not wrong:
             continue
-        truth = panel.on_truth(row.name)
+        truth = panel.on_yardstick(row.name)
         at_home = next((entry for entry in wrong if entry.cell == row.home), None)
         away = [entry for entry in wrong if entry is not at_home]
         others = _and([f"{panel.in_words(e.cell)} ({_rate(e)})" for e in away], "cells")
         name = panel.in_words(row.name)
         if at_home is None:
-            text = f"{name} reaches {_rate(truth)} on the truth, but passes on {others}."
+            text = f"{name} reaches {_rate(truth)} {panel.at_yardstick}, but passes on {others}."
         else:
             given = row.kind == "given"
             who = f"{name} reaches" if given else f"The policies trained on {name} reach"
             text = (
-                f"{who} {_rate(at_home)} at home but {_rate(truth)} on the truth: that win belongs "
-                "to the simulator, not to the physics."
+                f"{who} {_rate(at_home)} at home but {_rate(truth)} {panel.at_yardstick}: that win "
+                "belongs to the simulator, not to the physics."
             )
             if others:
                 text += f" {'It also passes' if given else 'They also pass'} on {others}."
@@ -124,22 +125,22 @@ def _false_fails(panel: Panel, trusts: Sequence[Trust]) -> Iterator[Finding]:
 
     A row that is shown not to transfer to the truth does not work there.
     """
-    truth = panel.truth and panel.truth.name
+    truth = panel.yardstick and panel.yardstick.name
     failing = {v.row for v in panel.verdicts if v.verdict == "fails" and v.cell == truth}
     for trust in trusts:
         wrong = [entry for entry in trust.of("false_fail") if entry.row not in failing]
         if not wrong:
             continue
-        on_truth = [panel.on_truth(entry.row) for entry in wrong]
+        on_truth = [panel.on_yardstick(entry.row) for entry in wrong]
         pairs = [
             f"{panel.in_words(entry.row)} ({_rate(entry)} against {_rate(there)})"
             for entry, there in zip(wrong, on_truth, strict=True)
         ]
         rows = _and(pairs, "rows")
         text = (
-            f"{panel.in_words(trust.cell.name)} fails what passes on the truth: {rows}. Judged "
-            f"there, {'policies that work' if len(wrong) > 1 else 'a policy that works'} would be "
-            "thrown away."
+            f"{panel.in_words(trust.cell.name)} fails what passes {panel.at_yardstick}: {rows}. "
+            f"Judged there, {'policies that work' if len(wrong) > 1 else 'a policy that works'} "
+            "would be thrown away."
         )
         close = any(_is_undecided(entry) for entry in (*wrong, *on_truth))
         yield Finding("false_fail", text, close, len(wrong))

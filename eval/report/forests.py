@@ -338,7 +338,7 @@ def _paired(
     blocks: dict[str, list[Line]] = {}
     for one, value, p in compared:
         what = "discretizations" if panel.cell(one.cell).plain else "variations"
-        where = "at home" if one.against == "home" else "on the truth"
+        where = "at home" if one.against == "home" else panel.at_yardstick
         heading = f"{one.row}, {one.episodes} starts: {what} against what it does {where}"
         low, high = value.ends
         interval = f"{show(low)} to {show(high)}, " if value.bounded else ""

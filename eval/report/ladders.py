@@ -32,7 +32,7 @@ class Ladder:
         control_period: its own, s; None where it has none.
         fixed: rungs at that control period.
         following: rungs where the control period is the step itself; empty without any.
-        truth: the row on the reference at its own control period, or None.
+        truth: the row on the reference, or the limit, at its own control period; or None.
     """
 
     row: Row
@@ -69,7 +69,7 @@ class LadderPlot:
         about: what happens to the control period, or where it was evaluated.
         ticks: place in [0, 1] and value, as it is written.
         series: one for each scheme, or row.
-        truth: success on the reference; None where it is not drawn.
+        truth: success on the reference, or at the limit; None where it is not drawn.
         along: what the axis across is, with its unit.
     """
 
@@ -89,6 +89,7 @@ class LadderPlots:
         schemes: styles of the series in them.
         rows: names of groups, a row's or an argument's, each with its plots.
         paired: whether groups have two plots.
+        truth_name: what their truth is called.
     """
 
     title: str
@@ -96,6 +97,7 @@ class LadderPlots:
     schemes: SeriesStyles
     rows: tuple[tuple[str, tuple[LadderPlot, ...]], ...]
     paired: bool
+    truth_name: str = "truth"
 
 
 def ladder_plots(panel: Panel) -> LadderPlots | None:
@@ -118,7 +120,8 @@ def ladder_plots(panel: Panel) -> LadderPlots | None:
         groups.append((panel.label(one.row.name), plots))
     about = "success of the same policies as the step shrinks; finer to the right"
     paired = any(one.following for one in ladders)
-    return LadderPlots("Refinement ladder", about, schemes, tuple(groups), paired)
+    named = panel.yardstick_name
+    return LadderPlots("Refinement ladder", about, schemes, tuple(groups), paired, named)
 
 
 def ladders_of(panel: Panel) -> list[Ladder]:
@@ -142,7 +145,7 @@ def _ladder(panel: Panel, row: Row) -> Ladder | None:
     engines = {"native", *(cell.engine for cell in panel.cells if cell.name in row.shares)}
     for cell in panel.cells:
         entry = panel.entry(row.name, cell.name) if cell.engine in engines else None
-        if entry is None or not cell.plain:
+        if entry is None or not cell.plain or cell.kind == "limit":
             continue
         if are_close(cell.control_period, cell.dt):
             following.setdefault(cell.scheme, {}).setdefault(cell.dt, entry)
@@ -158,9 +161,7 @@ def _ladder(panel: Panel, row: Row) -> Ladder | None:
     )
     if not own and not along:
         return None
-    references = (c for c in panel.cells if c.reference and period)
-    same = (c for c in references if are_close(c.control_period, period or 0.0))
-    truth = next(same, panel.truth)
+    truth = panel.limit_at(period) if panel.truth is None else panel.truth_at(period) or panel.truth
     on_truth = panel.entry(row.name, truth.name) if truth else None
     return Ladder(row, period, own, along, on_truth)
 

@@ -141,7 +141,7 @@ def render(panel: Panel, episodes: Episodes | None = None, seal: str | None = No
         remedies=mixtures_of(panel),
         engine_lines=sorted(panel.engine_agreement, key=lambda e: (e.map, e.engine, -e.dt)),
         costs=[
-            (row, panel.training_costs[row.name], panel.on_truth(row.name))
+            (row, panel.training_costs[row.name], panel.on_yardstick(row.name))
             for row in panel.ordered_rows
             if row.name in panel.training_costs
         ],
@@ -286,7 +286,7 @@ def _tiles(panel: Panel, trusts: Sequence[Trust]) -> list[tuple[str, str]]:
     trained = [row for row in panel.rows if row.kind == "trained"]
     mixtures = sum(row.mixed for row in trained)
     policies = sum(row.seeds for row in panel.rows if row.kind != "baseline")
-    grid = sum(cell.kind in ("grid", "reference") for cell in panel.cells)
+    grid = sum(cell.column for cell in panel.cells)
     checks = len(panel.cells) - grid
     work = "to train and evaluate" if trained else "to evaluate"
     if trained and not panel.cost.train_seconds:
@@ -303,7 +303,7 @@ def _tiles(panel: Panel, trusts: Sequence[Trust]) -> list[tuple[str, str]]:
     ]
     if trusts:
         wrong = sum(entry.contradicted for trust in trusts for entry in trust.judged)
-        tiles.append((f"{wrong}", "answers the truth contradicts"))
+        tiles.append((f"{wrong}", f"answers the {panel.yardstick_name} contradicts"))
     return [*tiles, (seconds(panel.cost.wall_seconds), work)]
 
 

@@ -196,7 +196,7 @@ def _entry(panel: Panel, entry: Entry) -> dict[str, Any]:
         "worst seed": entry.worst_policy and f"{entry.worst_policy}, {fixed(entry.worst_loss)}",
         "energy from the numerics": _interval(entry.numerics_share, percent),
         "transfer gap": _interval(entry.transfer_gap),
-        "against the truth": (entry.reference_class or "").replace("_", " "),
+        f"against the {panel.yardstick_name}": (entry.reference_class or "").replace("_", " "),
         "the cell": solved_words(panel, panel.cell(entry.cell)),
         "episodes": f"{entry.episodes:,}",
         "diverged": entry.diverged and str(entry.diverged),

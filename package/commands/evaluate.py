@@ -56,8 +56,8 @@ def parser() -> argparse.ArgumentParser:
     made = CommandParser(
         prog="integ-gym evaluate",
         description="Evaluate a policy on every integrator at several steps and on the truth, the "
-        "integrator `reference`, which solves the plant to rounding. No pickled code of "
-        "a file is executed.",
+        "integrator `reference`, which solves the plant to rounding; where there is none, at a "
+        "limit. No pickled code of a file is executed.",
         epilog=EXAMPLES,
     )
     add = made.add_argument
@@ -97,6 +97,11 @@ def parser() -> argparse.ArgumentParser:
     add(
         "--at", action="append", default=[], choices=("home", "truth"),
         help="with --vary: vary at home or on the truth alone; may be repeated",
+    )  # fmt: skip
+    add(
+        "--limit", action=argparse.BooleanOptionalAction,
+        help="extrapolate a limit from the best integrator at 1/2, 1/4 and 1/8 of the home's step, "
+        "and hold the policy against it (default: where there is no truth and these steps fit)",
     )  # fmt: skip
     add(
         "--fail-if", metavar="CLAIM",
@@ -158,6 +163,7 @@ def main(argv: Sequence[str]) -> int:
         episodes=given.episodes,
         varied=by_name(given.vary, "--vary", {}),
         at=given.at,
+        limit=given.limit,
         environment=arguments,
         obs_stats=given.obs_stats,
         home=given.home,

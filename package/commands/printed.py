@@ -102,7 +102,7 @@ def _cells(spec: PanelSpec) -> str:
     kinds = {cell.name: cell.kind for home in (*spec.train, None) for cell in spec.cells_of(home)}
     counts: Counter[str] = Counter(kinds.values())
     words = {"grid": "of the grid", "reference": "of the truth", "varied": "varied"}
-    words |= {"ladder": "in which the control period follows dt"}
+    words |= {"ladder": "in which the control period follows dt", "limit": "of the limit"}
     parts = [f"{counts[kind]} {what}" for kind, what in words.items() if counts[kind]]
     return f"{plural(len(kinds), 'cell')} ({', '.join(parts)})"
 

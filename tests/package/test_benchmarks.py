@@ -17,6 +17,7 @@ SHORT = {
     "error_rates": ["--seeds", "8", "--repeats", "2"],
     "executor_overhead": ["--only", "local", "dask", "--seconds", "0.2", "--units", "2"],
     "evidence_cost": ["--seconds", "0.05", "--episodes", "2000"],
+    "limit_coverage": ["--seeds", "0", "--repeats", "1", "--steps", "4096"],
     "multibody_a01": ["--only", "rk4", "stormer_verlet", "--seconds", "1"],
     "panel_cost": ["--only", "single", "share", "--steps", "4096", "--runs", "1"],
     "reference_cost": [],

@@ -52,7 +52,7 @@ class Watch {
 
   words({ at: [r, c, s, e], kind }) {
     const { rows, cells } = this.carried;
-    const where = cells[c].shown === "truth" ? "the truth" : cells[c].shown;
+    const where = ["truth", "limit"].includes(cells[c].shown) ? `the ${cells[c].shown}` : cells[c].shown;
     return `${this.seed(r, s)}start ${e}: ${KINDS[kind]} on ${where}`;
   }
 

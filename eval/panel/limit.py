@@ -1,0 +1,119 @@
+"""The steps of a limit: where a testbed has no truth, what its cells are held against.
+
+A limit is extrapolated from three cells at a home's control period: the home's engine and its
+integrator of highest order, at a half, a quarter and an eighth of the home's step, with a solver
+whose tolerances are ten thousand times smaller and whose iterations are ten times as many.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import Any, Final
+
+from integ_gym.envs.integrators.newton import LEAST_TOLERANCE
+from integ_gym.envs.registries import INTEGRATORS, MAPS
+from integ_gym.envs.settings import Discretization
+from integ_gym.envs.testbeds.gym_testbed import Testbed
+
+from .cells import Cell, Home, SpecError, environments_of, is_engine, map_of
+
+PARTS: Final = (2, 4, 8)
+"""Parts of a home's step that the limit is extrapolated from."""
+
+TIGHTER: Final = 1e4
+"""A solver's tolerances at home over those at the limit."""
+
+MORE_ITERATIONS: Final = 10
+"""Factor of a solver's caps of iterations at the limit."""
+
+_TOLERANCES: Final = ("tolerance", "accuracy", "residual")
+"""What names of a solver's tolerances hold, in small letters."""
+
+
+def order_of(place: Discretization) -> int:
+    """Order of a discretization's one-step map in the step; 1 where it is not known."""
+    name = map_of(place) if is_engine(place.engine) else place.integrator
+    registry = MAPS if name in MAPS.names() else INTEGRATORS
+    known = ":" in name or name in registry.names()
+    return int(getattr(registry.load(name), "order", 1)) if known else 1
+
+
+def steps_of_limit(
+    testbed: Testbed, homes: Sequence[Home], around: Discretization
+) -> tuple[dict[str, Any], ...]:
+    """Constructor arguments of a limit's steps at each control period of some homes.
+
+    The coarsest comes first; `part` is that of the home's step.
+    Of the homes on the engine of the first, the finest step is divided.
+
+    Args:
+        testbed: what makes the environments.
+        homes: of the policies.
+        around: taken where there is no home.
+
+    Raises:
+        SpecError: for steps that the testbed does not make.
+    """
+    own = [place for home in homes for place in home.shares] or [around]
+    by_period: dict[float, Discretization] = {}
+    for place in own:
+        finest = by_period.setdefault(place.control_period, place)
+        if place.engine == own[0].engine and place.dt < finest.dt:
+            by_period[place.control_period] = place
+    return tuple(step for home in by_period.values() for step in _steps_from(testbed, home))
+
+
+def _steps_from(testbed: Testbed, home: Discretization) -> tuple[dict[str, Any], ...]:
+    """The steps of one home.
+
+    Of integrators of one order the home's own is taken, then the testbed's first. One that the
+    testbed does not make at these steps is passed over: MuJoCo's RK4 is taken where a model allows
+    it.
+
+    Raises:
+        SpecError: if the testbed makes no integrator at these steps, with what it says.
+    """
+    fault = "it has no integrator"
+    for integrator in _by_order(testbed, home):
+        places = {part: replace(home, integrator=integrator, dt=home.dt / part) for part in PARTS}
+        try:
+            steps = {part: _tightened(testbed, place) for part, place in places.items()}
+            return tuple({"part": part, **arguments} for part, arguments in steps.items())
+        except (TypeError, ValueError) as error:
+            fault = str(error)
+    raise SpecError(f"a limit needs a half, a quarter and an eighth of {home.name}: {fault}")
+
+
+def _by_order(testbed: Testbed, home: Discretization) -> list[str]:
+    """Integrators of a home's engine, that of highest order first."""
+    names = dict.fromkeys((home.integrator, *testbed.integrators(home.engine)))
+    known = [name for name in names if name in testbed.integrators(home.engine)]
+    return sorted(known, key=lambda name: -order_of(replace(home, integrator=name)))
+
+
+def _tightened(testbed: Testbed, place: Discretization) -> dict[str, Any]:
+    """Arguments of a step, with tighter settings of its solver where the testbed tells any."""
+    setup = _setup_in(testbed, Cell.of(place, "limit"))
+    held = setup.engine.describe().get("solver") or getattr(setup.settings, "solver", None) or {}
+    solver = dict(_tighter(held))
+    if not solver:
+        return place.arguments()
+    _setup_in(testbed, Cell.of(place, "limit", environment={"solver": solver}))
+    return {**place.arguments(), "solver": solver}
+
+
+def _setup_in(testbed: Testbed, cell: Cell) -> Any:
+    """The setup of a cell's environment, which can be made."""
+    environments = environments_of(testbed, cell, 1)
+    environments.close()
+    return environments.setups[0]
+
+
+def _tighter(settings: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    """Those of a solver's settings that say how far it goes, by their names."""
+    for name, value in settings.items():
+        if any(word in name.lower() for word in _TOLERANCES) and value > LEAST_TOLERANCE:
+            yield name, max(LEAST_TOLERANCE, value / TIGHTER)
+        elif "iterations" in name.lower() and value > 0:
+            yield name, MORE_ITERATIONS * value
