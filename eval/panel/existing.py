@@ -439,7 +439,8 @@ def evaluate(
             is refused.
         home: what it was trained on: ``"integrator=…,dt=…,control_period=…"``, the same as a
             mapping or a `Discretization`, or ``"stock"`` for the environment as its library
-            makes it. By default what the side-car says; without one it is unknown, and null in evidence.
+            makes it. By default what the side-car says; without one it is unknown, and null in
+            evidence.
         integrators: to judge on; by default all.
         dts: integration steps, s; by default the coarsest, half and a quarter of it.
         episodes: paired starts.

@@ -43,8 +43,9 @@ examples:
 
 The policy's home is what its side-car POLICY.json says or what --home states, and is unknown
 without either: nothing is then compared with home. `--home stock` is the environment as its
-library makes it: Gymnasium's own, or the task of MuJoCo, dm_control, Brax, … as it is. A policy is
-judged at its home's control period; `--home control_period=S` states that alone. A function takes one observation and gives one action.
+library makes it: Gymnasium's own, or a task of MuJoCo, dm_control, Brax, … as it is. A policy is
+judged at its home's control period; `--home control_period=S` states that alone. A function takes
+one observation and gives one action.
 """
 
 SHOWN = 3
@@ -112,7 +113,8 @@ def parser() -> argparse.ArgumentParser:
     add(
         "--home", metavar="HOME",
         help="what it was trained on: integrator=…,dt=…,control_period=…, or stock for the "
-        "environment as its library makes it, or unknown (default: what the side-car says, else unknown)",
+        "environment as its library makes it, or unknown (default: what the side-car says, else "
+        "unknown)",
     )  # fmt: skip
     add(
         "--obs-stats", type=Path, metavar="FILE",
