@@ -45,12 +45,16 @@ NO_RESET: Final = "mjDSBL_AUTORESET"
 
 
 def was_reset(mujoco: Any, data: Any) -> bool:
-    """Whether MuJoCo has reset a motion that diverged, which before 3.2 it always does."""
+    """Whether MuJoCo has reset a motion that diverged, which before 3.2 it always does.
+
+    A reset sets the counts of warnings to 0, but for the one that told of the divergence. So
+    `silencer`, after which no count of these kinds is 0, must have acted before the motion.
+    """
     if hasattr(mujoco.mjtDisableBit, NO_RESET):
         return False
     kinds = mujoco.mjtWarning
     bad = kinds.mjWARN_BADQPOS, kinds.mjWARN_BADQVEL, kinds.mjWARN_BADQACC
-    return any(data.warning[int(kind)].number for kind in bad)
+    return not all(data.warning[int(kind)].number for kind in bad)
 
 
 class MujocoSettings:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+import warnings
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import cached_property, lru_cache
 from inspect import getattr_static
@@ -100,6 +102,26 @@ def _make_task(env_id: str, arguments: Mapping[str, Any], **chosen: Any) -> Redi
     return rediscretize(stock_task(env_id, others), **own, **chosen)
 
 
+@contextmanager
+def _no_deprecations() -> Iterator[None]:
+    """Lets models compile without a warning that their file has a deprecated attribute.
+
+    MuJoCo 4.0 writes one to standard error and to MUJOCO_LOG.TXT whenever HalfCheetah-v5 is made.
+    """
+    mujoco = load("mujoco", "mujoco")
+    before = mujoco.get_mju_user_warning()
+
+    def warn(message: str) -> None:
+        if "is deprecated" not in message:
+            (before or warnings.warn)(message)
+
+    mujoco.set_mju_user_warning(warn)
+    try:
+        yield
+    finally:
+        mujoco.set_mju_user_warning(before)
+
+
 def stock_task(env_id: str, arguments: Mapping[str, Any]) -> gym.Env[Any, Any]:
     """A MuJoCo task as Gymnasium makes it.
 
@@ -126,7 +148,8 @@ def stock_task(env_id: str, arguments: Mapping[str, Any]) -> gym.Env[Any, Any]:
     from gymnasium.envs.mujoco import MujocoEnv
 
     try:
-        env = gym.make(name, **arguments)
+        with _no_deprecations():
+            env = gym.make(name, **arguments)
     except Exception as error:  # whatever the task's constructor raises
         raise InputError(
             f"Gymnasium cannot make {env_id!r}: {describe_exception(error)}; {possible}"

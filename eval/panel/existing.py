@@ -451,8 +451,9 @@ def evaluate(
         out: directory, or a place in an object store; one that holds another policy's evaluation
             is refused.
         home: what it was trained on: ``"integrator=…,dt=…,control_period=…"``, the same as a
-            mapping or a `Discretization`, or ``"stock"`` for Gymnasium's own environment. By
-            default what the side-car says; without one it is unknown, and null in evidence.
+            mapping or a `Discretization`, or ``"stock"`` for the environment as its library
+            makes it. By default what the side-car says; without one it is unknown, and null in
+            evidence.
         integrators: to judge on; by default all.
         dts: integration steps, s; by default the coarsest, half and a quarter of it.
         episodes: paired starts.

@@ -215,7 +215,7 @@ def _defaults(env_id: str, arguments: Mapping[str, Any]) -> dict[str, Any]:
 
 def _origin(stated: Stated, told: Mapping[str, Any]) -> str:
     if stated == STOCK:
-        return "stated: Gymnasium's own environment"
+        return "stated: the environment as its library makes it"
     if "integrator" in told:
         return "stated"
     return f"no side-car says it, and none was stated; {HOW_TO_STATE}"

@@ -354,8 +354,10 @@ class RunDirectory:
         self._check_growth(before.get(GROWING), self._specification.get(GROWING))
         other = list(contradictions(before, self._specification))
         if other:
+            more = [f"and {len(other) - 3} more differences"] if len(other) > 4 else []
+            told = ", ".join((other[:3] if more else other) + more)
             raise RunDirectoryError(
-                f"{self.storage} holds another panel: {', '.join(other)}; give another directory "
+                f"{self.storage} holds another panel: {told}; give another directory "
                 f"with --out{self._kept(before)}, or the specification that it was started with"
             )
         versions = self.versions()

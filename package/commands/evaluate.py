@@ -42,9 +42,10 @@ examples:
   integ-gym evaluate --policy my_module:my_function --env IntegPendulum-v0 --out runs/mine
 
 The policy's home is what its side-car POLICY.json says or what --home states, and is unknown
-without either: nothing is then compared with home. `--home stock` is Gymnasium's own environment,
-which of a MuJoCo task is the task as it is. A policy is judged at its home's control period;
-`--home control_period=S` states that alone. A function takes one observation and gives one action.
+without either: nothing is then compared with home. `--home stock` is the environment as its
+library makes it: Gymnasium's own, or a task of MuJoCo, dm_control, Brax, … as it is. A policy is
+judged at its home's control period; `--home control_period=S` states that alone. A function takes
+one observation and gives one action.
 """
 
 SHOWN = 3
@@ -116,8 +117,9 @@ def parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     add(
         "--home", metavar="HOME",
-        help="what it was trained on: integrator=…,dt=…,control_period=…, or stock for Gymnasium's "
-        "own environment, or unknown (default: what the side-car says, else unknown)",
+        help="what it was trained on: integrator=…,dt=…,control_period=…, or stock for the "
+        "environment as its library makes it, or unknown (default: what the side-car says, else "
+        "unknown)",
     )  # fmt: skip
     add(
         "--obs-stats", type=Path, metavar="FILE",

@@ -70,6 +70,7 @@ HERE = {
         OWN,
         {"100_000": "512", "10_000": "256", "discretization_gap(act": "discretization_gap(policy"},
     ),
+    "how-to/questions.md": ("", {}),
     "how-to/versions.md": ("", {}),
     "reference/engines.md": ("", {"307_200": "2048"}),
     "reference/panel.md": (PANEL, {}),

@@ -38,7 +38,7 @@ from .safetensors_file import safetensors_bytes
 from .sb3_zip import read_archive
 
 STOCK = "stock"
-"""What is stated of a policy that was trained on Gymnasium's own environment."""
+"""What is stated of a policy that was trained on the environment as its library makes it."""
 
 UNKNOWN = "unknown"
 """What is stated of a policy of which nobody says more; the same as nothing."""
@@ -65,7 +65,7 @@ def stated_arguments(stated: Stated, env_id: str) -> dict[str, Any]:
     if stated is None or stated == UNKNOWN:
         return {}
     if stated == STOCK:
-        if ":" in env_id or (is_integ_environment(env_id) and env_id not in STOCK_ARGUMENTS):
+        if is_integ_environment(env_id) and env_id not in STOCK_ARGUMENTS:
             raise InputError(
                 f"{env_id} is no environment of Gymnasium's, so --home stock says nothing; give "
                 "--home integrator=…,dt=…,control_period=…"
@@ -98,7 +98,7 @@ def _parts(stated: str | Mapping[str, Any] | Discretization) -> dict[str, Any]:
     if not all("=" in word for word in words):
         raise InputError(
             f"the home {stated!r} cannot be read; give integrator=…,dt=…,control_period=…, or "
-            f"{STOCK!r} for what was trained on Gymnasium's own environment"
+            f"{STOCK!r} for what was trained on the environment as its library makes it"
         )
     return dict(named_value(word) for word in words)
 

@@ -15,6 +15,8 @@ from gymnasium.wrappers import RescaleAction
 from pairing import pairs
 
 import integ_gym
+from integ_gym.envs import rediscretized
+from integ_gym.envs.engines import mujoco_solver
 from integ_gym.envs.foreign import SequentialVectorEnv
 
 TASKS = ("HalfCheetah-v5", "Hopper-v5", "InvertedPendulum-v5", "Swimmer-v5", "Ant-v5")
@@ -317,6 +319,17 @@ def test_what_a_diverged_period_lost_is_unknown_where_losses_are(task, integrato
     assert env.setup.engine.describe()["losses_accounted"] is known
     for name in ("energy_residual", "dissipated"):
         assert info.get(name) == (0.0 if known else None)
+
+
+def test_a_mujoco_that_resets_is_told_from_one_that_moves(monkeypatch):
+    """Before 3.2 MuJoCo resets what diverges, in a first step too; it has no flag against that."""
+    for module in (mujoco_solver, rediscretized):
+        monkeypatch.setattr(module, "NO_RESET", "mjDSBL_UNKNOWN")
+    env = integ_gym.rediscretize(gym.make("Hopper-v5"))
+    for speed, status in ((0.0, "ok"), (1e12, "diverged"), (0.0, "ok")):
+        env.reset(seed=0)
+        env.unwrapped.data.qvel[:] += speed
+        assert env.step(np.zeros(3, np.float32))[4]["solver_status"] == status
 
 
 EXPLOSION = """

@@ -19,6 +19,7 @@ from integ_gym.envs.testbeds.making import (
     find_testbed,
     make_checked,
     make_training_environments,
+    stock_task,
 )
 
 TASK = "InvertedPendulum-v5"
@@ -252,3 +253,14 @@ def test_without_a_threshold_a_return_is_asked_for(monkeypatch):
     with pytest.raises(ValueError, match=asked):
         testbed.lane(testbed.home, {})
     assert Car(success_return=80.0).success.goal == "return of at least 80"
+
+
+def test_a_deprecated_model_file_is_not_written_about(tmp_path, capfd):
+    """MuJoCo warns of Gymnasium's half_cheetah.xml at each compilation, there and in a file."""
+    needs("mujoco")
+    import mujoco
+
+    before = mujoco.get_mju_user_warning()
+    stock_task("HalfCheetah-v5", {}).close()
+    assert (capfd.readouterr().err, list(tmp_path.iterdir())) == ("", [])
+    assert mujoco.get_mju_user_warning() is before

@@ -12,6 +12,7 @@ from stable_baselines3 import PPO
 import integ_gym
 from integ_gym.cli import main
 from integ_gym.envs.settings import Discretization
+from integ_gym.envs.testbeds.making import find_testbed
 from integ_gym.eval.panel.home import provenance
 from integ_gym.eval.panel.policies import read_existing
 from integ_gym.evidence.store import EvidenceStore
@@ -208,6 +209,11 @@ def test_an_argument_that_sets_the_control_period_is_not_said_beside_the_home():
 def test_what_gymnasium_lacks_is_no_stock(env_id):
     with pytest.raises(ValueError, match="is no environment of Gymnasium's"):
         stated_arguments("stock", env_id)
+
+
+@pytest.mark.parametrize("env_id", ["Hopper-v5", "Acrobot-v1", "mountain_car:MountainCar"])
+def test_stock_is_the_task_as_its_library_makes_it(env_id):
+    assert stated_arguments("stock", env_id) == find_testbed(env_id, {}).home.arguments()
 
 
 def test_a_side_car_without_a_home_leaves_it_to_be_stated(tmp_path):
