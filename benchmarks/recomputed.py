@@ -168,14 +168,14 @@ def verdicts(run: Path) -> None:
         exceeds, within = corrected[0][place], corrected[1][place]
         verdict = "fails" if exceeds < ALPHA else "transfers" if within < ALPHA else "inconclusive"
         print(
-            f"{told['name']}: {verdict}, overfitting {overfitting:.4f}, adjusted p "
+            f"{told['row']} → {told['cell']}: {verdict}, overfitting {overfitting:.4f}, adjusted p "
             f"{exceeds:.4f} and {within:.4f}\n  panel.json: {told['verdict']}, "
             f"{told['overfitting']['estimate']:.4f}, {told['p_exceeds_adjusted']:.4f} and "
             f"{told['p_equivalent_adjusted']:.4f}"
         )
     for told, mark, *_ in judged:
         if mark is not None:
-            print(f"{told['name']}: {mark}\n  panel.json: {told['verdict']}")
+            print(f"{told['row']} → {told['cell']}: {mark}\n  panel.json: {told['verdict']}")
 
 
 # --- looks ---------------------------------------------------------------------------------------

@@ -315,7 +315,10 @@ class PanelSpec:
         return tuple(found.values())
 
     def varied(self, own: Sequence[Discretization]) -> Iterator[tuple[Cell, str | None]]:
-        """Cells of variations, each with what is wrong with its times, if anything."""
+        """Cells of variations, each with what is wrong with its times, if anything.
+
+        A discretization that a table states is a cell of its own where nothing changes in it.
+        """
         truths = tuple(map(self.testbed.truth, (d.control_period for d in own)))
         for variation in self.variations:
             for place in variation.at:
@@ -323,6 +326,13 @@ class PanelSpec:
                 places = named[place] if isinstance(place, str) else (place,)
                 for one in dict.fromkeys(places):
                     cell = None if one is None else self.vary(one, variation)
+                    if cell is None and one is place and not self._changes(one, variation):
+                        cell = self._cell(
+                            one,
+                            "varied",
+                            variation=variation.name,
+                            at=place_name(one, self.control_period),
+                        )
                     if cell is not None:
                         yield cell, timing_fault(cell.arguments(self.environment))
 
@@ -331,12 +341,7 @@ class PanelSpec:
 
         Of the truth's discretization the control period alone can be another.
         """
-        undisturbed = {**self.nominal.arguments(), **place.arguments()}
-        changes = {
-            name: value
-            for name, value in variation.changes.items()
-            if not _is_same(undisturbed.get(name), value)
-        }
+        changes = self._changes(place, variation)
         steps = {name: changes.pop(name) for name in DISCRETIZATION if name in changes}
         if not has_solver(
             steps.get("engine", place.engine), steps.get("integrator", place.integrator)
@@ -362,6 +367,15 @@ class PanelSpec:
             variation=variation.name,
             at=at,
         )
+
+    def _changes(self, place: Discretization, variation: Variation) -> dict[str, Any]:
+        """What a variation sets to another value than the environment has there."""
+        undisturbed = {**self.nominal.arguments(), **place.arguments()}
+        return {
+            name: value
+            for name, value in variation.changes.items()
+            if not _is_same(undisturbed.get(name), value)
+        }
 
     def _separated(self, home: Discretization, varied: Sequence[Cell]) -> Iterator[Cell]:
         """Cells that tell what each axis in which others differ from home costs alone."""

@@ -16,11 +16,8 @@ from integ_gym.envs.settings import Discretization
 from integ_gym.eval.atlas.publishing import publish
 from integ_gym.eval.atlas.running import finished, summary_path
 from integ_gym.eval.atlas.specification import (
-    control_argument,
     critical_limit,
-    middle_start,
     read_atlas,
-    setup_of,
 )
 from integ_gym.eval.atlas.summaries import (
     Agreement,
@@ -59,19 +56,6 @@ def test_the_critical_torque_lifts_and_less_does_not():
     )
     pumping = Discretization("explicit_euler", 0.05, 0.05)
     assert critical_limit("IntegPendulum-v0", given, "max_torque", pumping) < 0.1
-
-
-@pytest.mark.parametrize(
-    ("env_id", "name", "start"),
-    [
-        ("IntegPendulum-v0", "max_torque", [3.141592653589793, 0.0]),
-        ("IntegCartPoleSwingUp-v0", "max_force", [0.0, 0.0, 3.141592653589793, 0.0]),
-    ],
-)
-def test_the_control_argument_and_the_middle_of_the_starts(env_id, name, start):
-    setup = setup_of(env_id, {"start": "hanging"}, Discretization("rk4", 0.05, 0.05))
-    assert control_argument(setup) == (name, float(setup.task.control_limit))
-    assert middle_start(setup).tolist() == start
 
 
 @pytest.mark.parametrize(

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import gc
 import json
 import re
 import subprocess
 import sys
-import weakref
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,12 +16,10 @@ from engine_cases import FIRST, lighter, needs
 from house import page_text
 
 from integ_gym.cli import main
-from integ_gym.envs import numerics
 from integ_gym.envs.engines.stepping import integrators_of
 from integ_gym.envs.numerics.stepping import one_step
 from integ_gym.envs.plants.pendulum import Pendulum
 from integ_gym.envs.registries import ENGINES
-from integ_gym.eval.census import measuring as run
 from integ_gym.eval.census import page as words
 from integ_gym.eval.census.measuring import measure
 from integ_gym.eval.census.page import render_census
@@ -91,26 +86,6 @@ def test_what_an_engine_applies_is_what_it_is_said_to(engine: str, integrator: s
         assert line.found.identified, subject
         assert line.found.map == ENGINES.load(engine).maps[integrator], subject
         assert line.differences == (), subject
-
-
-def test_what_was_measured_is_let_go(monkeypatch: pytest.MonkeyPatch) -> None:
-    """An engine may be a process: those of one line are there at a time, damped and not."""
-    made: list[weakref.ref[Any]] = []
-    alive: list[int] = []
-
-    def noted(*given: Any) -> Any:
-        step = one_step(*given)
-        made.append(weakref.ref(step))
-        gc.collect()
-        alive.append(sum(one() is not None for one in made))
-        return step
-
-    monkeypatch.setattr(numerics, "one_step", noted)
-    census = run.Census()
-    run._look(census, "native", partial(engine_subjects, "native", ("explicit_euler",)))
-    assert not census.failed
-    assert len(census.lines) == 2
-    assert alive == [1, 2] * 2
 
 
 LIMITED = Statement(0.05, max_speed=6.0)

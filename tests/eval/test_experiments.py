@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import sys
-from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from house import ROOT
@@ -32,37 +30,6 @@ def test_the_page_tells_what_was_found(experiment):
     page = PAGES[script.__name__].read_text(encoding="utf-8")
     for table in script.tables(done).strip().split("\n\n"):
         assert table in page
-
-
-def test_what_was_run_is_not_run_again(experiment, monkeypatch, tmp_path):
-    script, trained = experiment
-    monkeypatch.setattr(trained, "ProcessPoolExecutor", lambda *given: ThreadPoolExecutor(1))
-    asked = []
-
-    def run(unit):
-        asked.append(unit.name)
-        return [unit.first_seed % 20] * trained.TOGETHER
-
-    path = tmp_path / "found.json"
-    script.EXPERIMENT.run_missing(run, path, 1)
-    written = json.loads(path.read_text(encoding="utf-8"))
-    first = written["successes"]
-    assert list(first) == [unit.name for unit in script.EXPERIMENT.units()]
-    assert sorted(asked) == sorted(first)
-    fewer = {**written, "successes": dict(list(first.items())[:-1])}
-    path.write_text(json.dumps(fewer), encoding="utf-8")
-    assert script.tables(trained.read(path)).count("|---") < script.tables(first).count("|---")
-    asked.clear()
-    script.EXPERIMENT.run_missing(run, path, 1)
-    assert asked == [list(first)[-1]]
-    assert trained.read(path) == first
-    path.write_text(json.dumps({**written, "versions": {}}), encoding="utf-8")
-    with pytest.raises(ValueError, match="was made with other versions"):
-        script.EXPERIMENT.run_missing(run, path, 1)
-    arm = script.EXPERIMENT.arms[0]
-    assert len(script.EXPERIMENT.rates(first, script.EXPERIMENT.values[0], arm)) == len(
-        script.EXPERIMENT.seeds
-    )
 
 
 @pytest.mark.slow

@@ -16,8 +16,6 @@ from integ_gym.envs.registries import ENVIRONMENTS
 from integ_gym.envs.rendering.canvas import FAILS, GREEN
 from integ_gym.envs.settings import Discretization
 from integ_gym.eval.film import HOLD, Film, parse_discretization, write_film
-from integ_gym.support.figures import AMOUNTS, PALETTE, channels
-from integ_gym.support.pages import page_parts
 from integ_gym.train.baselines import make_baseline
 
 PENDULUM = "IntegPendulum-v0"
@@ -72,15 +70,6 @@ def test_a_film_lasts_as_long_as_its_longest_episode():
         film[len(film)]
 
 
-def test_control_periods_that_differ_are_told_in_every_pane():
-    film = film_of(HOME, Discretization("rk4", 0.025, 0.025))
-    told = [film._titles(episode.discretization)[1] for episode in film.episodes]
-    for period, words in zip((0.05, 0.025), told, strict=True):
-        assert f"a decision every {period:g} s" in words
-    film = film_of(Discretization("rk4", 0.05, 0.05), Discretization("rk4", 0.05, 0.1))
-    assert list(film.success) == ["rk4 dt=0.05 control=0.05", "rk4 dt=0.05 control=0.1"]
-
-
 def test_the_verdict_is_in_the_picture():
     """Balance for a tenth of a second succeeds; a swing-up without control fails."""
     succeeding = film_of("rk4", env_id="IntegCartPole-v0", duration=0.1, dt=0.02)[0][74:130]
@@ -88,19 +77,6 @@ def test_the_verdict_is_in_the_picture():
     for frame, present, absent in ((succeeding, GREEN, FAILS), (failing, FAILS, GREEN)):
         assert (np.abs(frame.astype(int) - present).max(axis=2) < 6).sum() > 20
         assert not (np.abs(frame.astype(int) - absent).max(axis=2) < 6).any()
-
-
-def test_bars_have_the_colours_of_pages():
-    """A free swing on explicit Euler gains energy by numerics; damping takes some out."""
-    film = film_of("explicit_euler", duration=2.0, damping=0.2, start="hanging")
-    frame = film[len(film) - 1].astype(int)
-    style = page_parts("", "")["style"]
-    for name, (above, _) in AMOUNTS.items():
-        assert f"i.{name} {{ background: " in style
-        if name in ("numerics", "losses", "energy"):
-            colour = channels(PALETTE[above][0])
-            assert (np.abs(frame - colour).max(axis=2) < 6).sum() > 20, name
-    assert (np.abs(frame[:70] - channels(PALETTE["page"][0])).max(axis=2) < 2).mean() > 0.5
 
 
 @pytest.mark.parametrize(

@@ -120,24 +120,6 @@ def test_the_command_shows_a_trained_policy(panel_directory, tmp_path, capsys):
 LEVELS = "policy_id = 'levels' AND env_id = 'IntegPendulum-v0'"
 
 
-def test_what_cannot_be_played_again_is_left_out(diagnosis):
-    """Of a rollout whose policy nobody kept, what has no trace; unless it is asked for."""
-    run, *_ = diagnosis
-    record = record_where(run, f"{LEVELS} AND integrator = 'symplectic_euler'")
-    own = Discretization(**{name: record[name] for name in DISCRETIZATION})
-    doubts: list[str] = []
-    gone = partial(policy_of, record, open_run(run))
-    there = of_record._possible([own, replace(own, dt=0.01)], {own: record}, gone, doubts.append)
-    assert there == [own]
-    (doubt,) = doubts
-    assert "cannot be made again" in doubt
-    assert doubt.endswith("; shown is what has a trace")
-    film = watch(run, record["record_id"], on_doubt=pytest.fail)
-    np.testing.assert_array_equal(film.episodes[0].states[:, 0], record["theta"])
-    with pytest.raises(ValueError, match="cannot be made again; restore its folder"):
-        watch(run, record["record_id"], ["rk4"])
-
-
 def test_code_that_a_record_names_is_not_run_unasked(diagnosis):
     run, *_ = diagnosis
     record = record_where(run, f"{LEVELS} AND integrator = 'planted:Silent'")
@@ -208,29 +190,4 @@ def test_a_record_is_refused_in_one_line(
     assert main(["watch", str(panel_directory), record, *words]) == 2
     error = capsys.readouterr().err
     assert re.search(message, error)
-    assert error.count("\n") == 1
-
-
-def test_what_has_no_pictures_is_refused_with_what_shows_it(diagnosis, capsys):
-    run, *_ = diagnosis
-    record = record_where(run, "env_id LIKE 'OpenLoop%'")
-    assert main(["watch", str(run), record["record_id"]]) == 2
-    error = capsys.readouterr().err
-    assert "of a record of OpenLoop-pendulum `integ-gym evidence show` prints" in error
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (["RUN", "--seed", "3"], "is no trained policy; give the id of one of its records"),
-        (["absent"], "there is no absent"),
-        (["absent", "a"], "no directory absent; give a run's directory"),
-        (["EMPTY", "a"], "holds no evidence"),
-    ],
-)
-def test_what_is_no_run_is_refused_in_one_line(panel_directory, tmp_path, words, message, capsys):
-    known = {"RUN": str(panel_directory), "EMPTY": str(tmp_path)}
-    assert main(["watch", *(known.get(word, word) for word in words)]) == 2
-    error = capsys.readouterr().err
-    assert message in error
     assert error.count("\n") == 1

@@ -68,56 +68,10 @@ def test_a_terminal_without_unicode_is_shown_a_record(two_environments, record_i
     assert sparkline(np.arange(8.0)) == "▁▂▃▄▅▆▇█"
 
 
-def _cells(text):
-    """Of rows that are printed one column a line: name to cell."""
-    return dict(re.split(" {2,}", line, maxsplit=1) for line in text.splitlines()
-                if re.match(r"\w+ {2,}\S", line))  # fmt: skip
-
-
-def test_a_query_prints_a_table_and_a_row_of_many_columns_one_a_line_with_units(
-    two_environments, capsys
-):
-    sql = ("SELECT env_id, count(*) AS n, any_value(theta) AS theta FROM records "
-           "GROUP BY env_id ORDER BY env_id")  # fmt: skip
-    assert main("query", two_environments / "evidence", sql) == 0
-    lines = [line.split() for line in capsys.readouterr().out.splitlines()]
-    assert lines[0] == ["env_id", "n", "theta"]
-    assert lines[2][:2] == ["IntegCartPole-v0", "3"]
-    assert lines[3] == ["IntegPendulum-v0", "3", "[201", "values]"]
-    sql = "SELECT * FROM records ORDER BY record_id LIMIT 1"
-    assert main("query", two_environments, sql) == 0
-    text = capsys.readouterr().out
-    assert max(map(len, text.splitlines())) <= 120
-    cells = _cells(text)
-    assert cells["dt"] == "0.05 s"
-    assert re.fullmatch(r"\S+ J", cells["work_total"])
-    assert cells["constraint_violation_max"] == "-"
-    assert re.fullmatch(r"\d+", cells["length"])
-    assert text.count(" ...\n") == 1
-    assert text.endswith("--format json gives every value in full.\n(1 row)\n")
-
-
 def _printed(table, form="table"):
     file = io.StringIO()
     print_table(table, file, form)
     return file.getvalue()
-
-
-def test_tables_of_odd_values_and_widths(monkeypatch):
-    table = pa.table({"a": [float("nan"), None], "b": ["x" * 100, ""], "c": [[1.0], [2.0] * 9]})
-    assert json.loads(_printed(table, "json"))[0]["a"] is None
-    assert "x" * 100 in _printed(table)
-    with pytest.raises(ValueError, match="must be one of table, csv, json"):
-        print_table(table, io.StringIO(), "xml")
-    wide = pa.table({f"column_{k}": ["a_word_" + "x" * 20] * 11 for k in range(9)})
-    assert _printed(wide).count("\n") == 2 + 11 + 1, "many rows into a file stay one a line"
-    assert _printed(wide.slice(0, 10)).count("\n") == 10 * 10 + 1
-    monkeypatch.setenv("COLUMNS", "60")
-    assert _printed(wide).count("\n") == 11 * 10 + 1
-    # a unit is that of the field, and not of another column of its name
-    named = pa.table({"dt": [3], "energy_end": [1.5], **{f"x{k}": ["y" * 30] for k in range(9)}})
-    cells = _cells(_printed(named))
-    assert (cells["dt"], cells["energy_end"], cells["x0"]) == ("3", "1.5 J", "y" * 30)
 
 
 def test_what_would_move_the_cursor_is_shown():
@@ -157,44 +111,6 @@ def test_verify(two_environments, capsys, store, table):
     captured = capsys.readouterr()
     assert captured.out.count("was altered") == 3
     assert captured.err == ""
-
-
-def test_export(two_environments, tmp_path, capsys):
-    names = [field.name for field in SUMMARY_FIELDS]
-    assert main("export", two_environments) == 0
-    rows = list(csv.DictReader(io.StringIO(capsys.readouterr().out)))
-    assert len(rows) == 6
-    assert list(rows[0]) == names
-    assert len(json.loads(rows[0]["initial_state"])) == 4
-    output = tmp_path / "records.jsonl"
-    assert main("export", two_environments, "--to", "jsonl", "--out", output) == 0
-    lines = [json.loads(line) for line in output.read_text(encoding="utf-8").splitlines()]
-    records = {record["record_id"]: record for record in open_run(two_environments).records()}
-    assert {line["record_id"] for line in lines} == set(records)
-    for line in lines:
-        assert line == records[line["record_id"]].summary()
-        assert list(line) == names
-
-
-def test_a_terminal_s_width_is_kept_and_nothing_is_cut(
-    two_environments, record_id, capsys, monkeypatch
-):
-    def shown(*words):
-        assert main(*words) == 0
-        return capsys.readouterr().out.splitlines()
-
-    queries = [f"SELECT {what} FROM records ORDER BY record_id LIMIT 2"
-               for what in ("record_id, metric_definition", "*")]  # fmt: skip
-    goals = open_run(two_environments).query(queries[0]).column("metric_definition").to_pylist()
-    whole = shown("show", two_environments, record_id)
-    monkeypatch.setenv("COLUMNS", "80")
-    tables = [shown("query", two_environments, sql) for sql in queries]
-    record = shown("show", two_environments, record_id)
-    assert max(map(len, (*record, *tables[0], *tables[1]))) <= 80
-    for lines in tables:
-        words = "".join(lines).replace(" ", "")
-        assert all(goal.replace(" ", "") in words for goal in goals)
-    assert sorted("".join(record).replace(" ", "")) == sorted("".join("".join(whole).split()))
 
 
 def test_a_reader_that_stops_amid_many_records_is_no_error(two_environments):

@@ -90,18 +90,6 @@ def test_what_waits_in_memory_is_bounded(tmp_path):
         RecordEvidence(gym.make(PENDULUM), tmp_path, CONTEXT, commit_every=0)
 
 
-def test_lanes_that_end_together_are_committed_together(tmp_path):
-    env = gym.make_vec(PENDULUM, num_envs=4, **SHORT)
-    others = [replace(CONTEXT, cell=f"cell {k}") for k in range(2)]
-    env = RecordVectorEvidence(env, tmp_path, others, commit_every=4)
-    env.reset(seed=0)
-    for _ in range(9):
-        env.step(env.action_space.sample())
-    assert EvidenceStore(tmp_path).count() == 12
-    env.close()
-    assert len(EvidenceStore(tmp_path).batches()) == 3
-
-
 def _made(directory, context=CONTEXT):
     return lambda: made(directory, context, **SHORT)
 
@@ -201,22 +189,6 @@ def test_paired_episodes_are_refused_where_they_are_the_same(tmp_path):
     assert EvidenceStore(tmp_path).verify() == []
     assert sorted(r["episode_index"] for r in EvidenceStore(tmp_path).records()) == [*range(6)]
     _played(_paired(tmp_path, [6, 7]))
-
-
-def test_assigned_episodes_are_held_and_a_refusal_leaves_what_was(tmp_path):
-    env = _paired(tmp_path, [0, 1])
-    env.assign([2, 3])
-    for held in (0, 1, 2, 3):
-        with pytest.raises(EvidenceError, match=rf"open .*, episode {held};"):
-            _paired(tmp_path, [held])
-    other = _paired(tmp_path, [8])
-    with pytest.raises(EvidenceError, match=r"open .*, episode 8;"):
-        env.assign([7, 8])
-    _paired(tmp_path, [7]).close()
-    other.close()
-    env.reset(seed=[2, 3])
-    _played(env)
-    assert sorted(r["episode_index"] for r in EvidenceStore(tmp_path).records()) == [2, 3]
 
 
 def test_a_recorder_that_nobody_has_any_more_holds_nothing_and_loses_nothing(tmp_path):

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from engine_cases import needs
 from gymnasium import spaces
-from recording import recorded, run_out
+from recording import run_out
 
 from integ_gym.evidence.labels import EpisodeContext
 from integ_gym.evidence.recomputing import recompute
@@ -112,16 +112,6 @@ def test_odd_spaces_are_recorded_and_what_is_too_large_for_a_trace_is_left_out_a
         assert sum(name.startswith("sensed_") for name in records[0].trace) == columns
         said = json.loads(records[0]["engine_description"])
         assert said.get("left_out", []) == left_out
-
-
-def test_all_kinds_stand_in_one_store(tmp_path):
-    _record(gym.make("CartPole-v1"), tmp_path)
-    found = recorded(tmp_path, range(2)).query(
-        "SELECT env_id, count(engine) AS known FROM records GROUP BY env_id ORDER BY env_id"
-    )
-    assert found.to_pylist() == [
-        {"env_id": "CartPole-v1", "known": 0}, {"env_id": "IntegPendulum-v0", "known": 2}
-    ]  # fmt: skip
 
 
 def test_the_limit_of_a_class_made_directly_is_read_from_its_wrapper():

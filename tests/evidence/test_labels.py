@@ -10,7 +10,6 @@ from __future__ import annotations
 import json
 import re
 from collections import Counter
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -18,23 +17,12 @@ import pytest
 from integ_gym.evidence.fields import CELL_STATUSES, LABELS, SUMMARY_FIELDS
 from integ_gym.evidence.labels import (
     REASONS,
-    SENTENCE_COLUMNS,
     EpisodeFacts,
     Replays,
     failure_label,
     failure_sentence,
 )
 
-FAILED = EpisodeFacts(
-    success=False,
-    time=10.0,
-    episode_return=-1000.0,
-    solver_status="ok",
-    saturated_share=0.1,
-    goal_reached=None,
-    goal_left=None,
-    goal_since=None,
-)
 RECORD = {
     "metric_definition": "|theta| < 0.2 rad",
     "engine": "native",
@@ -43,66 +31,6 @@ RECORD = {
     "control_period": 0.05,
     "terminated": False,
 }
-HOME = Replays(home="is home")
-NEVER = (
-    "it never reached the goal (|theta| < 0.2 rad) in 10 s, with 10 % of the control steps "
-    "saturated."
-)
-SAME = "the same policy succeeds from the same start"
-
-
-@pytest.mark.parametrize(
-    ("changes", "replays", "label", "sentence"),
-    [
-        ({"success": True, "goal_since": 3.25}, Replays(), "none",
-         "succeeded: |theta| < 0.2 rad, at the goal from 3.25 s on."),
-        ({"solver_status": "diverged", "time": 1.25, "success": True}, HOME, "evaluation_error",
-         "the simulation diverged at 1.25 s on rk4 (native) at dt 0.05 s and control period "
-         "0.05 s."),
-        ({"episode_return": None}, HOME, "evaluation_error",
-         "the return is not finite after 10 s."),
-        ({"success": None}, HOME, "unattributed", "|theta| < 0.2 rad; the return is -1000."),
-        ({}, Replays(cell_status="unachievable"), "unachievable",
-         "a search over controls misses the goal's energy here from most starts, in twice the "
-         f"time too; {NEVER}"),
-        ({}, Replays(home=True, home_success=0.375), "not_learned",
-         f"the policy succeeds from 37.5 % of its starts at home; {NEVER}"),
-        ({}, Replays(home=True, second_horizon=True), "too_slow",
-         f"{SAME} in twice the time; {NEVER}"),
-        ({}, Replays(home=True), "discretization_error",
-         f"{SAME} on its training discretization, but on rk4 (native) at dt 0.05 s and control "
-         f"period 0.05 s {NEVER[3:]}"),
-        ({"homes": 3}, Replays(home=True), "discretization_error",
-         f"{SAME} on a training discretization of it, but on rk4 (native) at dt 0.05 s and control "
-         f"period 0.05 s {NEVER[3:]}"),
-        ({}, Replays(), "unattributed",
-         f"the replay on its training discretization was not run; {NEVER}"),
-        ({"observation_noise": 0.02}, replace(HOME, without_noise=True), "perception_error",
-         f"{SAME} without observation noise, but with standard deviation 0.02 {NEVER[3:]}"),
-        ({"observation_noise": 0.02}, HOME, "unattributed",
-         f"the replay without observation noise was not run; {NEVER}"),
-        ({"staleness": 0.15}, replace(HOME, without_delay=True), "state_error",
-         f"{SAME} without delays, but with 0.15 s of latency and staleness {NEVER[3:]}"),
-        ({"saturated_share": 0.5}, HOME, "control_error", NEVER.replace("10 %", "50 %")),
-        ({"goal_reached": 2.0, "goal_left": 4.5}, HOME, "control_error",
-         "it came to the goal (|theta| < 0.2 rad) at 2 s and last left it at 4.5 s, with 10 % of "
-         "the control steps saturated."),
-        ({"goal_reached": 0.0, "goal_left": 10.0, "terminated": True}, HOME, "control_error",
-         "it was terminated at 10 s (asked: |theta| < 0.2 rad), with 10 % of the control steps "
-         "saturated."),
-        ({"goal_reached": 9.0, "goal_since": 9.0}, HOME, "planning_error",
-         "it came to the goal (|theta| < 0.2 rad) at 9 s, too late for the episode's end at 10 s, "
-         "with 10 % of the control steps saturated."),
-    ],
-)  # fmt: skip
-def test_label_and_sentence(changes, replays, label, sentence):
-    """The sentence made of code and numbers as a record holds them."""
-    changes, terminated = dict(changes), changes.get("terminated", False)
-    changes.pop("terminated", None)
-    failure = failure_label(replace(FAILED, **changes), replays)
-    fields = {**RECORD, **failure.columns(), "terminated": terminated}
-    assert set(SENTENCE_COLUMNS) <= set(fields)
-    assert (failure.label, failure_sentence(fields)) == (label, sentence)
 
 
 COUNT = 100

@@ -108,7 +108,6 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 from integ_gym.cli import main
 sys.exit(main(sys.argv[1:]))
 """
-"""The command, interruptible also where the tests run in the background, which ignores SIGINT."""
 
 
 def test_an_interruption_ends_a_query_at_once(store):

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import base64
-import os
-import pty
 import subprocess
-import sys
 
 import pytest
 from hypothesis import given, settings
@@ -124,30 +121,6 @@ def test_files_that_hold_nothing_of_the_kind_are_refused(tmp_path, run, key, con
         list(broken_signature(run, empty))
     (run / SIGNATURE_FILE).write_bytes(content)
     assert _findings(run, key) != []
-
-
-def test_ssh_keygen_asks_for_a_passphrase_on_the_terminal_and_is_refused_without(store, tmp_path):
-    with pytest.raises(EvidenceError, match="No such file"):
-        check_key(tmp_path / "none")
-    run, locked = store.directory, _make_key(tmp_path / "locked", passphrase="secret")
-    code = "import sys; from integ_gym.cli import main; sys.exit(main(sys.argv[1:]))"
-    words = [sys.executable, "-c", code, "evidence", "seal", str(run), "--sign", str(locked)]
-    alone = subprocess.run(words, capture_output=True, text=True, start_new_session=True)
-    assert "incorrect passphrase supplied to decrypt private key; make a key" in alone.stderr
-    pid, terminal = pty.fork()
-    if pid == 0:
-        os.execv(sys.executable, words)
-    shown, asked = b"", 0
-    while True:
-        try:
-            shown += os.read(terminal, 4096)
-        except OSError:  # the terminal is closed
-            break
-        if shown.count(b"passphrase") > asked:
-            asked += 1
-            os.write(terminal, b"secret\n")
-    assert os.waitpid(pid, 0)[1] == 0, shown
-    assert _findings(run, locked) == []
 
 
 def test_without_ssh_keygen_a_run_is_verified_and_its_signature_not(

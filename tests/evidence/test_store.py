@@ -16,9 +16,8 @@ from forgery import with_column
 from recording import recorded
 
 from integ_gym.cli import main
-from integ_gym.evidence.fields import SCHEMA_VERSION
 from integ_gym.evidence.hashing import with_hashes
-from integ_gym.evidence.schema import VERSION_KEY, BatchExistsError, EvidenceError
+from integ_gym.evidence.schema import BatchExistsError, EvidenceError
 from integ_gym.evidence.store import EvidenceStore, merge, open_run
 from integ_gym.support.files import LEFTOVER_AGE, write_once
 
@@ -126,15 +125,6 @@ def test_several_tables_make_one_batch(store, table, monkeypatch):
     assert "none" not in store.batches()
 
 
-def test_file_is_compressed_and_self_describing(batch):
-    group = pq.read_metadata(batch).row_group(0)
-    assert {group.column(i).compression for i in range(group.num_columns)} == {"ZSTD"}
-    schema = pq.read_schema(batch)
-    assert schema.field("theta").metadata[b"unit"] == b"rad"
-    assert b"upright" in schema.field("theta").metadata[b"frame"]
-    assert schema.metadata[VERSION_KEY] == str(SCHEMA_VERSION).encode()
-
-
 def test_find_by_id_and_by_prefix(store, table):
     ids = [record["record_id"] for record in store.records()]
     for k, record_id in enumerate(ids):
@@ -159,21 +149,6 @@ def test_query_unites_the_columns_of_all_environments(two_environments):
         {"env_id": "IntegCartPole-v0", "n": 3, "theta": 3, "x": 3, "torque": 0},
         {"env_id": "IntegPendulum-v0", "n": 3, "theta": 3, "x": 0, "torque": 3},
     ]
-
-
-def test_trace_is_a_table_of_its_own(store):
-    columns = ("time", "theta", "energy", "reward", "torque_applied", "energy_residual")
-    trace = store.query(
-        f"SELECT {', '.join(f'unnest({name}) AS {name}' for name in columns)} FROM records "
-        "WHERE episode_index = 1"
-    )
-    record = [*store.records()][1]
-    assert trace.num_rows == record["length"] + 1
-    for name in columns:
-        values = trace.column(name).drop_null().to_numpy()
-        np.testing.assert_array_equal(values, record[name])
-        assert trace.column(name).null_count == record["length"] + 1 - len(values)
-    assert trace.column("reward")[-1].as_py() is None
 
 
 def test_verify_finds_altered_values(store, table):

@@ -11,7 +11,6 @@ from gymnasium.vector import AutoresetMode
 from pairing import in_turn
 from recording import CONTEXT
 
-from integ_gym.evidence.episodes import EpisodeHeads
 from integ_gym.evidence.fields import VOLATILE_NAMES
 from integ_gym.evidence.labels import EpisodeContext, Replays
 from integ_gym.evidence.recorder import RecordEvidence
@@ -353,15 +352,3 @@ def test_records_are_the_same_whatever_they_are_written_with(tmp_path, monkeypat
         assert records.keys() == written["singly"].keys(), name
         for record_id, record in records.items():
             _assert_same(record, written["singly"][record_id], ())
-
-
-def test_what_waits_is_never_written_over():
-    buffer, lane = LaneBuffer(3, 1, 30), np.arange(1)
-    buffer.begin(lane, np.zeros((3, 1)), np.ones(1, dtype=bool))
-    buffer.add(np.ones((3, 1)))
-    buffer.end(lane, EpisodeHeads([0], [None], [""], [0], [0], [0], [0]))
-    while not buffer.full:
-        buffer.add(np.full((3, 1), 2.0))
-    with pytest.raises(BufferError, match="gather them first"):
-        buffer.add(np.full((3, 1), 3.0))
-    assert buffer.gathered()[0].tolist() == [[0.0, 1.0]] * 3

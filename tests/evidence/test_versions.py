@@ -127,17 +127,6 @@ def test_an_older_file_is_read_with_null_for_what_it_lacks_and_verified(old, tab
     assert ["was altered" in problem.message for problem in old.verify()] == [True] * 3
 
 
-def test_an_older_file_is_queried_with_null_for_what_it_lacks(old):
-    rows = old.query(f"SELECT schema_version, {', '.join(LATER)} FROM records").to_pylist()
-    assert rows == [{"schema_version": 1, **dict.fromkeys(LATER)}] * 3
-    for condition in ("cell_status = 'too_slow'", "home_success < 0.5", "NOT replay_home"):
-        sql = f"SELECT count(*) AS n FROM records WHERE {condition}"
-        assert old.query(sql).to_pylist() == [{"n": 0}], condition
-    described = old.query("DESCRIBE records").column("column_name").to_pylist()
-    assert {field.name for field in SUMMARY_FIELDS} <= set(described)
-    assert len(set(described)) == len(described)
-
-
 @pytest.mark.parametrize("form", TEXT_FORMATS)
 def test_two_versions_in_one_store_are_read_queried_and_exported_together(old, table, form):
     """The columns have their types and the older rows null."""

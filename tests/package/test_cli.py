@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import io
 import os
 import re
 import shlex
@@ -13,13 +12,9 @@ from pathlib import Path
 from unittest.mock import Mock
 
 import pytest
-from report_pages import panel_of
 
 import integ_gym
 from integ_gym.cli import COMMANDS, main
-from integ_gym.commands.printed import TONES, print_verdicts
-from integ_gym.eval.power import WITHOUT_VERDICT
-from integ_gym.support.terminal import fixed
 
 COMMAND = [sys.executable, "-m", "integ_gym.cli"]
 
@@ -124,23 +119,3 @@ def test_a_command_needs_no_standard_streams(words, code, closed, tmp_path):
     done = subprocess.run(line, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == code, done.stderr
     assert "Traceback" not in done.stderr
-
-
-@pytest.mark.parametrize("width", [80, 120])
-def test_every_verdict_is_told_once_and_fits(width, monkeypatch):
-    monkeypatch.setenv("COLUMNS", str(width))
-    panel, file = panel_of("full"), io.StringIO()
-    print_verdicts(panel, file)
-    lines = file.getvalue().splitlines()
-    assert max(map(len, lines)) <= width
-    told = "".join(file.getvalue().split())
-    for judged in panel.verdicts:
-        assert judged.verdict in told
-        assert fixed(judged.overfitting.estimate) in told
-        assert fixed(judged.total.estimate) in told
-    below = lines[next(k for k, line in enumerate(lines) if line.startswith("---")) + 1 :]
-    first = [line.split()[0] for line in below if not line.startswith(" ")]
-    order = ["fails", "transfers", "inconclusive", *WITHOUT_VERDICT]
-    assert first == sorted(first, key=order.index)
-    assert len(first) == len(panel.verdicts) > 0
-    assert set(TONES) == set(order)

@@ -50,20 +50,6 @@ def of_native():
         yield lambda *more: main(["engines", "--engine", "native", *more])
 
 
-def test_a_narrow_terminal_is_told_the_same(of_native, capsys, monkeypatch):
-    """Each integrator as a list, where its line is too short for columns."""
-    assert of_native() == 0
-    printed = capsys.readouterr().out
-    rows = _table(printed)
-    assert "not applicable: generalized coordinates" in printed
-    monkeypatch.setenv("COLUMNS", "50")
-    assert of_native() == 0
-    lists = capsys.readouterr().out.split("\n\n")
-    assert max(map(len, "\n".join(lists).splitlines())) <= 50
-    pairs = [[re.split(r" {2,}", x, maxsplit=1) for x in one.splitlines()] for one in lists]
-    assert [dict(one) for one in pairs[: len(rows)]] == rows
-
-
 def test_the_document_has_everything_measured(of_native, capsys):
     assert of_native("--json") == 0
     printed = capsys.readouterr().out

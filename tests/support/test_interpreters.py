@@ -11,14 +11,10 @@ from integ_gym.support import interpreters
 from integ_gym.support.errors import InputError, MissingPackageError
 from integ_gym.support.interpreters import (
     InterpreterError,
-    are_running,
     call_there,
-    find_interpreter,
     make_interpreter,
-    needed_versions,
     parse_packages,
 )
-from integ_gym.support.optional import package_version
 from integ_gym.support.processes import reporting
 
 
@@ -40,21 +36,6 @@ def test_exact_versions_have_one_form():
 def test_anything_else_is_refused(words):
     with pytest.raises(InputError, match="packages"):
         parse_packages(words)
-
-
-def test_what_episodes_import_is_wanted_as_it_is_here():
-    needed = needed_versions(["mujoco", "native", "no extra"])
-    assert {"gymnasium", "numpy", "pyarrow", "msgspec", "mujoco"} <= set(needed)
-    assert not {"torch", "jax", "jinja2", "integ-gym", "onnxruntime"} & set(needed)
-    assert needed["numpy"] == package_version("numpy")
-    assert "onnxruntime" in needed_versions(["onnx"])
-    assert "torch" in needed_versions([], ["torch.nn.modules"])
-
-
-def test_versions_that_are_here_are_running():
-    assert are_running([])
-    assert are_running([f"numpy=={package_version('numpy')}"])
-    assert not are_running(["numpy==0.1"])
 
 
 def test_without_uv_the_extra_is_named(monkeypatch):
@@ -83,14 +64,6 @@ def test_what_uv_cannot_make_is_refused_in_its_words(tmp_path, monkeypatch, cach
     assert told == ["making an interpreter with tiny==1.0"]
     assert not list(cache.rglob("interpreter.json"))
     assert not list(cache.rglob("*.lock"))
-
-
-def test_one_that_is_there_is_found_by_what_it_has(tmp_path):
-    made = fake_interpreter(tmp_path)
-    assert find_interpreter(TINY, needed_versions()) == made
-    assert make_interpreter(TINY, needed_versions()) == made
-    assert find_interpreter(("tiny==2.0",), {}) is None
-    assert find_interpreter(TINY, {"torch": "1.0"}) is None
 
 
 def test_results_and_work_come_as_they_are_made(tmp_path):

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import os
 import signal
 import subprocess
 import sys
 import threading
 import time
-from contextlib import suppress
 
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from integ_gym.support import processes
 from integ_gym.support.processes import (
     Progress,
     SpawnError,
@@ -82,20 +79,6 @@ threading._register_atexit(ended.set)
     assert (done.stdout, done.stderr) == ("[0, 1, 2, 3]\n", "")
 
 
-@pytest.mark.parametrize("parent", [None, multiprocessing.current_process()])
-def test_a_worker_has_one_thread(parent, monkeypatch):
-    monkeypatch.setattr(processes, "parent_process", lambda: parent)
-    made = []
-
-    def items():
-        for _ in range(3):
-            made.append(threading.get_ident())
-            yield None
-
-    assert list(prefetch(items())) == [None] * 3
-    assert {ident == threading.get_ident() for ident in made} == {parent is not None}
-
-
 CALL = (
     "from integ_gym.support.processes import check_spawning\n{}check_spawning({})\nprint('fine')\n"
 )
@@ -145,26 +128,6 @@ def test_what_is_done_at_once_moves_the_bar_and_can_be_interrupted():
             executor.submit(work, 1.0, KeyboardInterrupt())
     report_work(1.0)
     assert bar.n == 6.0
-
-
-def test_a_bar_is_full_only_when_its_work_is_done_and_starts_no_thread(capsys, monkeypatch):
-    """An estimate that was too low, or counted work before its files are written."""
-    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
-    monkeypatch.setenv("TERM", "xterm")
-    before = threading.active_count()
-    with WorkBar("work", 10.0, shown=True) as bar:
-        bar.update(10.0)
-        bar.describe("writing")
-        assert threading.active_count() == before
-        early = capsys.readouterr().err
-        assert " 99%" in early
-        assert "nearly done, writing" in early
-    assert "100%" not in early
-    assert "100%" in capsys.readouterr().err
-    with suppress(ValueError), WorkBar("work", 10.0, shown=True) as bar:
-        bar.update(20.0)
-        raise ValueError
-    assert "100%" not in capsys.readouterr().err
 
 
 WAITS = """

@@ -16,29 +16,14 @@ from integ_gym.support.terminal import (
     compact,
     compact_percent,
     fixed,
-    has_room,
     percent,
-    print_columns,
-    print_wrapped,
     report_errors,
     seconds,
-    unbroken,
     width_of,
     wrap,
 )
 
 REASON = "it never reached the goal, with 12% of the control steps saturated, over and over again"
-
-
-def _printed(*given, **options):
-    file = io.StringIO()
-    print_columns(*given, file, **options)
-    return file.getvalue().splitlines()
-
-
-@pytest.fixture
-def narrow(monkeypatch):
-    monkeypatch.setenv("COLUMNS", "60")
 
 
 @pytest.mark.parametrize("text", [REASON, "a_" * 60, "x" * 100, '{"a":1.25,"b":[1,2]}' * 9, ""])
@@ -51,62 +36,6 @@ def test_nothing_is_lost_where_a_text_is_broken(text, width, monkeypatch):
     lines = wrap(text, io.StringIO()).split("\n")
     assert max(map(len, lines)) <= width
     assert "".join(lines).replace(" ", "") == text.replace(" ", "")
-
-
-def test_a_table_is_printed_in_full_broken_or_as_lists(narrow):
-    rows = [["rk4", "-1.5"], ["explicit_euler", "10"]]
-    assert _printed(["integrator", "energy"], rows, right=[False, True])[2:] == [
-        "rk4               -1.5",
-        "explicit_euler      10",
-    ]
-    lines = _printed(["record", "why"], [["3f9a" * 4, REASON], ["b", ""]])
-    assert max(map(len, lines)) <= 60
-    assert " ".join(line[18:].strip() for line in lines[2:5]) == REASON
-    names = [f"column {k}" for k in range(12)]
-    lines = _printed(names, [["value"] * 12, ["value"] * 11 + [REASON]])
-    assert lines[0] == "column 0   value"
-    assert max(map(len, lines)) <= 60
-    assert " ".join(line.strip() for line in lines[24:]) == f"column 11  {REASON}"
-    assert has_room(["record", "why"], [["3f9a", REASON]], 40)
-    assert not has_room(["one", "other"], [["3f9a" * 5, "x" * 30]], 40)
-
-
-def test_a_command_to_copy_stays_on_its_line(narrow):
-    file = io.StringIO()
-    command = 'pip install -e ".[mujoco_warp]"'
-    print_wrapped(f"mujoco_warp: not installed (warp, more); run: {unbroken(command)}", file)
-    assert file.getvalue().splitlines()[-1] == f"  {command}"
-
-
-class Terminal(io.StringIO):
-    """A stream that says it is a terminal."""
-
-    def isatty(self):
-        return True
-
-
-def test_whole_cells_are_painted_on_a_terminal_that_wants_it(monkeypatch):
-    rows = [("fails", "a"), ("transfers", "b"), ("fails as well", "c")]
-
-    def printed(file):
-        colours = {"fails": "red", "transfers": "green"}
-        print_columns(("verdict", "of"), rows, file, colours=colours)
-        return file.getvalue()
-
-    for name, value in (("TERM", "xterm"), ("COLUMNS", "80")):
-        monkeypatch.setenv(name, value)
-    monkeypatch.delenv("NO_COLOR", raising=False)
-    text = printed(Terminal())
-    assert "\x1b[31mfails " in text
-    assert "\x1b[32mtransfers " in text
-    assert "\nfails as well" in text
-    for code in ("\x1b[31m", "\x1b[32m", "\x1b[0m"):
-        text = text.replace(code, "")
-    assert text == printed(io.StringIO())
-    for name, value in (("NO_COLOR", "1"), ("TERM", "dumb")):
-        with monkeypatch.context() as changed:
-            changed.setenv(name, value)
-            assert "\x1b" not in printed(Terminal())
 
 
 def test_numbers_keep_two_digits_and_have_true_minus_signs():

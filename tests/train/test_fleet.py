@@ -240,14 +240,6 @@ def pair():
     return _pair("IntegPendulum-v0")
 
 
-def test_policies_do_not_depend_on_their_neighbours(pair):
-    configs, outcomes = pair
-    others = train_chunk([replace(configs[0], seed=7), configs[1]])
-    for name, value in outcomes[1].weights.items():
-        np.testing.assert_array_equal(others[1].weights[name], value, err_msg=name)
-        assert not np.array_equal(outcomes[0].weights[name], value) or name == "log_std"
-
-
 def test_policies_learn_the_same_in_turn_and_at_once():
     lossy = {"latency_jitter": 0.1, "hold_probability": 0.2}
     given = {"learning_rate": 3e-3, "target_kl": 1e-4, "env_arguments": lossy}
@@ -445,18 +437,3 @@ def test_safetensors_that_are_none_are_refused(tmp_path):
     damaged.write_bytes(save({"a": np.zeros(1)}, {"format": FORMAT, "activation": "Tanh"}))
     with pytest.raises(PolicyFileError, match="does not describe a policy"):
         read_safetensors(damaged)
-
-
-@pytest.mark.slow
-def test_an_executor_of_ones_own_trains_the_same_policies(tmp_path):
-    runs = [small_run(seed=seed) for seed in range(2)]
-    told, here, there = {}, tmp_path / "here", tmp_path / "there"
-    named = {"progress": False, "workers": 2}
-    local = train_fleet(runs, [here / str(n) for n in range(2)], **named)
-    folders = [there / str(n) for n in range(2)]
-    own = train_fleet(
-        runs, folders, executor="shared_panel:two_processes", on_trained=told.__setitem__, **named
-    )
-    assert [one.content_hash for one in own] == [one.content_hash for one in local]
-    assert [one.policy.parent for one in own] == folders
-    assert sorted(told) == [0, 1]

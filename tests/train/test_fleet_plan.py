@@ -17,7 +17,7 @@ from integ_gym.support.processes import Progress
 from integ_gym.train.config import TrainingError
 from integ_gym.train.fleet import planning as fleet_plan
 from integ_gym.train.fleet import worker as fleet_worker
-from integ_gym.train.fleet.planning import LONGEST, PROGRAM_BYTES, default_gib, kind_of, plan
+from integ_gym.train.fleet.planning import PROGRAM_BYTES, default_gib, kind_of, plan
 from integ_gym.train.fleet.training import train_fleet
 from integ_gym.train.fleet.worker import Workers, fleet_workers, prepare_worker
 
@@ -37,22 +37,6 @@ def test_plan_groups_what_compiles_together():
     assert sum(c.decisions for c in chunks) == 51 * 256
     assert len(plan(pendulum[:4], TWO)) == 2
     assert plan([], TWO) == []
-
-
-def test_chunks_take_about_a_minute():
-    """Long runs are trained a few at a time, so that a kill costs little."""
-    seeds = range(60)
-    short, long = (
-        plan([small_run(seed=s, n_steps=1024, n_epochs=10, total_steps=n) for s in seeds], TWO)
-        for n in (10_000, 3_000_000)
-    )
-    assert len(short) == 2
-    assert len(long) > 10
-    for chunk in (*short, *long):
-        assert len(chunk.places) * chunk.kind.seconds <= LONGEST or len(chunk.places) == 1
-    fine = small_run(env_arguments={"dt": 0.0125, "control_period": 0.05}, total_steps=10_000)
-    assert kind_of(fine).seconds > kind_of(small_run(total_steps=10_000)).seconds
-    assert len(plan([small_run(seed=s) for s in range(2000)], Workers(1, "gpu"))) == 4
 
 
 def test_chunks_fit_the_memory():

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 import pytest
 from playing import CART_POLE, ELASTIC, PENDULUM, SWING_UP, TIGHT, play
-
-from integ_gym.train.controllers import EnergyShaping
 
 pytest.importorskip("scipy")
 
@@ -88,38 +84,3 @@ def test_where_the_integrator_drains_energy_no_skill_is_needed():
     """A success that is the simulator's own: without control, and only there."""
     assert play(ELASTIC, "zero", 20, integrator="implicit_euler", dt=0.05).success == 1.0
     assert play(ELASTIC, "zero", 20, integrator="reference", dt=0.05).success == 0.0
-
-
-@pytest.mark.parametrize("missing", [-0.1, 0.1])
-@pytest.mark.parametrize(("theta", "direction"), [(2.0, 1), (-2.5, -1), (math.pi, 1), (1.2, -1)])
-def test_pumping_does_the_work_that_is_missing(theta, direction, missing):
-    """Where the torque suffices, one period brings the energy to that of standing upright."""
-    env = gym.make(PENDULUM, integrator="reference", dt=0.01, max_torque=5.0, damping=0.3)
-    controller = EnergyShaping(env.unwrapped.setup)
-    plant = controller.plant
-    upright = 2.0 * plant.gravity_torque
-    kinetic = upright - missing - plant.gravity_torque * (1.0 + math.cos(theta))
-    theta_dot = direction * math.sqrt(2.0 * kinetic / plant.inertia)
-    env.reset(options={"state": (theta, theta_dot)})
-    torque = controller.pump(np.array([theta]), np.array([theta_dot]))
-    *_, info = env.step(torque)
-    assert info["energy"] == pytest.approx(upright, abs=0.03 * abs(missing))
-
-
-def test_the_regulator_takes_over_only_where_it_catches():
-    """From every state that it claims, the regulator alone brings the plant to rest upright."""
-    env = gym.make(PENDULUM, **TIGHT, max_torque=0.8, duration=6.0)
-    controller = EnergyShaping(env.unwrapped.setup)
-    rng = np.random.default_rng(0)
-    angle, speed = rng.uniform(-1.2, 1.2, 4000), rng.uniform(-6.0, 6.0, 4000)
-    claimed = np.flatnonzero(controller.region.holds(angle, speed))
-    assert 20 < claimed.size < 1000
-    assert controller.region.holds(np.array([0.0]), np.array([0.0])).all()
-    for index in claimed[:20]:
-        env.reset(options={"state": (angle[index], speed[index])})
-        truncated = False
-        while not truncated:
-            theta, theta_dot = env.unwrapped.state
-            torque = controller.regulate(np.array([theta]), np.array([theta_dot]))
-            *_, truncated, info = env.step(torque)
-        assert info["success"]

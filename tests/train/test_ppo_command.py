@@ -19,16 +19,6 @@ from integ_gym.train.ppo import PPOConfig
 from integ_gym.train.sac import SACConfig
 
 
-def test_main_trains_and_says_where_the_policy_is(small, tmp_path, capsys):
-    out = tmp_path / "new" / "folder"
-    assert main([*FLAGS, "--out", str(out)]) == 0
-    printed = capsys.readouterr()
-    assert printed.out.startswith(f"policy: {out / 'policy.zip'} (512 steps in ")
-    assert "last 8 training episodes, exploration included: return -" in printed.out
-    assert "success 0.00" in printed.err
-    assert read_trained(out / "policy.zip")[0].content_hash == small.content_hash
-
-
 def test_the_command_takes_an_algorithm(tmp_path, capsys):
     flags = ["--no-progress", "--no-tensorboard", "--duration", "1", "--out", str(tmp_path / "a")]
     sac = ["--algorithm", "sac", "--total-steps", "40", "--learning-starts", "20"]

@@ -371,15 +371,6 @@ def test_weights_that_are_not_the_architectures_are_refused(edit, reason, pendul
     assert reason in refusal(rewritten(pendulum_zip, tmp_path / "edited.zip", policy__pth=content))
 
 
-def test_a_torchscript_program_is_refused(pendulum_zip, tmp_path):
-    stream = io.BytesIO()
-    with zipfile.ZipFile(stream, "w") as archive:
-        archive.writestr("archive/constants.pkl", b"")
-    content = stream.getvalue()
-    path = rewritten(pendulum_zip, tmp_path / "script.zip", policy__pth=content)
-    assert "is a TorchScript program, which is never run; export it" in refusal(path)
-
-
 def _old_format(tensors):
     stream = io.BytesIO()
     torch.save(tensors, stream, _use_new_zipfile_serialization=False)
@@ -427,15 +418,6 @@ def test_a_file_that_is_not_a_model_is_refused(pendulum_zip, tmp_path):
     content[directory + 8] |= 1  # the flag of an encrypted member
     path.write_bytes(content)
     assert "cannot be unpacked (RuntimeError)" in refusal(path)
-
-
-@given(cut=st.floats(0, 1, exclude_max=True))
-@settings(deadline=None, max_examples=20)
-def test_a_truncated_file_is_refused(pendulum_zip, scratch, cut):
-    content = pendulum_zip.read_bytes()
-    path = scratch / "truncated.zip"
-    path.write_bytes(content[: int(cut * len(content))])
-    assert refusal(path)
 
 
 @given(where=st.integers(1, 10**9), bit=st.integers(0, 7))

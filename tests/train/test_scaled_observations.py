@@ -13,7 +13,6 @@ import pickle
 import gymnasium as gym
 import numpy as np
 import pytest
-import torch
 from gymnasium.wrappers import TransformObservation
 from policy_files import rewritten, setting
 from stable_baselines3 import DQN, PPO, SAC
@@ -136,16 +135,3 @@ def test_an_evaluation_without_statistics_says_so(tmp_path):
     assert not read_existing(policy, PENDULUM, {}, statistics).unscaled
     write_sidecar(policy, PENDULUM, home=HOME, obs_stats=statistics)
     assert not unscaled(policy, read_trained(policy)[1])
-
-
-def test_cleanrl_s_ppo_without_its_statistics_is_doubted(tmp_path):
-    path = tmp_path / "agent.cleanrl_model"
-    actor = {"actor_mean.0.weight": torch.zeros(1, 3), "actor_mean.0.bias": torch.zeros(1)}
-    torch.save(actor, path)
-    said = {"home": HOME, "activation": "Tanh", "action_bounds": (-2.0, 2.0)}
-    with pytest.warns(UserWarning, match="pass obs_stats="):
-        write_sidecar(path, PENDULUM, **said)
-    (doubt,) = _unscaled(read_existing(path, PENDULUM, {}))
-    assert "CleanRL's ppo_continuous_action, which learns from normal" in doubt
-    write_sidecar(path, PENDULUM, **said, obs_stats=False)
-    assert not read_existing(path, PENDULUM, {}).unscaled

@@ -2,21 +2,15 @@
 
 from __future__ import annotations
 
-import inspect
 import runpy
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import gymnasium as gym
-import numpy as np
 import pytest
-from engine_cases import needs
-from gymnasium.vector import AutoresetMode, SyncVectorEnv
-from small_ppo import FLAGS, SMALL, files_of, looked_on, trained
+from small_ppo import FLAGS, SMALL, files_of
 
 import integ_gym
-from integ_gym.envs.rediscretized import rediscretize
 from integ_gym.evidence.labels import EpisodeContext
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.train.config import TrainingError, TrainingEvidence
@@ -33,14 +27,6 @@ OWN = {
 }
 """What one trainer alone is told."""
 SCRIPT = Path(integ_gym.__file__).parent.parent / "train" / "ppo.py"
-
-
-def test_both_trainers_take_the_same_arguments():
-    one, other = (
-        {name: p for name, p in inspect.signature(train).parameters.items() if name not in own}
-        for train, own in OWN.items()
-    )
-    assert one == other
 
 
 @pytest.mark.parametrize("train", OWN)
@@ -83,16 +69,6 @@ def test_folders_are_checked_before_anything_is_trained(train, tmp_path):
     assert train([], []) == []
 
 
-def test_runs_of_one_worker_are_trained_here_one_after_another(tmp_path, monkeypatch, capsys):
-    made = looked_on(monkeypatch, lambda env: env)
-    configs = [replace(SMALL, total_steps=256, seed=seed) for seed in (3, 4)]
-    folders = [tmp_path / "a", tmp_path / "b"]
-    policies = train_ppo(configs, folders, workers=1, tensorboard=False)
-    assert len(made) == 2
-    assert [policy.card["seed"] for policy in policies] == [3, 4]
-    assert "PPO, 2 policies: 100%" in capsys.readouterr().err
-
-
 def test_a_run_that_fails_in_a_process_is_told(tmp_path):
     broken = replace(SMALL, learning_rate=1e6)
     with pytest.raises(TrainingError, match=r"training failed: .*lower `learning_rate`=1e\+06; f"):
@@ -111,27 +87,3 @@ def test_the_script_writes_what_the_command_writes(small, tmp_path, monkeypatch,
     names = {Path(name).parts[0] for name in files_of(folder)}
     assert names == {Path(name).parts[0] for name in files_of(small.policy.parent)}
     assert "PPO, 1 policy: 100%" in capsys.readouterr().err
-
-
-def test_environments_of_another_kind_are_trained_too(tmp_path, monkeypatch):
-    """Any vector environment that resets in the step that ends an episode and tells its setup."""
-    needs("mujoco")
-
-    def other(envs):
-        made = [lambda: rediscretize(gym.make("Hopper-v5"), "RK4", 0.002)] * envs.num_envs
-        return SyncVectorEnv(made, autoreset_mode=AutoresetMode.SAME_STEP)
-
-    made = looked_on(monkeypatch, other)
-    policy = trained(replace(SMALL, n_steps=16, total_steps=64), tmp_path)
-    assert policy.card["discretization"] | {"engine_version": ""} == {
-        "engine": "mujoco",
-        "engine_version": "",
-        "integrator": "RK4",
-        "dt": 0.002,
-        "control_period": made[0].get_attr("setup")[0].timing.control_period,
-    }
-    period = policy.card["discretization"]["control_period"]
-    assert policy.card["derived"]["gamma"] == SMALL.discount(period)
-    read, card = read_trained(policy.policy)
-    assert np.shape(card["action_bounds"]) == (2, 3)
-    assert read.act(np.zeros((5, *read.observation_shape))).shape == (5, 3)

@@ -15,9 +15,9 @@ pytest.importorskip("torch")
 pytest.importorskip("stable_baselines3")
 
 from stable_baselines3.common.monitor import Monitor
-from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor
+from stable_baselines3.common.vec_env import DummyVecEnv
 
-from integ_gym.train.vec_env import Sb3VecEnv, ScaledRewards
+from integ_gym.train.vec_env import Sb3VecEnv
 
 LANES = 4
 STEPS = 120
@@ -179,41 +179,6 @@ def test_lanes_with_different_options_and_other_autoreset_modes_are_refused():
             Sb3VecEnv(vector("IntegPendulum-v0", mode=mode.value))
 
 
-def test_fewer_infos_leave_the_rest_as_it_was():
-    arguments = {"duration": 0.4}
-    full = Sb3VecEnv(vector("IntegCartPole-v0", **arguments))
-    few = Sb3VecEnv(vector("IntegCartPole-v0", **arguments), info_keys=("success",))
-    for env in (full, few):
-        env.seed(0)
-        env.reset()
-    for actions in actions_of(full, 60):
-        *mine, mine_infos = few.step(actions)
-        *other, other_infos = full.step(actions)
-        for a, b in zip(mine, other, strict=True):
-            np.testing.assert_array_equal(a, b)
-        told = {"success", "is_success", "TimeLimit.truncated", "terminal_observation"}
-        for a, b in zip(mine_infos, other_infos, strict=True):
-            assert set(a) <= told
-            for name in a:
-                np.testing.assert_array_equal(a[name], b[name])
-
-
-def test_monitor_reports_whole_episodes_and_rewards_are_scaled_outside_it():
-    inner = VecMonitor(Sb3VecEnv(vector("IntegPendulum-v0", duration=1.0)))
-    env = ScaledRewards(inner, 0.1)
-    env.seed(0)
-    env.reset()
-    total = np.zeros(LANES)
-    for actions in actions_of(env, 20):
-        _, rewards, done, infos = env.step(actions)
-        assert rewards.dtype == np.float32
-        total += rewards
-    assert done.all()
-    for lane, info in enumerate(infos):
-        assert info["episode"]["l"] == 20
-        assert 0.1 * info["episode"]["r"] == pytest.approx(total[lane], rel=1e-5)
-
-
 def test_attributes():
     env = Sb3VecEnv(Transparent(vector("IntegPendulum-v0", max_torque=1.5)))
     env.seed(0)
@@ -237,17 +202,3 @@ def test_attributes():
         env.env_method("reset")
     assert env.env_is_wrapped(Monitor) == [False] * LANES
     assert env.env_is_wrapped(Transparent, [0]) == [True]
-
-
-def test_frames_and_close():
-    pytest.importorskip("pygame")
-    env = Sb3VecEnv(vector("IntegPendulum-v0", lanes=2, render_mode="rgb_array"))
-    env.reset()
-    frames = env.get_images()
-    assert len(frames) == 2
-    tiled = env.render()
-    assert tiled is not None
-    assert tiled.shape[2] == 3
-    np.testing.assert_array_equal(env.env_method("render", indices=[1])[0], frames[1])
-    env.close()
-    assert env.vector_env.closed

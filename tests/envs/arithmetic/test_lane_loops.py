@@ -14,9 +14,6 @@ from sameness import assert_same
 from variants import VARIANTS
 
 from integ_gym.envs.environment import environment_setup
-from integ_gym.envs.ops.compiling import compile_loops, compile_repeated
-from integ_gym.envs.ops.dialects import ARRAYS
-from integ_gym.envs.ops.ops import Unusual, rows_of
 from integ_gym.envs.registries import ENVIRONMENTS, INTEGRATORS
 from integ_gym.envs.steps import compiled_array_step
 
@@ -109,44 +106,3 @@ def test_without_numba_one_line_says_what_installs_it(monkeypatch):
     setup = environment_setup("IntegPendulum-v0", {"mass": 1.25})
     with pytest.raises(ModuleNotFoundError, match=r'pip install -e "\.\[numba\]"'):
         compiled_array_step(setup)
-
-
-def test_a_result_of_a_loop_in_one_stage_is_read_in_the_next():
-    """Newton's root of a sine, whose sine is taken: a loop, a stage of sines, and what is left."""
-
-    def function(ops, state, push):
-        (x,) = state
-
-        def better(carry):
-            root, rounds = carry
-            return root - (root * root - x) / (2.0 * root), rounds + 1
-
-        root, rounds = ops.while_loop(
-            lambda carry: (abs(carry[0] * carry[0] - x) > 1e-9) & (carry[1] < 30), better, (x, 0)
-        )
-        expected = ops.assume_true(abs(push) <= 10.0)
-        sine = ops.sin(root + push)
-        again = ops.cos(sine) + root
-        return (x + 1.0,), (sine, again, 1.0), {"rounds": rounds, "given": x, "fine": expected}
-
-    like = compile_repeated(ARRAYS, function, (False,), False)
-
-    def step(*arguments):
-        state, table, *rest = like.step(*arguments)
-        return state, rows_of(table, len(arguments[-1]), np.float32), *rest
-
-    made = compile_loops(like._replace(step=step), 1, function, (False,), False).step
-    x, push = np.linspace(1.0, 9.0, LANES), np.linspace(-1.0, 1.0, LANES)
-    for _ in range(3):
-        expected, found = step((x,), (), push), made((x,), (), push)
-        assert_same(found[:2], expected[:2])
-        assert found[1].dtype == np.float32
-        assert (found[1][:, 2] == 1.0).all()
-        assert found[2].keys() == expected[2].keys() == {"rounds", "given"}
-        assert_same(found[2]["rounds"], expected[2]["rounds"])
-        assert found[2]["rounds"].dtype == np.int64
-        assert_same(found[2]["given"], x)
-        assert found[2]["given"] is not x
-    push[1] = 11.0
-    with pytest.raises(Unusual):
-        made((x,), (), push)

@@ -212,18 +212,6 @@ def test_nested_loops_are_left_one_by_one():
     np.testing.assert_array_equal(np.array(lanes).T, found)
 
 
-def test_constants_and_unused_work_leave_no_trace():
-    def function(ops, pair):
-        unused = ops.sin(pair[0])
-        assert unused is not None
-        total = ops.repeat(3, lambda k, c: (c[0] + k * pair[1], c[1]), (pair[0], 2.0))
-        return {"sum": (ops.where(True, total[0], pair[1]), total[1]), "told": (1.5, True, "text")}
-
-    made = compile_trace(SCALARS, function, (False, False))
-    assert made((1.0, 2.0)) == {"sum": (7.0, 2.0), "told": (1.5, True, "text")}
-    assert "sin" not in made.__doc__
-
-
 @pytest.mark.parametrize("x", [0.0, 2.0])
 @pytest.mark.parametrize(
     "function",
@@ -267,38 +255,6 @@ def test_a_bound_is_kept_whatever_the_sum_of_squares(x, holds):
         return
     with pytest.raises(Unusual), np.errstate(over="ignore"):
         made(np.array(x))
-
-
-@pytest.mark.parametrize(
-    "operation",
-    [
-        lambda ops, a, b: a + b,
-        lambda ops, a, b: False - b,
-        lambda ops, a, b: -a,
-        lambda ops, a, b: abs(a),
-        lambda ops, a, b: ops.sqrt(b),
-        lambda ops, a, b: ops.minimum(a, b) + a * b,
-    ],
-)
-def test_arithmetic_on_truth_values_alone_is_not_traced(operation):
-    """A sum of two is 2 of floats, True of arrays."""
-    with pytest.raises(NotTraceable, match="not the same for floats and arrays"):
-        compile_trace(ARRAYS, lambda ops, x: operation(ops, x > 1.0, x > 0.0), False)
-
-
-@pytest.mark.parametrize(
-    ("operation", "result"),
-    [
-        (lambda x: 0.0 * x, "0.0"), (lambda x: 0.0 / x, "0.0"), (lambda x: x * 1.0, "x1"),
-        (lambda x: x / 1.0, "x1"), (lambda x: 0.0 + x, "x1"), (lambda x: x - 0.0, "x1"),
-        (lambda x: 0.0 - x, "-"), (lambda x: (x > 0.0) * 1.0, "*"),
-    ],
-)  # fmt: skip
-def test_operations_with_zero_and_one_are_not_done_on_lanes(operation, result):
-    made = compile_trace(ARRAYS, lambda ops, x: operation(x), False)
-    assert result in made.__doc__.splitlines()[-1].split("return ")[1]
-    x = np.array([-2.0, 3.0])
-    np.testing.assert_array_equal(np.broadcast_to(made(x), 2), operation(x))
 
 
 def test_parameters_that_differ_between_lanes_are_not_traced():

@@ -92,16 +92,6 @@ def test_a_mixture_of_control_periods_goes_on(make, way):
     )
 
 
-def test_a_shallow_copy_is_traced_on_its_own():
-    env = gym.make("IntegPendulum-v0").unwrapped
-    env.reset(seed=1)
-    other = copy.copy(env)
-    for _ in range(WARM_UP):
-        other.step(np.zeros(1))
-    assert other._step.__doc__.startswith("def traced")
-    assert env._step == env._first_steps
-
-
 @pytest.mark.parametrize("way", [*WAYS.values(), copy.copy])
 def test_a_rediscretized_task_is_not_copied(way):
     env = rediscretize(gym.make("InvertedPendulum-v5"), dt=0.01)

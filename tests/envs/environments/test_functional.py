@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import gymnasium as gym
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from engine_cases import FOREIGN, needs
-from functional_checks import compare
+from functional_checks import compare, programs_serving
 from gymnasium.experimental.functional import FuncEnv
 from motions import ALL
 from pairing import pairs
@@ -108,24 +110,13 @@ def test_starts_fill_the_start_range(env_id):
 
 
 def test_one_program_serves_all_steps_and_plants():
-    compiled = []
-
     env = functional.make("IntegPendulum-v0", integrator="rk4", control_period=0.06, dt=0.06)
 
-    @jax.jit
-    def advance(state, action, params):
-        compiled.append(1)
-        return env.transition(state, action, jax.random.key(0), params)
+    def alone(changed):
+        return functional.make("IntegPendulum-v0", **{**env._arguments, **changed}).transition
 
-    state = env.initial(jax.random.key(0), lanes=(LANES,))
-    action = np.ones((LANES, 1), dtype=np.float32)
-    for changed in ({}, {"dt": 0.03}, {"dt": 0.01, "mass": 2.0}, {"start": "hanging"}):
-        params = env.params(**changed)
-        after = advance(state, action, params)
-        own = functional.make("IntegPendulum-v0", **{**env._arguments, **changed})
-        expected = jax.jit(own.transition)(state, action, jax.random.key(0))
-        np.testing.assert_allclose(after.env.v[0], expected.env.v[0], rtol=1e-6, atol=1e-6)
-    assert len(compiled) == 1
+    changes = {}, {"dt": 0.03}, {"dt": 0.01, "mass": 2.0}, {"start": "hanging"}
+    assert programs_serving(env, changes, alone) == 1
 
 
 @pytest.mark.parametrize(
@@ -138,21 +129,12 @@ def test_one_program_of_mjx_serves_all_steps_and_plants(integrator, native):
     arguments = {"control_period": 0.06, "dt": 0.06}
     env = functional.make("IntegPendulum-v0", engine="mjx", integrator=integrator, **arguments)
     own = functional.make("IntegPendulum-v0", integrator=native, **arguments)
-    compiled, ours = [], jax.jit(own.transition)
 
-    @jax.jit
-    def advance(state, action, params):
-        compiled.append(1)
-        return env.transition(state, action, jax.random.key(0), params)
+    def alone(changed):
+        return partial(jax.jit(own.transition), params=own.params(**changed))
 
-    state = env.initial(jax.random.key(0), lanes=(LANES,))
-    action = np.ones((LANES, 1), dtype=np.float32)
-    for changed in ({}, {"dt": 0.03}, {"dt": 0.01, "mass": 2.0, "length": 0.3, "gravity": 3.0}):
-        after = advance(state, action, env.params(**changed))
-        expected = ours(state, action, jax.random.key(0), own.params(**changed))
-        np.testing.assert_allclose(after.env.v, expected.env.v, rtol=1e-5, atol=1e-5)
-    assert len(compiled) == 1
-    assert after.env.v[0].dtype == np.float32
+    changes = {}, {"dt": 0.03}, {"dt": 0.01, "mass": 2.0, "length": 0.3, "gravity": 3.0}
+    assert programs_serving(env, changes, alone, rtol=1e-5, atol=1e-5) == 1
 
 
 def test_single_environment_and_vmap_agree_with_a_batch():

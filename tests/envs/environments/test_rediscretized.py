@@ -207,29 +207,6 @@ def test_what_is_not_known_is_left_out(task):
             break
 
 
-@pytest.mark.parametrize(
-    ("chosen", "remedy"),
-    [
-        ("glfw", "set the environment variable MUJOCO_GL=egl"),
-        ("egl", "or set MUJOCO_GL=osmesa before Python starts"),
-        ("osmesa", "or set MUJOCO_GL=egl before Python starts"),
-    ],
-)
-def test_a_picture_that_needs_a_display_says_what_to_set(chosen, remedy, monkeypatch):
-    env = integ_gym.rediscretize(gym.make("Hopper-v5", render_mode="rgb_array"))
-    env.reset(seed=0)
-
-    def no_context(mode):
-        raise RuntimeError("an OpenGL platform library has not been loaded into this process")
-
-    monkeypatch.setattr(env.unwrapped.mujoco_renderer, "render", no_context)
-    monkeypatch.delenv("MUJOCO_GL", raising=False)
-    if chosen:
-        monkeypatch.setenv("MUJOCO_GL", chosen)
-    with pytest.raises(RuntimeError, match=remedy):
-        env.render()
-
-
 def test_an_action_wrapper_stays_and_the_fallback_holds_what_it_takes():
     """Bounds are those of the wrapper: ±1 here, where the motor has ±3."""
     stock = RescaleAction(gym.make("InvertedPendulum-v5"), np.float32(-1.0), np.float32(1.0))

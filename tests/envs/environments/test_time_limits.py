@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from functools import partial, wraps
+from functools import partial
 
 import gymnasium as gym
 import numpy as np
 import pytest
-from gymnasium.envs import registration
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.wrappers import TimeLimit
 
@@ -153,18 +152,3 @@ def test_a_limit_that_was_asked_for_stays_in_the_spec(own_id, first, then):
     gym.registry[own_id].max_episode_steps = 200  # as many as the defaults have
     for spec in (own_id, MAKES[first](own_id).spec):
         assert _horizon(MAKES[then](spec, dt=0.025)) == 200
-
-
-def test_a_limit_is_read_however_gym_make_is_wrapped(monkeypatch):
-    original = gym.make
-
-    @wraps(original)
-    def wrapped(*args, **kwargs):
-        return original(*args, **kwargs)
-
-    for make in (wrapped, partial(original, disable_env_checker=True)):
-        monkeypatch.setattr(gym, "make", make)
-        monkeypatch.setattr(registration, "make", make)
-        assert _horizon(gym.make("IntegPendulum-v0", max_episode_steps=50)) == 50
-        with pytest.raises(ValueError, match="got 1000"):
-            gym.make("IntegPendulum-v0", max_episode_steps=1000)

@@ -13,12 +13,6 @@ from integ_gym.envs.starts import AT_ONCE, LaneStarts, numbers_per_start
 from integ_gym.envs.tasks import PendulumSwingUp
 
 LANES = 3
-SIZES = {
-    "IntegPendulum-v0": 2,
-    "IntegCartPole-v0": 4,
-    "IntegCartPoleSwingUp-v0": 4,
-    "IntegElasticPendulum-v0": 2,
-}
 
 
 def _pair(env_id, **arguments):
@@ -32,11 +26,6 @@ def _pair(env_id, **arguments):
 
 def _assert_same_states(ours, sync):
     np.testing.assert_array_equal(ours.state, [env.unwrapped.state for env in sync.envs])
-
-
-@pytest.mark.parametrize("env_id", ENVIRONMENTS)
-def test_starts_are_made_of_uniform_numbers(env_id):
-    assert numbers_per_start(environment_setup(env_id, {})) == SIZES[env_id]
 
 
 @pytest.mark.parametrize("env_id", ENVIRONMENTS)
@@ -111,31 +100,6 @@ class Rounding(PendulumSwingUp):
 def test_other_tasks_draw_one_by_one(task):
     setup = environment_setup("IntegPendulum-v0", {})
     assert numbers_per_start(type(setup)(**{**vars(setup), "task": task()})) is None
-
-
-@pytest.mark.parametrize("most", [1 << 17, 8])
-def test_starts_of_many_lanes_are_their_own_generators(most, monkeypatch):
-    """Also where few are drawn ahead, and where some are drawn by `begin` and some by `draw`."""
-    monkeypatch.setattr("integ_gym.envs.starts.MOST", most)
-    setup = environment_setup("IntegCartPole-v0", {})
-    generators, alone = ([np.random.default_rng(k) for k in range(LANES)] for _ in range(2))
-    starts, rng = LaneStarts(setup, generators, 4), np.random.default_rng(0)
-    for number in range(2 * AT_ONCE):
-        lanes = np.flatnonzero(rng.random(LANES) < 0.7)
-        expected = np.array([alone[lane].uniform(-0.05, 0.05, 4) for lane in lanes]).reshape(-1, 4)
-        if number % 3:
-            begun = starts.begin(lanes, lambda state: (2.0 * state.q[0],))
-            x, theta, x_dot, theta_dot, energy, *_, taken = begun.values
-            found = np.array([x, x_dot, theta, theta_dot]).T
-            np.testing.assert_array_equal(begun.observation, expected)
-            np.testing.assert_array_equal(taken, 2.0 * x)
-            np.testing.assert_array_equal(begun.energy, energy)
-        else:
-            found = starts.draw(lanes, {})
-        np.testing.assert_array_equal(found, expected)
-    starts.put_back()
-    for mine, own in zip(generators, alone, strict=True):
-        assert mine.bit_generator.state == own.bit_generator.state
 
 
 def test_an_impossible_start_is_refused_when_it_is_drawn():

@@ -13,7 +13,6 @@ from integ_gym.envs.numerics.accuracy import (
     convergence,
     independent_motion,
     reversibility_errors,
-    slope,
     volume_defect,
 )
 from integ_gym.envs.numerics.energy import energies, energy_growth
@@ -66,22 +65,6 @@ def test_volume_shrinks_by_the_damping():
     plant = Pendulum(damping=0.2)
     found = volume_defect("reference", plant, (1.0, 2.0), 0.1)
     assert found == pytest.approx(math.expm1(-0.2 / plant.inertia * 0.1), abs=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("errors", "order"),
-    [
-        ((4e-2, 1e-2, 2.5e-3), 2.0),
-        ((math.nan, 1e-2, 2.5e-3), 2.0),
-        ((4e-2, 1e-2, 1e-14), 2.0),
-        ((1e-13, 1e-14, 1e-15), None),
-        ((4e-2, 1e-2, math.nan), math.nan),
-        ((4e-2, 1e-2, math.inf), math.nan),
-    ],
-)
-def test_slope_is_taken_above_rounding_and_of_numbers(errors, order):
-    found = slope((0.4, 0.2, 0.1), errors, 1e-12)
-    assert found == pytest.approx(order, nan_ok=True)
 
 
 def test_independent_motion_books_work_and_loss():

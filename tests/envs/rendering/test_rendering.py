@@ -101,12 +101,6 @@ def test_bob_is_where_it_is():
         assert bob == pytest.approx((300.0 + scale * x, 300.0 - scale * y), abs=1.0)
 
 
-def test_label_is_on_the_picture():
-    one, other = (_draw(PENDULUM, (1.0, 0.0), integrator=name) for name in ("rk4", "reference"))
-    assert (one[:40] != other[:40]).any()
-    np.testing.assert_array_equal(one[40:460], other[40:460])
-
-
 def test_unknown_plant_gets_its_state_in_words(monkeypatch):
     monkeypatch.delitem(DRAWINGS, "cart_pole")
     one, other = (_draw(CART_POLE, (x, 0.0, 0.0, 0.0)) for x in (0.1, 0.2))
@@ -164,18 +158,6 @@ def test_window_opens_and_closes(env_id, clock):
     env.close()
     assert not pygame.display.get_init()
     env.close()
-
-
-def test_windows_share_the_screen_side_by_side(clock):
-    one, other = (Renderer(environment_setup(PENDULUM, {}), "human", 20) for _ in range(2))
-    one.draw(np.array([1.0, 0.0]), 0.0, 0.0)
-    other.draw(np.array([2.0, 0.0]), 0.0, 0.0)
-    assert pygame.display.get_surface().get_size() == (1000, 500)
-    one.close()
-    assert pygame.display.get_surface().get_size() == (500, 500)
-    other.draw(np.array([2.0, 0.0]), 0.0, 0.1)
-    other.close()
-    assert not pygame.display.get_init()
 
 
 @pytest.mark.parametrize("period", [0.001, 0.02, 0.5])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import html
 import json
 import math
 import os
@@ -80,33 +79,6 @@ def test_an_integrator_that_says_nothing_is_told_what_it_is(diagnosis):
     assert (told["symplectic"], told["reversible"]) == (False, False)
     assert (told["stable_up_to_h_omega"], told["stable_up_to_dt_s"]) == (0.0, 0.0)
     assert f"pendulum planted:Silent 1.00 no no {told['stable']}" in " ".join(printed.split())
-
-
-def test_terminal_and_page_say_what_was_found(diagnosis):
-    out, result, printed = diagnosis
-    asked = [line for line in result["findings"] if line["holds"] is not None]
-    failed = [line for line in asked if not line["holds"]]
-    assert f"{len(asked) - len(failed)} of {len(asked)} expectations hold." in printed
-    after = " ".join(printed.split("These do not")[1].split())
-    for line in failed:
-        assert f"expected {line['expected']}" in after
-        assert f"{line['integrator']} {line['shown']}" in after
-    counts = [
-        f"{sum(line['holds'] for line in own)}/{len(own)}"
-        for section in SECTIONS
-        if (own := [line for line in asked if line["section"] == section])
-    ]
-    assert ["all", *counts] in [row.split() for row in printed.splitlines()]
-    page = (out / "diagnose.html").read_text(encoding="utf-8")
-    text = html.unescape(re.sub(r"<wbr>|<[^>]+>", "", page))
-    assert f"{len(asked) - len(failed)} of {len(asked)} expectations" in text
-    for line in result["findings"]:
-        assert all(line[key] in text for key in ("quantity", "shown", "expected"))
-    for told in result["identities"]:
-        assert told["stable"] in text
-    assert page.count("data:image/png") == len(list((out / "figures").glob("*.png")))
-    for link in re.findall(r'href="(figures/[^"]+)"', page):
-        assert (out / link).with_suffix(".png").exists()
 
 
 def _plain(row: str) -> str:
@@ -203,17 +175,6 @@ def test_without_out_the_directory_is_of_the_commands_name(
     page.with_name("diagnose.json").unlink()
     assert two_sections("--integrator", "rk4", "--plant", "pendulum") == 2
     assert "holds evidence of something else than a diagnosis" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ("out", "message"), [("file", "is a file"), ("file/out", "Not a directory; give another --out")]
-)
-def test_a_file_in_the_place_of_a_directory(out, message, tmp_path, capsys):
-    (tmp_path / "file").write_text("", encoding="utf-8")
-    assert main(["diagnose", "--plant", "pendulum", "--out", str(tmp_path / out)]) == 2
-    error = capsys.readouterr().err.strip()
-    assert message in error
-    assert "\n" not in error
 
 
 def test_a_directory_that_goes_is_no_fault_of_the_plant(tmp_path, capsys, monkeypatch):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pytest
-from driving import driven
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Text
 
@@ -71,27 +70,3 @@ def _check(figure) -> None:
             assert not box.overlaps(place), (text, other)
     filled = max(axes.get_position().x1 for axes in figure.axes if axes.get_visible())
     assert filled > 0.7
-
-
-BOXES = "[...document.querySelectorAll('figure .scroll')]"
-WORDS = "[...document.querySelectorAll('figcaption .aside')]"
-FADES = f"{BOXES}.map((box) => parseFloat(getComputedStyle(box).getPropertyValue('--more')))"
-
-
-@pytest.mark.slow
-def test_a_desktop_shows_figures_whole_and_a_phone_scrolls_them_and_is_told_so(diagnosis, tmp_path):
-    with driven(tmp_path) as browser:
-        browser.size(1440, 900)
-        browser.open((diagnosis[0] / "diagnose.html").as_uri())
-        assert browser.value(f"{BOXES}.every((box) => box.scrollWidth === box.clientWidth)")
-        assert browser.value(f"{WORDS}.every((words) => words.offsetHeight === 0)")
-        browser.size(390, 844, phone=True)
-        browser.open((diagnosis[0] / "diagnose.html").as_uri())
-        assert browser.value("document.documentElement.scrollWidth") == 390
-        assert browser.value(f"{BOXES}.every((box) => box.scrollWidth > 1.5 * box.clientWidth)")
-        assert browser.value(f"{WORDS}.every((words) => words.offsetHeight > 0)")
-        if browser.value("CSS.supports('animation-timeline: scroll(self inline)')"):
-            browser.until(f"{FADES}.every((fade) => fade > 20)")
-            browser.value(f"{BOXES}.forEach((box) => box.scrollTo(box.scrollWidth, 0))")
-            browser.until(f"{FADES}.every((fade) => fade === 0)")
-        assert browser.said == []

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pytest
 from examining import examine, lines, verdicts
@@ -14,14 +12,6 @@ from integ_gym.envs.numerics.accuracy import independent_motion
 from integ_gym.envs.numerics.stepping import advance
 from integ_gym.envs.registries import INTEGRATORS, PLANTS, TRUTH
 from integ_gym.eval.diagnosis import control
-from integ_gym.eval.diagnosis.contact import passive
-from integ_gym.eval.diagnosis.lines import (
-    above,
-    below,
-    near,
-    order_expected,
-)
-from integ_gym.eval.diagnosis.oscillations import trend
 from integ_gym.eval.diagnosis.subject import subjects
 from integ_gym.evidence.store import EvidenceStore
 
@@ -106,17 +96,6 @@ def test_a_plant_of_ones_own_goes_through_every_section(tmp_path):
         assert examine(section, "planted:Slider", "rk4", store=tmp_path / section) == []
 
 
-@pytest.mark.parametrize("steps", [(0.2,), (0.002,), (0.05, 0.01)])
-def test_ladders_reach_where_orders_show(steps):
-    (subject,) = subjects(None, "pendulum", steps)
-    ladder = subject.ladder()
-    assert set(subject.steps) <= set(ladder)
-    assert list(ladder) == sorted(ladder, reverse=True)
-    assert len(ladder) >= 3
-    assert ladder[-1] * subject.frequency <= 0.004
-    assert all(math.isclose(steps[0] / h, round(steps[0] / h)) for h in ladder)
-
-
 def test_steps_so_fine_that_errors_are_rounding_are_not_judged(tmp_path):
     names, steps = ("rk4", "symplectic_euler"), [0.0005, 0.00025]
     findings = examine("actuation", "pendulum", *names, steps=steps, store=tmp_path)
@@ -124,88 +103,3 @@ def test_steps_so_fine_that_errors_are_rounding_are_not_judged(tmp_path):
     assert work.holds is None
     assert "nothing but rounding" in work.expectation.expected
     assert verdicts(findings, "work booked", "symplectic_euler") == {True}
-
-
-@pytest.mark.parametrize(
-    ("expected", "holds"),
-    [
-        (near(1.0, 0.1, (1.05, 0.95)), True),
-        (near(1.0, 0.1, (1.0, math.nan)), False),
-        (near(1.0, 0.1, (1.0, 1.2)), False),
-        (near(math.inf, 0.1, (math.inf,)), True),
-        (near(math.inf, 0.1, (1e9,)), False),
-        (near(1.0, 0.1, (math.inf,)), False),
-        (below(1.0, (0.5, -0.5)), True),
-        (below(1.0, (0.5, -1.5)), False),
-        (below(1.0, (math.nan,)), False),
-        (above(1.0, (2.0, math.nan)), True),
-        (above(1.0, (2.0, 0.5)), False),
-    ],
-)
-def test_not_a_number_is_neither_near_nor_below(expected, holds):
-    assert expected.holds is holds
-
-
-@pytest.mark.parametrize(
-    ("promised", "measured", "how", "holds"),
-    [
-        (2, 1.95, {}, True),
-        (2, 1.85, {}, False),
-        (2, 3.0, {}, True),
-        (2, 3.0, {"exactly": True}, False),
-        (2, 2.05, {"exactly": True}, True),
-        (4, 2.0, {"at_most": (2, "a kink")}, True),
-        (1, 0.8, {"at_most": (2, "a kink")}, False),
-        (2, math.nan, {}, False),
-        (2, None, {}, None),
-        (None, 2.0, {}, None),
-    ],
-)
-def test_orders(promised, measured, how, holds):
-    assert order_expected(promised, measured, **how).holds is holds
-
-
-@pytest.mark.parametrize(
-    ("exponents", "changes", "expected", "holds"),
-    [
-        ((2.0, 1.0), (0.5, 0.2), "grows", True),
-        ((2.0, 1.0), (math.nan, 0.2), "grows", True),
-        ((2.0, 1.0), (0.5, -0.2), "grows", False),
-        ((-2.0, -1.0), (-0.5, -0.2), "decays", True),
-        ((-2.0, -1.0), (-0.5, math.nan), "decays", False),
-        ((2.0, -1.0), (0.5, -0.2), "grows at large steps alone", True),
-        ((2.0, -1.0), (0.5, 0.2), "grows at large steps alone", False),
-        ((-2.0, -1e-12), (-0.5, 0.1), "decays", True),
-        ((-1e-12, -1e-13), (0.1, 0.1), "nothing but rounding at these steps", None),
-    ],
-)
-def test_growth_and_decay_by_their_sign(exponents, changes, expected, holds):
-    steps = (0.2, 0.1)
-    found = trend(dict(zip(steps, exponents, strict=True)), dict(zip(steps, changes, strict=True)))
-    assert (found.expected, found.holds) == (expected, holds)
-
-
-@pytest.mark.parametrize("dt", [0.4, 0.1, 0.05, 0.03, 0.0125])
-def test_instants_are_whole_steps_and_close_enough(dt):
-    (subject,) = subjects(None, "pendulum", [0.4])
-    period = subject.sampling(dt, 0.05)
-    assert period / dt == pytest.approx(round(period / dt))
-    assert period <= max(dt, 0.05)
-    assert period > 0.02
-
-
-@pytest.mark.parametrize(
-    ("name", "limit", "holds"),
-    [
-        ("implicit_euler", math.inf, True),
-        ("implicit_euler", 8.0, False),
-        ("implicit_midpoint", 3.0, None),
-        ("rk4", 5.0, True),
-        ("rk4", math.inf, False),
-        ("explicit_euler", 0.2, True),
-        ("explicit_euler", 2.0, False),
-        ("planted:Silent", 1.0, None),
-    ],
-)
-def test_where_an_impact_may_gain_energy(name, limit, holds):
-    assert passive(name, limit).holds is holds

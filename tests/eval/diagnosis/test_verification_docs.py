@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import doctest
 import math
-import re
 
 import numpy as np
 import pytest
@@ -52,12 +51,6 @@ def test_table_of_measurements(name):
 
 def test_examples_run():
     assert doctest.testfile(str(PAGE), module_relative=False, encoding="utf-8").failed == 0
-
-
-def test_files_exist():
-    named = re.findall(r"tests/[\w/]+\.py", TEXT)
-    assert named
-    assert [path for path in named if not (ROOT / path).is_file()] == []
 
 
 def _changes(heading: str):

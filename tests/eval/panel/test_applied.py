@@ -8,7 +8,6 @@ from typing import Any
 import pyarrow as pa
 import pytest
 
-from integ_gym.eval.panel.cells import AppliedDiscretization
 from integ_gym.eval.panel.matrix import applied_in
 from integ_gym.eval.panel.result import FILE_NAME, read_panel
 
@@ -37,11 +36,6 @@ def test_every_cell_of_a_panel_says_what_its_environments_did(panel_directory):
         assert applied.dt * applied.substeps == pytest.approx(cell.control_period, rel=1e-12)
         assert cell.integrator == "reference" or applied.dt == cell.dt
         assert applied.engine_version
-
-
-def test_it_is_what_the_records_tell():
-    told = {name: value for name, value in ROUNDED.items() if name != "cell"}
-    assert applied_in(Store([ROUNDED])) == {"a": AppliedDiscretization(**told)}
 
 
 def test_records_of_a_cell_that_disagree_are_refused():

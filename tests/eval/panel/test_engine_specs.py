@@ -2,25 +2,19 @@
 
 from __future__ import annotations
 
-import tomllib
-
-import engines_panel
 import pytest
-import small_panel
-from engine_cases import ELSEWHERE, FOREIGN, needs
-from engines_panel import trained_units
+from engine_cases import ELSEWHERE, FOREIGN
+from engines_panel import alike_data, trained_units
 from small_panel import small_data
 
 from integ_gym.cli import main
 from integ_gym.envs.engines.stepping import missing_modules
-from integ_gym.envs.registries import ENGINES
 from integ_gym.eval.panel import tables as engines
 from integ_gym.eval.panel.cells import SpecError, map_of
 from integ_gym.eval.panel.run import check_spec
 from integ_gym.eval.panel.spec import built_in_spec, parse_spec
-from integ_gym.eval.panel.tables import installed_engines, integrator_applying
+from integ_gym.eval.panel.tables import installed_engines
 from integ_gym.eval.panel.units import training_config, training_key
-from integ_gym.support import optional as extras
 
 
 def test_the_built_in_panel_asks_the_quick_panels_policies():
@@ -49,7 +43,7 @@ def test_engines_that_are_not_installed_are_left_out_and_named(monkeypatch):
     absent = [name for k, name in enumerate(FOREIGN) if k % 2 == 0 or missing_modules(name)]
     absent = sorted([*absent, *ELSEWHERE])
     monkeypatch.setattr(engines, "missing_modules", lambda name: [name] * (name in absent))
-    spec = parse_spec(tomllib.loads(engines_panel.TOML), "test")
+    spec = parse_spec(alike_data(), "test")
     assert spec.left_out == tuple(absent)
     assert not {d.engine for d in spec.grid} & set(absent)
     for engine in absent:
@@ -68,39 +62,10 @@ def test_a_panel_about_engines_without_one_is_refused_in_one_line(monkeypatch, t
 
 def test_the_engine_that_is_named_as_missing_applies_what_was_asked(monkeypatch):
     monkeypatch.setattr(engines, "missing_modules", lambda name: [name] * (name != "native"))
-    data = tomllib.loads(engines_panel.TOML)
+    data = alike_data()
     data["evaluate"][1]["map"] = "implicit_midpoint"
     with pytest.raises(SpecError, match=r'pip install -e "\.\[casadi\]"'):
         parse_spec(data, "test")
-
-
-@pytest.mark.parametrize("engine", FOREIGN)
-def test_a_missing_extra_is_one_line(engine, monkeypatch, tmp_path, capsys):
-    """Of an engine that the specification names."""
-    needs(engine)
-    integrator = next(iter(ENGINES.load(engine).maps))
-    spec = tmp_path / "spec.toml"
-    cell = f'[[evaluate]]\nengine = "{engine}"\nintegrator = "{integrator}"\ndt = 0.05\n'
-    spec.write_text(f"{small_panel.TOML}\n{cell}", encoding="utf-8")
-    _hide(engine, monkeypatch)
-    assert main(["panel", str(spec), "--out", str(tmp_path / "out")]) == 2
-    message = capsys.readouterr().err.strip()
-    assert "\n" not in message
-    assert f'pip install -e ".[{engine}]"' in message
-    assert not (tmp_path / "out").exists()
-
-
-def _hide(engine, monkeypatch):
-    """As if the modules of an engine's extra were not there."""
-    hidden = ENGINES.load(engine).modules
-
-    def find(module, *arguments, **named):
-        if module.partition(".")[0] in hidden:
-            raise ModuleNotFoundError(f"No module named {module!r}", name=module)
-        return importlib_import(module, *arguments, **named)
-
-    importlib_import = extras.importlib.import_module
-    monkeypatch.setattr(extras.importlib, "import_module", find)
 
 
 @pytest.mark.parametrize(
@@ -129,9 +94,3 @@ def test_unknown_maps_are_refused():
     ]
     with pytest.raises(SpecError, match="unknown map in `evaluate`"):
         parse_spec(small_data(compare=[], evaluate=evaluate), "panel.toml")
-
-
-def test_every_engine_but_casadi_has_symplectic_euler():
-    maps = ("symplectic_euler", "symplectic_euler_implicit_damping")
-    without = {name for name in FOREIGN if integrator_applying(name, maps) is None}
-    assert without == {"casadi"}

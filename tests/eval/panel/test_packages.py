@@ -9,7 +9,7 @@ import shutil
 
 import pytest
 from interpreting import TINY, balance, fake_interpreter, push
-from small_panel import TINY as PANEL
+from small_panel import bare_data
 
 import integ_gym
 from integ_gym.cli import main
@@ -29,12 +29,7 @@ HOME = {"integrator": "explicit_euler", "dt": 0.02, "control_period": 0.02}
 
 
 def _spec(**table):
-    place = {"integrator": "symplectic_euler", "dt": 0.05}
-    data = {
-        "name": "small", "env_id": "IntegPendulum-v0", "control_period": 0.05, "seeds": [0],
-        "train": [place], "evaluate": [place, table], "perturbations": [], "ladder": False,
-    }  # fmt: skip
-    return parse_spec(data, "test")
+    return parse_spec(bare_data({"integrator": "symplectic_euler", "dt": 0.05}, table), "test")
 
 
 @pytest.mark.parametrize(
@@ -170,15 +165,6 @@ def test_other_versions_than_were_planned_are_found(judged):
 
 
 @pytest.mark.slow
-def test_what_is_there_is_not_done_again(judged, tmp_path, capsys):
-    run = shutil.copytree(judged, tmp_path / "run")
-    before = {file.name: file.stat().st_mtime_ns for file in (run / "evidence").iterdir()}
-    _evaluate(run, progress=True)
-    assert "nothing to evaluate" in capsys.readouterr().err
-    assert before == {file.name: file.stat().st_mtime_ns for file in (run / "evidence").iterdir()}
-
-
-@pytest.mark.slow
 def test_several_workers_come_to_the_same(judged, cache, tmp_path):
     _evaluate(tmp_path / "out", workers=2)
     columns = "record_id, content_hash"
@@ -202,15 +188,6 @@ def test_nothing_is_begun_where_no_interpreter_can_be_made(tmp_path, monkeypatch
     with pytest.raises(InterpreterError, match="uv says"):
         _evaluate(tmp_path / "out", varied={"packages": ["no-such-package-of-ours==1.0"]})
     assert not (tmp_path / "out").exists()
-
-
-def test_the_plan_counts_them(tmp_path, capsys, cache):
-    table = '\n[[evaluate]]\nat = ["home"]\npackages = [["tiny==1.0"], ["tiny==2.0"]]\n'
-    spec = tmp_path / "spec.toml"
-    spec.write_text(PANEL + table, encoding="utf-8")
-    assert main(["panel", str(spec), "--plan"]) == 0
-    told = " ".join(capsys.readouterr().out.split())
-    assert "tiny==1.0 (there), tiny==2.0 (to be made with uv)" in told
 
 
 @pytest.mark.slow

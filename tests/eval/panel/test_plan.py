@@ -109,20 +109,6 @@ def test_fewer_episodes_or_other_parts_contradict(held, asked, told):
     assert list(contradictions(before, with_episode_parts(spec, before).to_json())) == [told]
 
 
-@pytest.mark.parametrize("damaged", [None, [3], True])
-def test_damaged_episodes_are_not_gone_on_with(damaged):
-    before, spec = {**_plain(), "episodes": damaged}, parse_spec(SMALL, "small")
-    there = with_episode_parts(spec, before)
-    assert list(contradictions(before, there.to_json())) == ["`episodes` none (now 3)"]
-
-
-@pytest.mark.parametrize("damaged", [[7], [{"environment": 3, "name": 0}]])
-def test_what_a_damaged_manifest_holds_is_told_as_it_is(damaged):
-    held = {**_plain(), "variations": damaged}
-    (told,) = contradictions(held, _plain())
-    assert told.startswith("it has variation ")
-
-
 @pytest.mark.parametrize("count", [1, 3])
 def test_more_seeds_follow_those_that_are_there(count):
     spec = parse_spec(small_data(seeds=[7, 3]), "small")

@@ -166,19 +166,6 @@ def test_without_a_family_the_largest_loss_that_says_something_is_told() -> None
     assert f"no control that was found solves {THERE.name}" in panel.answer
 
 
-def test_without_a_family_small_losses_are_told_as_such() -> None:
-    panel = planted(lambda row, cell: PERFECT, family=())
-    assert "dt does not look like the cause" in panel.headline
-    assert "Of 6 transfers to cells that can be solved in time, 0 lose more" in panel.answer
-
-
-def test_without_a_family_nobody_learned() -> None:
-    panel = planted(lambda row, cell: 0.3 * PERFECT, family=())
-    assert panel.exploratory == ()
-    assert panel.answer.startswith("Not answered: no policies have learned, which takes")
-    assert panel.headline == panel.answer
-
-
 def test_nobody_learned() -> None:
     panel = planted(lambda row, cell: 0.3 * PERFECT)
     assert set(verdicts(panel).values()) == {"not_learned"}

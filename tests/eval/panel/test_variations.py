@@ -7,22 +7,20 @@ import math
 import tomllib
 from pathlib import Path
 
-import msgspec
 import numpy as np
 import pytest
 from jsonschema import Draft202012Validator
 from scipy import stats
+from small_panel import bare_data
 
 import integ_gym
 from integ_gym.cli import main
 from integ_gym.eval.panel.cells import SpecError, axes_between
 from integ_gym.eval.panel.checking.page import against_plan
 from integ_gym.eval.panel.claims import parse_claim
-from integ_gym.eval.panel.conclusions import separation_words
 from integ_gym.eval.panel.plan import planned_spec
 from integ_gym.eval.panel.result import read_panel
 from integ_gym.eval.panel.spec import SCHEMA_PATH, parse_spec, schema_text
-from integ_gym.eval.statistics import Estimate
 from integ_gym.evidence.store import EvidenceStore
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -30,18 +28,7 @@ HOME = {"integrator": "symplectic_euler", "dt": 0.05}
 
 
 def _spec(*evaluate, **others):
-    data = {
-        "name": "small",
-        "env_id": "IntegPendulum-v0",
-        "control_period": 0.05,
-        "seeds": [0, 1],
-        "train": [HOME],
-        "evaluate": [HOME, *evaluate],
-        "perturbations": [],
-        "ladder": False,
-        **others,
-    }
-    return parse_spec(data, "test")
+    return parse_spec(bare_data(HOME, *evaluate, **others), "test")
 
 
 def _cells(spec):
@@ -202,22 +189,6 @@ def test_what_each_difference_costs_of_the_return(varied_run):
     assert "Return per second" in page
 
 
-def test_the_answer_is_of_returns_where_no_success_is_lost(varied_run):
-    panel = read_panel(varied_run / "panel.json")
-    assert "return" not in separation_words(panel)
-    nothing = Estimate(0.0, -0.1, 0.1, 0.95)
-    kept = [one for one in panel.separations if one.measure != "success"]
-    equal = [msgspec.structs.replace(one, measure="success", lost=nothing) for one in kept]
-    both = msgspec.structs.replace(panel, separations=(*equal, *kept))
-    worst = max(kept, key=lambda one: one.lost.estimate)
-    assert worst.lost.ends[0] > 0.0
-    words = separation_words(both)
-    assert words.startswith(f"In {panel.in_words(worst.cell)}, ")
-    assert "of return per second; each difference alone: " in words
-    alone = msgspec.structs.replace(panel, separations=tuple(equal))
-    assert "loses 0.00 (−0.10 to 0.10); each" in separation_words(alone)
-
-
 def test_the_run_is_verified_to_the_last_bit(varied_run):
     assert list(against_plan(varied_run, own_code=True)) == []
     assert EvidenceStore(varied_run / "evidence").verify() == []
@@ -260,3 +231,10 @@ def test_the_published_schema_takes_what_is_parsed():
     assert list(validator.iter_errors(data)) == []
     assert list(validator.iter_errors({**data, "evaluates": []}))
     assert list(validator.iter_errors({**data, "seeds": [-1]}))
+
+
+def test_a_place_that_is_stated_is_a_cell_where_nothing_changes_in_it():
+    place = {"integrator": "symplectic_euler", "dt": 0.01}
+    cells = _cells(_spec({"at": place, "control_period": [0.05, 0.1]}))
+    assert {"symplectic_euler dt=0.01", "symplectic_euler dt=0.01 control=0.1"} <= set(cells)
+    assert _cells(_spec({"at": HOME, "control_period": 0.05})).keys() == _cells(_spec()).keys()

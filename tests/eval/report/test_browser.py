@@ -171,14 +171,6 @@ def test_films_move_for_who_wants_it_and_where_they_are_seen(browser: Browser, r
     assert browser.said == []
 
 
-def test_who_stops_a_film_has_its_time_in_the_address(browser: Browser, report: str) -> None:
-    browser.open_report(report)
-    browser.value(f"{BUTTON}.click()")
-    browser.until(f"{CLOCK} !== '0.00 s'")
-    browser.value(f"{BUTTON}.click()")
-    assert browser.value(HASH).startswith("#w0")
-
-
 def test_the_ledgers_bars_close(browser: Browser, report: str) -> None:
     browser.open_report(report)
     for place in browser.value(f"{CELLS}.map((cell) => cell.hash)")[::5]:
@@ -279,50 +271,6 @@ def test_the_start_is_moved_by_keys_and_stands_in_the_url(browser: Browser, repo
     assert [browser.value(angle), browser.value(bars)] == shown
     browser.value(f"{CARD}.querySelector('.start .chip').click()")
     assert browser.value(f"{PANES}.map((pane) => pane.innerText).join()") == recorded
-    assert browser.said == []
-
-
-def test_other_discretizations_are_simulated_too(browser: Browser, report: str) -> None:
-    extra = f"[...{CARD}.querySelectorAll('.further .chip')]"
-    browser.open_report(report)
-    for lead in range(browser.value("document.getElementById('watch-policy').options.length")):
-        browser.open_report(f"{report}#w{lead}")
-        if names := browser.value(f"{extra}.map((chip) => chip.textContent)"):
-            break
-    assert names
-    browser.value(f"{CARD}.querySelector('.further').open = true")
-    browser.value(f"{extra}[0].click()")
-    captions = browser.value(f"{PANES}.map((pane) => pane.querySelector('figcaption').innerText)")
-    [pane] = [text for text in captions if text.startswith(names[0])]
-    assert "recomputed in this browser" in pane
-
-
-def test_from_an_episode_to_its_simulation_and_from_the_drawer_back(
-    browser: Browser, report: str
-) -> None:
-    browser.open_report(report)
-    episode = browser.value(f"{EPISODE}.hash")
-    browser.value(f"{EPISODE}.focus()")
-    browser.press("Enter")
-    browser.until(f"{DRAWER}.open")
-    browser.press("Escape")
-    browser.until(f"!{DRAWER}.open && {HASH} === ''")
-    assert browser.value(f"{FOCUSED} === {EPISODE}")
-    browser.open_report(report + episode)
-    browser.press("Escape")
-    browser.until(f"!{DRAWER}.open && {HASH} === ''")
-    assert browser.value(f"{FOCUSED}.hash") == episode.partition("s")[0]
-    browser.open_report(report + episode)
-    browser.value(f"{DRAWER}.querySelector('a[href^=\"#w\"]').click()")
-    browser.until(f"!{DRAWER}.open")
-    place = browser.value(HASH)
-    assert place.startswith("#w")
-    panes = browser.value(f"{PANES}.map((pane) => pane.innerText)")
-    assert len(panes) == 2
-    assert "trained here" in panes[0]
-    assert browser.value(f"{FOCUSED}.id") == "watch-start"
-    browser.value(WAIT)
-    assert browser.value(HASH) == place
     assert browser.said == []
 
 

@@ -5,16 +5,14 @@ from __future__ import annotations
 import xml.etree.ElementTree
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import matplotlib
 import numpy as np
 import pytest
-from matplotlib.text import Text
 from report_pages import panel_of, pixels
 from small_panel import FORMATS, every_format, pictures_alone
 
-from integ_gym.eval.report.figures import COLUMN, FIGURES, PAGE, SIZE, write_figures
+from integ_gym.eval.report.figures import write_figures
 from integ_gym.support import figures as style
 
 FIGURES_OF = {
@@ -85,33 +83,3 @@ def test_figures_are_sharp_whole_and_always_the_same(tmp_path: Path) -> None:
 def test_figures_take_whatever_a_panel_lacks(name: str, look: str, tmp_path: Path) -> None:
     with pictures_alone():
         assert names_of(write_figures(panel_of(name), tmp_path, look)) == FIGURES_OF[name]
-
-
-@pytest.mark.parametrize("name", ["success_matrix", "transfer_gaps", "refinement_ladder"])
-def test_papers_get_one_size_of_type_and_the_numbers_of_the_page(name: str) -> None:
-    describe, (_, draw) = FIGURES[name]
-    described: Any = describe(panel_of("full"))
-    figure = draw(described)
-    assert figure.get_size_inches()[0] in (COLUMN, PAGE)
-    bare = {id(text) for axes in figure.axes if not axes.axison for text in axes.findobj(Text)}
-    bare -= {id(text) for axes in figure.axes for text in axes.texts}
-    found = [
-        t for t in figure.findobj(Text) if t.get_text() and t.get_visible() and id(t) not in bare
-    ]
-    assert {text.get_size() for text in found} == {SIZE}
-    shown = [text.get_text().split("\n")[0] for text in found]
-    assert described.title not in " ".join(shown)
-    if name == "success_matrix":
-        assert "trained on" in shown
-        for block in described.blocks:
-            for line in block.lines:
-                assert all(s is None or s.text in shown for s in line.shades.values())
-    elif name == "transfer_gaps":
-        assert described.along in shown
-        assert {tick for _, tick in described.axis.ticks} <= set(shown)
-        assert {line.number for block in described.blocks for line in block.lines} <= set(shown)
-    else:
-        plots = [axes for axes in figure.axes if axes.get_xlabel()]
-        assert len(plots) == sum(len(own) for _, own in described.rows)
-        assert {axes.get_xlabel() for axes in plots} == {"step, s"}
-        assert plots[0].get_ylabel() == "success"

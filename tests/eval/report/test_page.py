@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import copy
 import hashlib
 import json
 import re
@@ -26,14 +25,10 @@ from report_pages import (
     render,
 )
 
-from integ_gym.eval.panel.conclusions import answer_lines, verdict_reason
 from integ_gym.eval.panel.result import Panel
 from integ_gym.eval.report import page as report_page
 from integ_gym.eval.report.figures import write_figures
 from integ_gym.eval.report.page import write_report
-from integ_gym.eval.report.payload import LABEL_WORDS
-from integ_gym.evidence.fields import LABELS
-from integ_gym.support.terminal import fixed
 
 AN_ENTRY = re.compile(r"r\d+c\d+(s\d+e\d+)?")
 
@@ -106,82 +101,6 @@ def test_hostile_text_stays_text() -> None:
     files = page.carried[0]["files"].values()
     assert {"./javascript%3Aalert%281%29", "./evil.example/x"} <= set(files)
     assert all(link.startswith("./") for link in files)
-
-
-def test_the_answer_comes_first_and_numbers_are_the_panels() -> None:
-    panel, page = panel_of("full"), page_of("full")
-    text = " ".join(page.text.split())
-    places = [
-        text.index(panel.question),
-        text.index(answer_lines(panel)[0]),
-        text.index("Verdicts on the declared family"),
-    ]
-    assert places == sorted(places)
-    for entry in panel.matrix:
-        assert fixed(entry.success.estimate) in text
-    for failure in panel.failures:
-        assert f"integ-gym evidence show runs/panel {failure.record_id}" in page.text
-    assert panel.command in page.text
-    baselines = {row.name for row in panel.rows if row.baseline}
-    failed = sum(
-        count
-        for entry in panel.matrix
-        if entry.row not in baselines
-        for label, count in entry.labels.items()
-        if label != "none"
-    )
-    assert f"{failed:,} episodes failed" in text
-    assert ["none", *LABEL_WORDS] == list(LABELS)
-
-
-def test_every_verdict_has_its_card_with_the_parts_of_the_loss() -> None:
-    panel, page = panel_of("every verdict"), page_of("every verdict")
-    shown = " ".join(page.text.split()).split("Verdicts on the declared family")[1]
-    words = [
-        "fails", "transfers", "inconclusive", "not learned", "unachievable", "too slow",
-        "undecided",
-    ]  # fmt: skip
-    judged_in_turn = {judged.verdict.replace("_", " "): judged for judged in panel.verdicts}
-    assert set(judged_in_turn) == set(words)
-    tally = " ".join(f"1 {word}" for word in words)
-    cards = shown.split(tally)[1]
-    for word, judged in judged_in_turn.items():
-        head = f"{word} {panel.label(judged.row)} evaluated on {panel.label(judged.cell)}"
-        card = cards.split(head)[1].split(" evaluated on ")[0]
-        for name in ("difficulty", "deadline", "overfitting"):
-            assert f"{name} {fixed(getattr(judged, name).estimate, 2, True)}" in card
-        assert f"loss in all {fixed(judged.total.estimate, 2, True)}" in card
-        assert verdict_reason(panel, judged) in card
-    few = " ".join(page_of("nothing learned").text.split())
-    assert "0 fails 0 transfers 0 inconclusive 1 not learned" in few
-    assert "0 too slow" not in few
-
-
-def test_engines_and_what_was_applied_have_sections_where_a_panel_has_them() -> None:
-    raw = copy.deepcopy(raw_of("full"))
-    raw["spec"]["env_id"], raw["spec"]["environment"] = "InvertedPendulum-v5", {}
-    raw["cells"][0]["applied"] = {
-        "engine": "playground", "engine_version": "0.2.0", "integrator": "Euler", "dt": 0.007,
-        "substeps": 3, "control_period": 0.021,
-    }  # fmt: skip
-    line = {
-        "cell": "drake radau1 dt=0.05", "engine": "drake", "integrator": "radau1", "dt": 0.05,
-        "control_period": 0.05, "map": "implicit_euler",
-        "twin": "implicit_euler dt=0.05", "success": 0.25, "twin_success": 0.5, "differing": 7,
-        "episodes": 28, "largest": 0.75,
-    }  # fmt: skip
-    lost = dict.fromkeys(("twin", "twin_success", "differing", "largest"))
-    raw["engine_agreement"] = [line, {**line, "integrator": "runge_kutta5", **lost}]
-    text = " ".join(re.sub(r"<[^>]+>", " ", render(panel_from(raw))).split())
-    assert "InvertedPendulum-v5 of Gymnasium." in text
-    assert "playground 0.2.0 Euler 0.007 3 0.021 1" in text
-    assert "drake radau1" in text
-    assert "7 of 28" in text
-    others = {json.dumps(cell["applied"], sort_keys=True) for cell in raw["cells"][1:]}
-    assert text.count("native 0.1.0") == len(others)
-    for place in raw["cells"]:
-        place["applied"] = None
-    assert 'id="applied"' not in render(panel_from(raw))
 
 
 def test_an_almost_empty_panel_still_reads(tmp_path: Path) -> None:

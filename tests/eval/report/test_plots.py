@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import copy
 import itertools
-import re
 
 import numpy as np
 import pytest
-from house import ROOT
 from matplotlib.patches import Rectangle
 from matplotlib.text import Text
 from report_example import IMPOSSIBLE, PERIOD, SCHEMES, SLOW, STEPS, UNKNOWN
@@ -26,12 +24,10 @@ from integ_gym.eval.report.forests import (
     paired_success,
     remedy_forest,
     trust_of,
-    value_axis,
 )
-from integ_gym.eval.report.ladders import ladder_plots, ladders_of, sweep_plots
+from integ_gym.eval.report.ladders import ladders_of, sweep_plots
 from integ_gym.eval.report.matrices import energy_matrix, success_matrix
 from integ_gym.eval.scheme_style import NATIVE, styles_of
-from integ_gym.eval.statistics import Estimate
 from integ_gym.support.figures import HUES, MARKERS, PALETTE, channels
 
 VISION = {
@@ -90,21 +86,6 @@ def test_every_name_has_a_style_of_its_own_that_stays():
     assert not set(others.values()) & set(NATIVE.values())
     assert styles_of(reversed(names)) == others
     assert {style.marker for style in others.values()} <= set(MARKERS)
-
-
-@pytest.mark.parametrize(
-    ("ends", "ticks"),
-    [
-        ((0.0, 799.0), ["−200", "0", "200", "400", "600", "800"]),
-        ((-0.03, 0.011), ["−0.03", "−0.02", "−0.01", "0.00", "0.01", "0.02"]),
-        ((0.0, 0.0), ["−1", "0", "1"]),
-        ((-12.0, -3.0), ["−15", "−10", "−5", "0", "5"]),
-    ],
-)
-def test_axes_of_any_unit_have_few_round_ticks_that_hold_everything(ends, ticks):
-    axis = value_axis([Estimate(ends[0]), Estimate(ends[1])])
-    assert [label for _, label in axis.ticks] == ticks
-    assert axis.low <= min(ends) <= max(ends) <= axis.high
 
 
 def drawn(name: str, panel: str = "full") -> str:
@@ -190,37 +171,6 @@ def test_cells_that_cannot_be_solved_in_time_are_hatched_on_the_page_and_in_the_
     assert all(patches.count(hatch) == rows + 1 for hatch in hatches)
     for other in (energy_matrix(panel), success_matrix(panel_of("given"))):
         assert other.hatchings == ()
-
-
-def test_ladders_are_the_same_on_the_page_and_in_the_figure():
-    ladders, page = ladder_plots(panel_of("full")), page_of("full")
-    text, html = drawn("refinement_ladder"), render(panel_of("full"))
-    for name, style in ladders.schemes.items():
-        assert name in text
-        key = html[: html.index(f"</svg>{name.replace('_', '_<wbr>')}</span>")].rsplit("<svg", 1)[1]
-        assert set(re.findall(r"h-(\w+)", key)) == {style.hue}
-    for own, (row, plots) in zip(ladders_of(panel_of("full")), ladders.rows, strict=True):
-        assert row in text
-        shown = [{series.name for series in plot.series} for plot in plots]
-        assert shown == [set(rungs) for rungs in (own.fixed, own.following)]
-        for plot in plots:
-            assert f"Success of {row} against the step, {plot.about}" in page.values("aria-label")
-            assert all(label in text for label in (plot.about, *(label for _, label in plot.ticks)))
-            for series in plot.series:
-                assert all(point.words in page.text for point in series.points)
-
-
-def test_colours_are_written_once():
-    """A page has the colours of the palette, and figures have no others by hand."""
-    html = render(panel_of("full"))
-    for colour, (light, dark) in PALETTE.items():
-        if colour not in ("warm", "cool"):
-            assert html.count(f"--{colour}: {light};") == html.count(f"--{colour}: {dark};") == 1
-    own = ROOT / "eval" / "report"
-    sources = [path for kind in ("py", "css", "js") for path in own.rglob(f"*.{kind}")]
-    assert len(sources) > 15
-    for source in [*sources, ROOT / "support" / "page.css"]:
-        assert not re.findall(r"#[0-9a-fA-F]{6}\b", source.read_text(encoding="utf-8")), source
 
 
 def test_findings_say_what_the_truth_contradicts():

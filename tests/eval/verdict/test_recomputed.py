@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import json
 from pathlib import Path
 
 import numpy as np
@@ -50,3 +51,14 @@ def test_shares_follow_from_the_documentation():
 
 def test_the_script_imports_nothing_of_the_package():
     assert "integ_gym" not in SCRIPT.read_text(encoding="utf-8")
+
+
+def test_verdicts_of_a_run_follow_from_its_records(panel_directory, capsys):
+    recomputed.verdicts(panel_directory)
+    lines = capsys.readouterr().out.splitlines()
+    told = json.loads((panel_directory / "panel.json").read_text(encoding="utf-8"))["verdicts"]
+    assert told
+    for one in told:
+        place = next(i for i, x in enumerate(lines) if f"{one['row']} → {one['cell']}:" in x)
+        verdict = lines[place].split(": ")[1].split(",")[0]
+        assert verdict == lines[place + 1].split(": ")[1].split(",")[0] == one["verdict"]

@@ -37,7 +37,6 @@ from integ_gym.eval.statistics import (
     unpaired_posterior,
 )
 
-GRID = np.linspace(0.0, 1.0, 201)
 several_rates = st.lists(st.floats(0.0, 1.0), min_size=1, max_size=12)
 HOME, AWAY = [1.0, 0.9, 1.0, 0.8, 0.7, 0.95], [0.5, 0.8, 0.9, 0.9, 0.1, 0.6]
 fast = settings(max_examples=8, deadline=None, derandomize=True)
@@ -201,10 +200,6 @@ def test_p_values_are_counted_and_never_zero() -> None:
     assert difference.p_less() == pytest.approx(4 / 5)
     clear = unpaired_difference([1.0] * 30, [0.0] * 30)
     assert clear.p_greater(0.2) == 1 / (DRAWS + 1)
-
-
-def test_interval_reads_as_text_without_negative_zero() -> None:
-    assert str(Estimate(0.5, -0.001, 1.0, 0.95)) == "0.50 (0.00 to 1.00)"
 
 
 @pytest.mark.parametrize(

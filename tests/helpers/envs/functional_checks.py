@@ -25,6 +25,28 @@ def vector_of(env_id, lanes, **arguments):
     ).unwrapped  # fmt: skip
 
 
+def programs_serving(env, changes, alone, lanes=6, rtol=1e-6, atol=1e-6):
+    """How many programs step an environment under changed parameters, as ``alone(changed)`` does.
+
+    ``alone`` gives a transition of (state, action, key).
+    """
+    compiled = []
+
+    @jax.jit
+    def advance(state, action, params):
+        compiled.append(1)
+        return env.transition(state, action, jax.random.key(0), params)
+
+    state = env.initial(jax.random.key(0), lanes=(lanes,))
+    action = np.ones((lanes, 1), dtype=np.float32)
+    for changed in changes:
+        after = advance(state, action, env.params(**changed))
+        expected = alone(changed)(state, action, jax.random.key(0))
+        np.testing.assert_allclose(after.env.v, expected.env.v, rtol=rtol, atol=atol)
+        assert after.env.v[0].dtype == np.float32
+    return len(compiled)
+
+
 def compare(env_id, arguments, steps=25, lanes=6):
     """Step both in float64 and begin ended lanes as the functional one draws; counts these."""
     with jax.enable_x64(True):

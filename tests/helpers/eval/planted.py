@@ -198,23 +198,6 @@ class Slider:
 
 
 @dataclass(frozen=True)
-class Stiff(Slider):
-    """A block on a spring of 141 rad/s."""
-
-    stiffness: float = parameter(2e4, "N/m", "of the spring at rest", positive)
-    hardening: float = parameter(0.0, "N/m^3", "cubic stiffness", nonnegative)
-
-
-@dataclass(frozen=True)
-class Slow(Slider):
-    """A block on a spring of 0.1 rad/s."""
-
-    stiffness: float = parameter(0.01, "N/m", "of the spring at rest", positive)
-    hardening: float = parameter(0.0, "N/m^3", "cubic stiffness", nonnegative)
-    damping: float = parameter(0.002, "N s/m", "viscous damping", nonnegative)
-
-
-@dataclass(frozen=True)
 class Falling(Slider):
     """A block that nothing holds."""
 

@@ -93,6 +93,23 @@ def small_data(**changes: Any) -> dict[str, Any]:
     return {**tomllib.loads(TOML), **changes}
 
 
+SHORTEST = {"total_steps": 256, "n_envs": 4, "n_steps": 32, "batch_size": 64, "n_epochs": 1}
+"""Hyperparameters of a training that is soon over."""
+
+
+def bare_data(place: dict[str, Any], *others: dict[str, Any], **changes: Any) -> dict[str, Any]:
+    """One row, evaluated at home and at other entries, and nothing beside it."""
+    rows = {"train": [place], "evaluate": [place, *others], "family": [], "compare": []}
+    bare = {
+        "seeds": [0],
+        "episodes": 2,
+        "baselines": ["zero"],
+        "perturbations": [],
+        "ladder": False,
+    }
+    return small_data(**{**rows, **bare, **changes})
+
+
 FORMATS = dict(style.FORMATS)
 
 

@@ -17,7 +17,7 @@ from torch import nn
 
 import integ_gym
 from integ_gym.cli import main
-from integ_gym.eval.panel.policies import given_policy, is_reference, read_existing
+from integ_gym.eval.panel.policies import given_policy, read_existing
 from integ_gym.train.policy import MlpPolicy
 
 PENDULUM = "IntegPendulum-v0"
@@ -105,20 +105,6 @@ def test_discrete_actions_are_whole_numbers():
     assert policy.act(np.array([[0, 0, 1, 0], [0, 0, -1, 0]])).tolist() == [1, 0]
     with pytest.raises(ValueError, match="where a whole number was expected"):
         given_policy(lambda o: 0.5, cart_pole, {})
-
-
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    [
-        ("mine:f", True),
-        ("a.b:C.act", True),
-        ("policy.zip", False),
-        (r"C:\p.zip", False),
-        (3, False),
-    ],
-)
-def test_references_are_told_from_files(text, expected):
-    assert is_reference(text) == expected
 
 
 def test_a_function_of_a_module_is_judged_by_the_command(tmp_path, monkeypatch, capsys):

@@ -62,24 +62,6 @@ def test_what_is_no_home_is_refused(stated, fragment):
         provenance(PENDULUM, None, stated, {})
 
 
-def test_what_is_taken_as_home_and_why_is_said():
-    known, _ = provenance(PENDULUM, None, PUMPED, {"max_torque": 1.0})
-    assert str(known) == "home: explicit_euler dt=0.05, control period 0.1 s (stated)"
-    assert (known.environment, known.overridden) == ({"max_torque": 1.0}, {})
-    stock, _ = provenance(PENDULUM, None, "stock", {"action_latency": 0.1, "duration": 5.0})
-    assert str(stock).startswith(
-        "home: symplectic_euler dt=0.05, control period 0.05 s, max_speed=8.0 (stated: "
-    )
-    assert stock.overridden == {"action_latency": 0.0}
-    unknown, _ = provenance(PENDULUM, None, None, {})
-    assert unknown.home is None
-    assert str(unknown).startswith("home: unknown (no side-car says it, and none was stated;")
-    assert str(unknown).endswith("judged at control period 0.05 s")
-    assert provenance(PENDULUM, None, "unknown", {})[0] == unknown
-    period, _ = provenance(PENDULUM, None, "control_period=0.1", {})
-    assert (period.home, period.control_period) == (None, 0.1)
-
-
 def _judged(out: Path, **arguments) -> tuple[dict, list[dict]]:
     panel = integ_gym.evaluate(
         lazy, PENDULUM, out, integrators=["explicit_euler", "rk4"], dts=[0.05], episodes=3,

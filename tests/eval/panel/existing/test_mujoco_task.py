@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 from pathlib import Path
 
 import gymnasium as gym
@@ -14,8 +13,6 @@ from engine_cases import needs
 from stable_baselines3 import PPO
 
 from integ_gym.cli import main
-from integ_gym.eval.panel.result import read_panel
-from integ_gym.eval.report.matrices import return_matrix
 from integ_gym.evidence.store import EvidenceStore
 
 EPISODES = 4
@@ -73,27 +70,6 @@ def _panel(out: Path) -> dict:
     return json.loads((out / "panel.json").read_text(encoding="utf-8"))
 
 
-@pytest.mark.slow
-def test_writes_the_usual_directory_without_a_truth(run, balancing):
-    panel = _panel(run)
-    assert [row["name"] for row in panel["rows"]] == ["balance", "random", "zero"]
-    assert [cell["name"] for cell in panel["cells"]] == [*CELLS, HOME]
-    assert {cell["kind"] for cell in panel["cells"]} == {"grid"}
-    assert panel["rows"][0]["home"] == HOME
-    assert panel["doubts"] == []
-    assert "no reference solution" in panel["protocol_gaps"][0]
-    assert len(panel["matrix"]) == 3 * len(panel["cells"])
-    assert all(entry["return"] is not None for entry in panel["matrix"])
-    (policy,) = panel["rows"][0]["policies"]
-    assert (run / policy["file"]).read_bytes() == balancing.read_bytes()
-    assert {path.name for path in (run / "figures").iterdir()} >= {"success_matrix.png"}
-    page = (run / "report.html").read_text(encoding="utf-8")
-    assert "There is no truth column here" in page
-    assert return_matrix(read_panel(run / "panel.json")) is not None
-    assert "false pass" not in page
-    assert EvidenceStore(run / "evidence").verify() == []
-
-
 def _column(out: Path, name: str, policy: str, cell: str) -> list:
     query = (
         f"SELECT \"{name}\" AS x FROM records WHERE policy_id = '{policy}' AND cell = '{cell}' "
@@ -136,34 +112,6 @@ def test_starts_are_paired_and_the_cells_differ(run):
     assert len(set(energies.values())) == 3
     for dt in ("0.02", "0.01"):
         assert energies[f"mujoco Euler dt={dt}"] == energies[f"mujoco implicitfast dt={dt}"]
-
-
-@pytest.mark.slow
-def test_a_fall_is_told_as_such(run):
-    labels = _column(run, "failure_label", "random", HOME)
-    lengths = _column(run, "length", "random", HOME)
-    assert set(labels) == {"control_error"}
-    (file,) = run.glob("evidence/evaluate-random*.parquet")
-    records = EvidenceStore(file.parent, file.name).records(trace=False)
-    own = [r.reason for r in records if (r["cell"], r["phase"]) == (HOME, "evaluation")]
-    for reason, length in zip(own, lengths, strict=True):
-        assert reason.startswith(f"it was terminated at {length * 0.04:.4g} s (asked: not termin")
-
-
-@pytest.mark.slow
-def test_resumes_where_it_was_interrupted(run, balancing, tmp_path):
-    out = tmp_path / "out"
-    shutil.copytree(run, out)
-    (out / "units" / "evaluate-random.json").unlink()
-    kept = (out / "evidence" / "evaluate-balance.parquet").stat().st_mtime_ns
-    chosen = ["--integrator=Euler", "--integrator=implicitfast", "--dt=0.02", "--dt=0.01"]
-    chosen += ["--no-limit"]
-    assert _evaluate(balancing, "InvertedPendulum-v5", out, *chosen) == 0
-    assert (out / "evidence" / "evaluate-balance.parquet").stat().st_mtime_ns == kept
-    assert _panel(out)["matrix"] == [
-        {**entry, "query": entry["query"].replace(run.name, out.name)}
-        for entry in _panel(run)["matrix"]
-    ]
 
 
 @pytest.mark.slow

@@ -21,7 +21,6 @@ from integ_gym.commands.evaluate import parser
 from integ_gym.eval.panel.existing import plan
 from integ_gym.eval.panel.policies import given_policy, read_existing
 from integ_gym.eval.panel.result import read_panel
-from integ_gym.train.policy_files.reading import POLICY_ENDINGS
 from integ_gym.train.policy_files.writing import save_policy, write_sidecar
 
 PENDULUM = "IntegPendulum-v0"
@@ -98,14 +97,6 @@ def folder(tmp_path, monkeypatch, request):
 
 def _name(words: list[str]) -> str:
     return " ".join(words[:2])
-
-
-def test_there_is_a_command_for_every_kind_of_file():
-    """Of the endings of a state dict one stands for all."""
-    named = {Path(word).suffix for words in COMMANDS for word in words}
-    assert set(POLICY_ENDINGS) - named == {".pt", ".pth"}
-    assert ".pkl" in named
-    assert any("--policy" in words for words in COMMANDS)
 
 
 @pytest.mark.filterwarnings("ignore")  # of torch's exporter

@@ -3,21 +3,16 @@
 from __future__ import annotations
 
 import json
-import re
 from dataclasses import replace
 
 import msgspec
 import pytest
-from small_panel import small_data
 
-from integ_gym.eval.panel import achieve as achievability
-from integ_gym.eval.panel.achieve import TRYING, tried
-from integ_gym.eval.panel.costs import trying_seconds
-from integ_gym.eval.panel.evaluate import evaluate_all, expected_seconds, statuses
+from integ_gym.eval.panel.achieve import tried
+from integ_gym.eval.panel.evaluate import statuses
 from integ_gym.eval.panel.run_directory import RunDirectory, RunDirectoryError
-from integ_gym.eval.panel.spec import built_in_spec, parse_spec
+from integ_gym.eval.panel.spec import built_in_spec
 from integ_gym.eval.verdict import Search
-from integ_gym.support.executors import Cluster
 
 WHOLE = replace(built_in_spec(), episodes=5, episode_parts=(3, 2))
 CELL = WHOLE.columns()[0]
@@ -65,36 +60,3 @@ def test_a_marker_from_before_is_of_the_first_starts_and_a_damaged_one_is_refuse
     marker.write_text(json.dumps({**held, "first": "3"}))
     with pytest.raises(RunDirectoryError, match="is damaged: 'first' must be a whole number"):
         tried(directory)
-
-
-def test_the_bar_counts_cells_that_are_tried_one_by_one(tmp_path, monkeypatch, capsys):
-    """Expected, done and left are one sum, and nothing is shown where nothing is left."""
-    told = []
-    monkeypatch.setenv("COLUMNS", "80")
-    monkeypatch.setattr(achievability, "report_work", told.append)
-    few = {"evaluate": [{"integrator": ["explicit_euler", "rk4"], "dt": 0.05}], "ladder": False}
-    few |= {"compare": [], "perturbations": [], "environment": {"duration": 1.0}}
-    spec = parse_spec(small_data(**few), "test")
-    directory = RunDirectory(tmp_path / "run", spec.to_json())
-    with directory.opened():
-        whole, left = expected_seconds(spec, directory, [], [])
-        assert whole == left > 0.0
-        evaluate_all(spec, directory, [], "panel quick", Cluster(0), progress=True)
-        shown = re.split(r"[\r\n]+", capsys.readouterr().err)
-        assert any(line.rstrip().endswith(f", {TRYING}") for line in shown), shown
-        assert max(map(len, shown)) <= 80
-        assert len(told) == len(spec.columns()) > 1
-        assert sum(told) == pytest.approx(whole)
-        assert expected_seconds(spec, directory, [], []) == (whole, 0.0)
-        evaluate_all(spec, directory, [], "panel", Cluster(0), progress=True)
-        assert capsys.readouterr().err == ""
-
-
-def test_more_starts_and_longer_episodes_take_longer_to_try():
-    def seconds(**changes):
-        spec = parse_spec(small_data(**changes), "test")
-        return trying_seconds(spec, spec.columns()[0])
-
-    short = seconds()
-    assert short < seconds(environment={"start": "hanging", "duration": 9.0})
-    assert short < seconds(episodes=30)

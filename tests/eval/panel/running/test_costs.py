@@ -16,17 +16,6 @@ from integ_gym.eval.panel.units import trained_units
 from integ_gym.train.fleet.worker import Workers
 
 
-def test_every_policy_is_counted_with_its_evaluation(tmp_path):
-    spec = specified(specification(tmp_path))
-    costs = policy_costs(spec)
-    assert len(costs) == len(trained_units(spec))
-    for cost in costs:
-        assert min(cost.train_seconds, cost.evaluate_seconds, cost.storage) > 0.0
-    assert fixed_cost(spec).train_seconds == 0.0
-    both = total_cost([costs[0].times(2.0), costs[1]])
-    assert both.seconds == pytest.approx(2.0 * costs[0].seconds + costs[1].seconds)
-
-
 @pytest.mark.slow
 def test_storage_is_that_of_a_run(undisturbed, tmp_path):
     """Within a third: a run as small as this is all but its files' heads."""

@@ -7,13 +7,11 @@ import json
 import pytest
 from engine_cases import needs
 from engines_panel import trained_units
-from small_panel import small_data
+from small_panel import SHORTEST, bare_data
 
-from integ_gym.cli import main
+from integ_gym import run_panel
 from integ_gym.eval.panel import units
-from integ_gym.eval.panel.cells import SpecError
-from integ_gym.eval.panel.costs import cell_seconds
-from integ_gym.eval.panel.run import check_spec
+from integ_gym.eval.panel.run_directory import RunDirectoryError
 from integ_gym.eval.panel.spec import parse_spec
 from integ_gym.eval.panel.units import training_config, training_key
 from integ_gym.evidence.store import EvidenceStore
@@ -21,84 +19,35 @@ from integ_gym.support.optional import package_version
 
 ON_MUJOCO = {"engine": "mujoco", "integrator": "Euler", "dt": 0.05}
 
-TOML = """
-name = "mujoco"
-env_id = "IntegPendulum-v0"
-control_period = 0.05
-seeds = [0]
-episodes = 2
-trainer = "sb3"
-baselines = ["zero"]
-perturbations = []
-ladder = false
-family = [["mujoco Euler dt=0.05", "reference dt=0.05"]]
 
-[environment]
-start = "hanging"
-max_torque = 1.0
-duration = 2.0
-
-[training]
-total_steps = 256
-n_envs = 4
-n_steps = 32
-batch_size = 64
-n_epochs = 1
-
-[[train]]
-engine = "mujoco"
-integrator = "Euler"
-dt = 0.05
-
-[[evaluate]]
-engine = "mujoco"
-integrator = ["Euler", "RK4"]
-dt = 0.05
-"""
-
-
-def _trained_on_mujoco(**changes):
-    data = small_data(compare=[], train=[ON_MUJOCO], family=[], seeds=[0], **changes)
-    return {**data, "evaluate": [*data["evaluate"], ON_MUJOCO]}
-
-
-def test_the_fleet_refuses_an_engine_that_is_not_made_of_jax():
-    needs("mujoco")
-    with pytest.raises(SpecError, match="made of JAX's operations; use --trainer sb3"):
-        check_spec(parse_spec(_trained_on_mujoco(trainer="fleet"), "panel.toml"))
-
-
-def test_policies_are_trained_on_an_engine_and_its_version_is_held(tmp_path, capsys):
+def test_policies_are_trained_on_an_engine_and_its_version_is_held(tmp_path):
     """With stable-baselines3; results of another version of the engine are refused."""
     needs("mujoco")
-    spec, out = tmp_path / "mujoco.toml", tmp_path / "out"
-    spec.write_text(TOML, encoding="utf-8")
-    command = ["panel", str(spec), "--out", str(out), "--workers", "1", "--no-progress"]
-    assert main(command) == 0
+    out, both = tmp_path / "out", {**ON_MUJOCO, "integrator": ["Euler", "RK4"]}
+    family = [["mujoco Euler dt=0.05", "reference dt=0.05"]]
+    data = bare_data(ON_MUJOCO, evaluate=[both], family=family, training=SHORTEST)
+    spec = parse_spec(data, "test")
+    run_panel(spec, out, workers=1, progress=False)
     card = json.loads(next(out.glob("policies/*/policy.json")).read_text())
     assert card["config"]["env_arguments"]["engine"] == "mujoco"
-    found = (
-        EvidenceStore(out / "evidence")
-        .query(
-            "SELECT DISTINCT engine, integrator, phase FROM records "
-            "WHERE engine = 'mujoco' AND phase IN ('training', 'evaluation')"
-        )
-        .to_pylist()
+    found = EvidenceStore(out / "evidence").query(
+        "SELECT DISTINCT integrator, phase FROM records "
+        "WHERE engine = 'mujoco' AND phase IN ('training', 'evaluation')"
     )
-    assert {(one["integrator"], one["phase"]) for one in found} == {
+    assert {(one["integrator"], one["phase"]) for one in found.to_pylist()} == {
         ("Euler", "training"), ("Euler", "evaluation"), ("RK4", "evaluation"),
     }  # fmt: skip
     manifest = json.loads((out / "run.json").read_text())
     manifest["versions"]["mujoco"] = "3.0.0"
     (out / "run.json").write_text(json.dumps(manifest))
-    capsys.readouterr()
-    assert main(command) == 2
-    assert "holds results of mujoco 3.0.0 (now" in capsys.readouterr().err
+    with pytest.raises(RunDirectoryError, match=r"holds results of mujoco 3\.0\.0 \(now"):
+        run_panel(spec, out, workers=1, progress=False)
 
 
 def test_keys_of_units_hold_the_versions_of_engines_that_are_used(monkeypatch):
     needs("mujoco")
-    foreign, ours = (parse_spec(d, "test") for d in (_trained_on_mujoco(), small_data(compare=[])))
+    places = (ON_MUJOCO, {"integrator": "rk4", "dt": 0.05})
+    foreign, ours = (parse_spec(bare_data(place), "test") for place in places)
     keys = []
     for version in ("1", "2"):
         monkeypatch.setattr(units, "engine_versions", lambda names, v=version: dict.fromkeys(
@@ -112,12 +61,3 @@ def test_keys_of_units_hold_the_versions_of_engines_that_are_used(monkeypatch):
 
 def _key(spec):
     return training_key(training_config(spec, trained_units(spec)[0]))
-
-
-def test_a_cell_of_an_engine_is_expected_to_take_longer():
-    """In proportion to its steps, for its lanes are advanced one by one."""
-    needs("mujoco")
-    spec = parse_spec(_trained_on_mujoco(ladder=False), "test")
-    seconds = {cell.name: cell_seconds(spec, cell) for cell in spec.cells_of(spec.train[0])}
-    assert seconds["rk4 dt=0.05"] == seconds["rk4 dt=0.0125"]
-    assert seconds["mujoco Euler dt=0.05"] > 2.0 * seconds["rk4 dt=0.05"]

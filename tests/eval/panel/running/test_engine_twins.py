@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import tomllib
-
 import numpy as np
 import pytest
 from engine_cases import needs, setup_of
+from small_panel import bare_data
 
 from integ_gym.envs.engines.rigid import HeldForce
 from integ_gym.envs.ops.ops import SCALAR, along
@@ -64,38 +63,15 @@ def test_forces_of_the_velocity_tell_maps_apart(engine, integrator, plant, twin)
     assert _twin(engine, integrator, False, plant) == twin
 
 
-TOML = """
-name = "twins"
-env_id = "{env_id}"
-control_period = 0.05
-seeds = [0]
-episodes = 2
-baselines = ["zero"]
-perturbations = []
-ladder = false
-
-[[train]]
-integrator = "rk4"
-dt = 0.05
-
-[[evaluate]]
-integrator = "rk4"
-dt = 0.05
-
-[[evaluate]]
-engine = "mujoco"
-integrator = "RK4"
-dt = 0.05
-"""
-
-
 @pytest.mark.parametrize(
     ("env_id", "twin"),
     [("IntegCartPole-v0", "rk4 dt=0.05"), ("IntegCartPoleSwingUp-v0", None)],
 )
 def test_a_panel_looks_whether_its_plant_has_stops(env_id, twin):
     needs("mujoco")
-    spec = parse_spec(tomllib.loads(TOML.format(env_id=env_id)), "test")
+    place = {"integrator": "rk4", "dt": 0.05}
+    theirs = {"engine": "mujoco", "integrator": "RK4", "dt": 0.05}
+    spec = parse_spec(bare_data(place, theirs, env_id=env_id, environment={}), "test")
     cells = {cell.name: cell for cell in spec.columns()}
     rows = (Row.of("zero", "baseline", [Policy(id="zero")]),)
     records = [

@@ -5,15 +5,17 @@ from __future__ import annotations
 import json
 import shutil
 
-import engines_panel
 import numpy as np
 import pytest
 import small_panel
 from engine_cases import needs
+from engines_panel import alike_data
 
+from integ_gym import run_panel
 from integ_gym.cli import main
 from integ_gym.envs.registries import ENGINES
 from integ_gym.eval.panel.result import read_panel
+from integ_gym.eval.panel.spec import parse_spec
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.support.optional import package_version
 
@@ -24,10 +26,8 @@ PRECISE = ("mujoco", "drake", "pinocchio", "dart", "pybullet")
 @pytest.fixture(scope="module")
 def alike(tmp_path_factory):
     """Directory of a finished panel: one trained policy on every installed engine."""
-    folder = tmp_path_factory.mktemp("engines")
-    (folder / "alike.toml").write_text(engines_panel.TOML, encoding="utf-8")
-    out = folder / "out"
-    assert main(["panel", str(folder / "alike.toml"), "--out", str(out), "--no-progress"]) == 0
+    out = tmp_path_factory.mktemp("engines") / "out"
+    run_panel(parse_spec(alike_data(), "test"), out, progress=False)
     return out
 
 

@@ -18,8 +18,8 @@ from integ_gym.eval.panel.cells import (
     nominal_setup,
 )
 from integ_gym.eval.panel.episodes import Subject, Successes, divided, evaluate
-from integ_gym.eval.panel.evaluate import batches_of, evaluation_seconds
-from integ_gym.eval.panel.spec import PanelSpec, built_in_spec
+from integ_gym.eval.panel.evaluate import evaluation_seconds
+from integ_gym.eval.panel.spec import PanelSpec
 from integ_gym.evidence.fields import VOLATILE_NAMES
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.train.baselines import BASELINES, make_baseline
@@ -131,26 +131,6 @@ def test_episodes_of_a_task_without_lanes_are_divided_without_a_trace(tmp_path, 
     assert len(set(whole.column("length").to_pylist())) > 1
 
 
-def test_labels_wait_for_the_replays_that_they_rest_on():
-    spec = _spec("IntegPendulum-v0")
-    home, other, _ = spec.train
-    cells = [spec.cells_of(home), spec.cells_of(other)]
-    known = Successes([home, other], cells, {})
-    at_home, at_other = Cell.of(home, "grid"), Cell.of(other, "grid")
-    flags = np.array([[True, False], [False, True]])
-    known.note(at_home, [0, 1], flags, None)
-    assert known.suffice(at_home, [0])
-    assert not known.suffice(at_home, [0, 1])
-    known.note(at_other, [0, 1], ~flags, None)
-    assert known.suffice(at_home, [0, 1])
-    said = known.replays(at_home, [0, 1])
-    assert [r.home for r in said[0].values()] == ["is home", "is home"]
-    assert [r.home for r in said[1].values()] == [True, False]
-    heavy = spec.vary(spec.reference, VARIATIONS[2])
-    known.note(heavy, [0], flags[:1], None)
-    assert not known.suffice(heavy, [0])
-
-
 @pytest.mark.parametrize(
     ("changed", "without_noise", "without_delay"),
     [
@@ -177,25 +157,3 @@ def test_the_undisturbed_cell_answers_for_what_the_perturbation_alone_brings(
     assert said.home == "no home"
     assert said.without_noise is (None if nothing else without_noise)
     assert said.without_delay is (None if nothing else without_delay)
-
-
-def test_batches_hold_everyone_once_and_keep_every_worker_busy():
-    spec = built_in_spec()
-    setup = spec.nominal
-    subjects = [
-        Subject(_network(seed, spec, f"{home.name}-{seed}"), spec.cells_of(home), home, seed)
-        for seed in spec.seeds
-        for home in spec.train
-    ]
-    subjects += [Subject(make_baseline("zero", setup), spec.cells_of(None))]
-    for workers in (1, 5, 100):
-        batches = batches_of(spec, subjects, workers)
-        ids = [subject.policy.policy_id for batch in batches for subject in batch]
-        assert sorted(ids) == sorted(subject.policy.policy_id for subject in subjects)
-        assert len(batches) >= min(workers, len(subjects))
-        assert len(batches) % workers == 0 or len(batches) == len(subjects)
-    pairs = batches_of(spec, subjects, 2)
-    assert all(len({subject.home for subject in batch}) <= 4 for batch in pairs)
-    many = replace(spec, episodes=2000)
-    assert max(len(batch) for batch in batches_of(many, subjects, 2)) == 1
-    assert batches_of(spec, [], 2) == []

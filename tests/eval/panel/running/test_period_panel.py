@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
-import tomllib
 
 import numpy as np
 import pytest
+from small_panel import bare_data
 
+from integ_gym import run_panel
 from integ_gym.cli import main
 from integ_gym.eval.panel.cells import SpecError
 from integ_gym.eval.panel.run import check_spec
@@ -16,49 +17,17 @@ from integ_gym.eval.panel.units import training_config, units_of
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.train.policy_files.sidecar import read_sidecar
 
-TOML = """
-name = "periods"
-env_id = "IntegPendulum-v0"
-control_period = 0.05
-seeds = [0, 1]
-episodes = 2
-baselines = ["zero"]
-family = [["both", "rk4 dt=0.025"]]
-
-[environment]
-start = "hanging"
-max_torque = 1.0
-duration = 2.0
-
-[training]
-total_steps = 512
-n_steps = 32
-
-[[train]]
-integrator = "rk4"
-dt = 0.05
-control_period = [0.05, 0.1]
-
-[[train]]
-mixture = "both"
-members = [
-  { integrator = "rk4", dt = 0.05, control_period = [0.05, 0.1] },
-  { integrator = "explicit_euler", dt = 0.05, control_period = 0.1, weight = 2 },
+BOTH = {
+    "mixture": "both",
+    "members": [
+        {"integrator": "rk4", "dt": 0.05, "control_period": [0.05, 0.1]},
+        {"integrator": "explicit_euler", "dt": 0.05, "control_period": 0.1, "weight": 2},
+    ],
+}
+JUDGED = [
+    {"integrator": ["rk4", "explicit_euler"], "dt": 0.05, "control_period": [0.05, 0.1]},
+    {"integrator": "rk4", "dt": 0.025},
 ]
-
-[[evaluate]]
-integrator = ["rk4", "explicit_euler"]
-dt = 0.05
-control_period = [0.05, 0.1]
-
-[[evaluate]]
-integrator = "rk4"
-dt = 0.025
-
-[[perturbations]]
-name = "late"
-environment = { action_latency = 0.05 }
-"""
 SHARES = {
     "rk4 dt=0.05": 0.25,
     "rk4 dt=0.05 control=0.1": 0.25,
@@ -67,7 +36,12 @@ SHARES = {
 
 
 def _spec(**changes):
-    return parse_spec({**tomllib.loads(TOML), **changes}, "test")
+    own = {"trainer": "fleet", "seeds": [0, 1], "ladder": True, "train": [BOTH["members"][0], BOTH]}
+    own |= {"evaluate": JUDGED, "family": [["both", "rk4 dt=0.025"]]}
+    own |= {"perturbations": [{"name": "late", "environment": {"action_latency": 0.05}}]}
+    own |= {"environment": {"start": "hanging", "max_torque": 1.0, "duration": 2.0}}
+    own |= {"training": {"total_steps": 512, "n_steps": 32}}
+    return parse_spec(bare_data({}, **{**own, **changes}), "test")
 
 
 @pytest.mark.parametrize("trainer", ["fleet", "sb3"])
@@ -105,9 +79,7 @@ def test_what_is_trained_at_a_control_period_is_evaluated_at_it():
 @pytest.fixture(scope="module")
 def finished(made_once):
     def make(folder):
-        (folder / "periods.toml").write_text(TOML, encoding="utf-8")
-        command = ["panel", str(folder / "periods.toml"), "--out", str(folder / "out")]
-        assert main([*command, "--no-progress"]) == 0
+        run_panel(_spec(), folder / "out", progress=False)
 
     return made_once("periods", make) / "out"
 
@@ -134,19 +106,3 @@ def test_a_panel_of_several_control_periods_is_played_again_to_the_last_bit(fini
     card = read_sidecar(finished / "policies" / "both-seed0" / "policy.zip")
     assert card["derived"]["gamma"] == pytest.approx(np.exp([-0.05, -0.1, -0.1]))
     assert main(["evidence", "verify", str(finished), "--exact"]) == 0
-
-
-@pytest.mark.slow
-def test_a_policy_of_several_control_periods_is_evaluated_at_each(finished, tmp_path):
-    policy = str(finished / "policies" / "both-seed0" / "policy.zip")
-    command = ["evaluate", policy, "--env", "IntegPendulum-v0", "--out", str(tmp_path / "out")]
-    grid = ["--integrator", "rk4", "--dt", "0.05", "--episodes", "2", "--no-progress"]
-    assert main([*command, *grid]) == 0
-    panel = json.loads((tmp_path / "out" / "panel.json").read_text(encoding="utf-8"))
-    shares = panel["rows"][0]["shares"]
-    cells = {cell["name"]: cell for cell in panel["cells"]}
-    assert [cells[name]["control_period"] for name in shares] == [0.05, 0.1, 0.1]
-    assert list(shares.values()) == [0.25, 0.25, 0.5]
-    assert {cell["control_period"] for cell in panel["cells"] if cell["kind"] == "reference"} == {
-        0.05, 0.1,
-    }  # fmt: skip

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import socket
 import time
@@ -16,10 +15,8 @@ from integ_gym.eval.panel.run_directory import (
     RunDirectory,
     RunDirectoryError,
     Seen,
-    key_of,
 )
 from integ_gym.eval.panel.spec import TRAINERS, built_in_spec
-from integ_gym.evidence.sealing import seal
 from integ_gym.support.files import read_files
 
 
@@ -29,35 +26,6 @@ def directory(tmp_path):
     with made.opened():
         made.finish("train-a", "key", time.time(), policy="hash", records="hash")
     return made
-
-
-@pytest.mark.parametrize(
-    ("content", "fault"),
-    [
-        ("{}", "it lacks 'key'"),
-        ('{"key": "key", "start": 1, "end": 2, "policy": "hash"}', "it lacks 'seconds'"),
-        ('{"key": "key", "start": 1, "end": 2, "seconds": 1, "policy": ""}', "it lacks 'records'"),
-        ('{"key": "key", "start": 1, "end": 2, "seconds": 1e400, "policy": ""}', "not finite"),
-        ("[]", "a list where an object was expected"),
-        ("[" * 100_000, "deep"),
-    ],
-)
-def test_a_damaged_marker_is_named_with_the_remedy(directory, content, fault):
-    file = directory.path / "units" / "train-a.json"
-    file.write_text(content)
-    with pytest.raises(RunDirectoryError, match=r"remove it to do the unit again$") as refused:
-        directory.seconds(["train-a"])
-    assert str(file) in str(refused.value)
-    assert fault in str(refused.value)
-
-
-@pytest.mark.parametrize("content", ["{}", '{"specification": []}', "[" * 100_000])
-def test_a_damaged_manifest_is_named_with_the_remedy(directory, content):
-    file = directory.path / MANIFEST
-    file.write_text(content)
-    with pytest.raises(RunDirectoryError, match="restore it from a copy") as refused:
-        directory.opened().__enter__()
-    assert str(file) in str(refused.value)
 
 
 def test_what_an_interrupted_run_left_is_gone_when_it_goes_on(directory):
@@ -91,58 +59,6 @@ def test_packages_of_a_run_are_those_that_it_began_with(tmp_path):
     with RunDirectory(tmp_path / "run", {"name": "a"}, {"mujoco": "1"}).opened():
         pass
     assert (tmp_path / "run" / MANIFEST).read_bytes() == before
-
-
-def test_a_refused_unit_leaves_the_seal(directory):
-    with directory.opened():
-        pass
-    seal(directory.path)
-    sealed = (directory.path / "seal.json").read_bytes()
-    with pytest.raises(RunDirectoryError, match="belongs to another"), directory.opened():
-        directory.finished("train-a", "another key")
-    assert (directory.path / "seal.json").read_bytes() == sealed
-
-
-def test_keys_and_other_facts_are_kept(directory):
-    marker = json.loads((directory.path / "units" / "train-a.json").read_text())
-    assert directory.marker("train-a") == marker
-    marker["records"] = None  # no training episode came to its end
-    (directory.path / "units" / "train-a.json").write_text(json.dumps(marker))
-    assert directory.finished("train-a", "key") == marker
-    assert key_of({}, a=1) != key_of({}, a=2)
-
-
-@pytest.fixture
-def recorded(tmp_path):
-    """A directory with a finished unit whose records look like Parquet at their end."""
-    made = RunDirectory(tmp_path / "run", {"name": "a"})
-    with made.opened():
-        (made.evidence / "train-a.parquet").write_bytes(b"records PAR1")
-        made.finish("train-a", "key", time.time(), policy="hash")
-    assert made.finished("train-a", "key") is not None
-    assert list(made.faults()) == []
-    return made
-
-
-@pytest.mark.parametrize("content", [None, b"", b"records"])
-def test_a_unit_without_its_records_is_to_be_done_again_and_named(recorded, content, capsys):
-    file = recorded.evidence / "train-a.parquet"
-    file.unlink() if content is None else file.write_bytes(content)
-    assert recorded.finished("train-a", "key") is None
-    assert f"{file} is missing or cut off: unit train-a is done again" in capsys.readouterr().err
-    assert [name for name, _ in recorded.faults()] == ["evidence/train-a.parquet"]
-
-
-def test_a_unit_with_other_records_is_refused(recorded):
-    (recorded.evidence / "train-a.parquet").write_bytes(b"forgery PAR1")
-    with pytest.raises(RunDirectoryError, match="was changed after unit train-a was finished"):
-        recorded.finished("train-a", "key")
-
-
-def test_records_of_no_unit_are_named(recorded):
-    (recorded.evidence / "foreign.parquet").write_bytes(b"records PAR1")
-    fault = ("evidence/foreign.parquet", "belongs to no finished unit")
-    assert list(recorded.faults()) == [fault]
 
 
 def test_time_that_another_run_spent_is_not_this_ones(tmp_path):
