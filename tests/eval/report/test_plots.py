@@ -238,7 +238,7 @@ def test_ladders_keep_control_periods_and_engines_apart():
             cell["engine"] = "mujoco"
     panel = panel_from(raw)
     labels = [group.label for group in panel.groups]
-    assert labels[0] == "reference"
+    assert labels[0] == "truth"
     assert set(labels[1:]) == {*SCHEMES, "mujoco implicit_midpoint"} - {"implicit_midpoint"}
     assert [cell.dt for cell in panel.groups[1].cells] == sorted(STEPS, reverse=True)
     for ladder in ladders_of(panel):
