@@ -11,10 +11,10 @@ from integ_gym.cli import main
 STATED = "integrator=symplectic_euler,dt=1,control_period=1"
 
 
-def _evaluated(kind, out, dts=(1.0, 0.5), **environment):
+def _evaluated(kind, out, dts=(1.0, 0.5), limit=None, **environment):
     return integ_gym.evaluate(
         swing, f"mountain_car:{kind}", out, dts=dts, episodes=2, home=STATED, workers=1,
-        environment=environment,
+        environment=environment, limit=limit,
     )  # fmt: skip
 
 
@@ -65,7 +65,7 @@ def test_of_rewards_that_are_said_there_is_no_doubt(kind, tmp_path):
 
 
 def test_of_one_step_per_decision_there_is_no_doubt(tmp_path):
-    panel = _evaluated("SilentMountainCar", tmp_path, [1.0], success_return=80.0)
+    panel = _evaluated("SilentMountainCar", tmp_path, [1.0], success_return=80.0, limit=False)
     assert panel.warnings == ()
 
 
