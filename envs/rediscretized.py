@@ -262,17 +262,20 @@ class Ledger:
             work += float(data.qfrc_actuator @ moved)
             lost += float((self._damping * data.qvel) @ moved)
             if data.nefc:
-                iterations = max(iterations, int(data.solver_niter.max()))
-                violation = max(violation, -float(data.efc_pos.min()))
+                iterations = max(iterations, int(np.maximum.reduce(data.solver_niter)))
+                violation = max(violation, -float(np.minimum.reduce(data.efc_pos)))
             if data.ncon:
-                depth = max(depth, -float(data.contact.dist.min()))
+                depth = max(depth, -float(np.minimum.reduce(data.contact.dist)))
         lost = lost if self.accounted else nan
         return Booked(work, lost, constrained, iterations, depth, violation)
 
     def is_lost(self, data: Any) -> bool:
         """Whether the motion has diverged, or MuJoCo reset it, which before 3.2 it always does."""
-        finite = np.isfinite(data.qpos).all() and (np.abs(data.qvel) <= FASTEST).all()
-        return was_reset(self._mujoco, data) or not finite
+        q, v = data.qpos, data.qvel
+        sound = v @ v <= FASTEST**2 and math.isfinite(np.add.reduce(q))
+        if not sound:  # a sum may overflow, and many components exceed what each may have
+            sound = np.isfinite(q).all() and (np.abs(v) <= FASTEST).all()
+        return not sound or was_reset(self._mujoco, data)
 
     def put_back(self, booked: Booked) -> Booked:
         """What is booked of a control period whose motion was taken back."""

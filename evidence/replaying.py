@@ -20,8 +20,8 @@ from integ_gym.envs.foreign import ForeignSetup
 from integ_gym.envs.registries import ENVIRONMENTS, TESTBEDS
 from integ_gym.envs.settings import DISCRETIZATION, DRAWN, NATIVE, Discretization
 from integ_gym.envs.testbeds.gym_testbed import ClassicControl, class_path
-from integ_gym.envs.testbeds.mjcf import MjcfTestbed
 from integ_gym.envs.testbeds.making import MujocoTestbed, find_testbed, make_checked
+from integ_gym.envs.testbeds.mjcf import MjcfTestbed
 from integ_gym.support.interpreters import (
     PACKAGES,
     InterpreterError,

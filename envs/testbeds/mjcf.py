@@ -277,6 +277,11 @@ class MjcfTestbed(MujocoTestbed):
         task: gym.Env[Any, Any] = MjcfTask(self, discretization.dt, count, render_mode)
         limit = max(1, ceil(duration / period * (1.0 - TOLERANCE)))
         own.pop("solver", None)
-        task.spec = EnvSpec(self.title, class_path(type(self)), max_episode_steps=limit, kwargs=own)
+
+        def make(render_mode: str | None = None, **own: Any) -> gym.Env[Any, Any]:
+            return MjcfTask(type(self)(**own), discretization.dt, count, render_mode)
+
+        path = class_path(type(self))  # by which evidence finds it again
+        task.spec = EnvSpec(path, make, max_episode_steps=limit, kwargs=own)
         stated = {name: arguments.get(name) for name in ("success_return", "solver", *DELAYS)}
         return MjcfEnv(TimeLimit(task, limit), discretization.integrator, **stated)

@@ -38,6 +38,9 @@ class MjcfTask(MujocoEnv):
         render_mode: see Gymnasium's `MujocoEnv`.
     """
 
+    action_space: Any
+    """A `Box`."""
+
     def __init__(
         self, testbed: MjcfTestbed, dt: float, substeps: int, render_mode: str | None = None
     ) -> None:
@@ -57,7 +60,7 @@ class MjcfTask(MujocoEnv):
         """The action and the controls before the first decision: zeros, and the keyframe's."""
         return np.zeros(self.action_space.shape), self.robot.key_ctrl
 
-    def step(self, action: Any) -> tuple[Array, float, bool, bool, dict[str, Any]]:
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         """Advance one control period."""
         testbed, robot, memory, command = self.testbed, self.robot, self.memory, self.command
         space = self.action_space
@@ -76,7 +79,7 @@ class MjcfTask(MujocoEnv):
         fallen = bool(testbed.falls(robot))
         reward = self.period * float(testbed.reward(robot, memory, command))
         if self.render_mode == "human":
-            self.render()
+            self.render()  # type: ignore[no-untyped-call]
         return self._get_obs(), reward, fallen, False, {"command": command.copy()}
 
     def reset_model(self) -> Array:
@@ -156,12 +159,14 @@ class MjcfEnv(RediscretizedEnv):
         }
 
     def _command_bounds(self) -> tuple[Array, Array]:
-        space = self.action_space
+        space: Any = self.action_space
         return space.low.astype(np.float64), space.high.astype(np.float64)
 
     def _take_command(self, control: Array) -> None:
         action = self._inner.memory.last_action
-        self._orders = self._queue.give((action, control))
+        timing, order = self.setup.timing, (action, control)
+        late = timing.latency or timing.drawn
+        self._orders = self._queue.give(order) if late else [(order, timing.substeps)]
         (self._applied, _), _ = self._orders[-1]
         self._saturated = at_bounds(action, self._command_low, self._command_high)
 

@@ -129,7 +129,11 @@ def _describe_actuator(mujoco: Any, model: Any, index: int) -> dict[str, Any]:
     elif fixed and affine and gain and bias == [0.0, 0.0, -gain]:
         told |= {"kind": "velocity", "kv": gain}
     else:
-        told |= {"kind": "general", "gainprm": _floats(own.gainprm), "biasprm": _floats(own.biasprm)}
+        told |= {
+            "kind": "general",
+            "gainprm": _floats(own.gainprm),
+            "biasprm": _floats(own.biasprm),
+        }
     if own.ctrllimited[0]:
         told |= {"ctrlrange": _floats(own.ctrlrange)}
     if own.forcelimited[0]:

@@ -120,8 +120,8 @@ def provenance(
                 f"`{name}` is what the evaluation varies; leave it out of --env-arg, state the "
                 "policy's home with --home and choose cells with --integrator and --dt"
             )
-    told = stated_arguments(stated, env_id)
-    arguments, origin = told, _origin(stated, told)
+    told = stated_arguments(stated, env_id, given)
+    arguments, origin = told, _origin(stated, told, env_id)
     known = "integrator" in told
     if card is not None:
         arguments = card_arguments(card, env_id, own_code)
@@ -213,9 +213,10 @@ def _defaults(env_id: str, arguments: Mapping[str, Any]) -> dict[str, Any]:
     return {name: x for name, x in setup.arguments().items() if name not in _OF_THE_EPISODE}
 
 
-def _origin(stated: Stated, told: Mapping[str, Any]) -> str:
+def _origin(stated: Stated, told: Mapping[str, Any], env_id: str) -> str:
     if stated == STOCK:
-        return "stated: Gymnasium's own environment"
+        own = "its model's file" if ":" in env_id else "Gymnasium's own environment"
+        return f"stated: {own}"
     if "integrator" in told:
         return "stated"
     return f"no side-car says it, and none was stated; {HOW_TO_STATE}"
