@@ -118,8 +118,10 @@ class Memory(SimpleNamespace):
     time: float
 
 
-_OWN = ("duration", "solver")
-"""Arguments of every robot, beside those of every testbed."""
+def model_arguments(arguments: Mapping[str, Any]) -> dict[str, Any]:
+    """Of a robot's arguments, those that its model is made with."""
+    every = ("duration", "solver")
+    return {name: x for name, x in without_stated(arguments).items() if name not in every}
 
 
 class MjcfTestbed(MujocoTestbed):
@@ -217,7 +219,7 @@ class MjcfTestbed(MujocoTestbed):
     @cached_property
     def compiled(self) -> CompiledModel:
         """The model, and its file's hash."""
-        own = {n: x for n, x in without_stated(self.arguments).items() if n not in _OWN}
+        own = model_arguments(self.arguments)
         try:
             signature(self.model).bind(**own)
         except TypeError as error:

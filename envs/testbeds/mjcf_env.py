@@ -121,7 +121,7 @@ class MjcfTask(MujocoEnv):
         view.offheight = max(view.offheight, self.height)
         return self._compiled, MjData(self._compiled)
 
-    def _set_action_space(self) -> spaces.Box:
+    def _set_action_space(self) -> Any:
         own = self.testbed
         size = self.model.nu if own.actions is None else own.actions
         low, high = own.action_bounds

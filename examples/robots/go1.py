@@ -1,4 +1,4 @@
-"""Unitree's Go1 as MuJoCo Playground trains it; its policy is `experimental/sim2sim/onnx/…` there.
+"""Unitree's Go1 as MuJoCo Playground trains it.
 
 ``integ-gym evaluate DIR/policy.onnx --env examples.robots.go1:Go1 --env-arg folder=DIR``
 """

@@ -1,9 +1,11 @@
 """A planar monoped: a torso on one leg with hip, knee and ankle, which hops as fast as commanded.
 
-Its policy beside this file was trained by
+Its policy was trained in 18 minutes of a busy core by
 
-    integ-gym train --env examples.robots.monoped:Monoped --total-steps 1000000 --seed 1 \
-        --out examples/robots/monoped
+    integ-gym train --env examples.robots.monoped:Monoped --total-steps 700000 --n-envs 16 \
+        --n-steps 128 --batch-size 512 --n-epochs 8 --learning-rate 0.0006 \
+        --learning-rate-end 0.00002 --discount-time 2 --net-arch 64 64 --ent-coef 0 \
+        --log-std-init=-2 --seed 2 --out examples/robots/monoped_policy
 """
 
 from pathlib import Path
@@ -26,8 +28,8 @@ class Monoped(MjcfTestbed):
         return Path(__file__).with_suffix(".xml")
 
     def start(self, robot, rng):
-        robot.data.qpos[3:] += rng.uniform(-0.05, 0.05, 3)
-        robot.data.qvel[:] = rng.uniform(-0.1, 0.1, 6)
+        robot.data.qpos[3:] += rng.uniform(-0.1, 0.1, 3)
+        robot.data.qvel[:] = rng.uniform(-0.2, 0.2, 6)
 
     def observe(self, robot, memory, command):
         angles = robot.joint_angles - robot.home_angles

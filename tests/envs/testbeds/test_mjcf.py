@@ -254,6 +254,24 @@ def test_a_record_comes_out_to_the_last_bit(different, tmp_path):
     assert replay([(file, record)], exact=True, own_code=True).settle().findings
 
 
+@pytest.mark.slow
+def test_the_monoped_hops_at_home_and_is_judged_elsewhere(tmp_path):
+    panel = integ_gym.evaluate(
+        ROOT / "examples" / "robots" / "monoped_policy" / "policy.safetensors", MONOPED, tmp_path,
+        integrators=["Euler", "implicitfast"], dts=[0.004], episodes=10,
+        varied={"solver": [{"iterations": 1}, {"iterations": 100}]}, at=["home"], workers=1,
+        progress=False, on_doubt=lambda doubt: None,
+    )  # fmt: skip
+    assert {cell.integrator for cell in panel.cells} == {"Euler", "implicitfast"}
+    records = [one.fields for _, one in EvidenceStore(tmp_path / "evidence").named_records()]
+    at_home = [one["success"] for one in records if one["policy_id"].startswith("ppo")
+               and one["cell"] == "mujoco Euler dt=0.004"]  # fmt: skip
+    assert len(at_home) == 10
+    assert np.mean(at_home) >= 0.5
+    idle = [one["success"] for one in records if one["policy_id"] == "zero"]
+    assert not any(idle)
+
+
 ROBOTS = {
     "go1": ("Go1", 48, None), "g1": ("G1", 103, 1.5), "t1": ("T1", 85, 1.5),
     "berkeley_humanoid": ("BerkeleyHumanoid", 52, 1.5), "apollo": ("Apollo", 112, 1.5833333333),
