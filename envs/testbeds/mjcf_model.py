@@ -6,6 +6,7 @@ import hashlib
 import os
 import warnings
 from collections.abc import Iterable
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -38,16 +39,29 @@ def compile_model(source: Any) -> CompiledModel:
         ValueError: for a model that cannot be compiled, or whose missing mesh counts, by its name.
     """
     check_versions("mujoco")
-    mujoco = load("mujoco", "mujoco")
-    is_path = isinstance(source, str | os.PathLike)
-    if is_path and not Path(source).is_file():
+    if not isinstance(source, str | os.PathLike):
+        return _compile(source)
+    if not Path(source).is_file():
         raise InputError(f"there is no model file {os.fspath(source)}; give its path")
-    title = os.fspath(source) if is_path else "the MjSpec"
+    return _compile_file(os.fspath(source), Path(source).stat().st_mtime_ns)
+
+
+@lru_cache(maxsize=8)
+def _compile_file(path: str, modified: int) -> CompiledModel:
+    """A file's model, compiled and warned of once in a process while the file stays."""
+    return _compile(path)
+
+
+def _compile(source: Any) -> CompiledModel:
+    mujoco = load("mujoco", "mujoco")
+    is_path = isinstance(source, str)
+    title = source if is_path else "the MjSpec"
     try:
         if is_path and not hasattr(mujoco, "MjSpec"):  # as before MuJoCo 3.2
-            return CompiledModel(mujoco.MjModel.from_xml_path(os.fspath(source)), None)
-        spec = mujoco.MjSpec.from_file(os.fspath(source)) if is_path else source.copy()
-        left_out = _leave_out_missing(spec, _folder_of(source, spec))
+            return CompiledModel(mujoco.MjModel.from_xml_path(source), None)
+        spec = mujoco.MjSpec.from_file(source) if is_path else source.copy()
+        folder = Path(source).parent if is_path else Path(spec.modelfiledir)
+        left_out = _leave_out_missing(spec, folder)
         model = spec.compile()
     except InputError:
         raise
@@ -58,13 +72,9 @@ def compile_model(source: Any) -> CompiledModel:
         warnings.warn(
             f"{title}: {len(left_out)} files of meshes and textures that only show are missing "
             f"and left out, which changes no motion: {', '.join(left_out[:3])}{more}",
-            stacklevel=2,
+            stacklevel=4,
         )
     return CompiledModel(model, hashlib.sha256(spec.to_xml().encode()).hexdigest())
-
-
-def _folder_of(source: Any, spec: Any) -> Path:
-    return Path(source).parent if isinstance(source, str | os.PathLike) else Path(spec.modelfiledir)
 
 
 def _leave_out_missing(spec: Any, folder: Path) -> list[str]:

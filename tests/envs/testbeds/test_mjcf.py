@@ -12,6 +12,7 @@ from engine_cases import needs
 from gymnasium.utils.env_checker import check_env
 from house import ROOT
 
+import integ_gym
 from integ_gym import Discretization, IntegGymError, MjcfTestbed
 from integ_gym.envs.testbeds.making import find_testbed, make_checked
 from integ_gym.evidence.labels import EpisodeContext
