@@ -15,12 +15,9 @@ import onnxruntime
 from integ_gym import Discretization
 from integ_gym.envs.testbeds.making import find_testbed
 
-KEYS = {"g1": "knees_bent", "apollo": "knees_bent"}
-SCENE = "scene_mjx_feetonly_flat_terrain.xml"
-
 
 def load_model(path):
-    spec = mujoco.MjSpec.from_file(path)
+    spec = mujoco.MjSpec.from_file(str(path))
     for geom in [one for one in spec.geoms if one.type == mujoco.mjtGeom.mjGEOM_MESH]:
         spec.delete(geom)
     for mesh in list(spec.meshes):
@@ -30,7 +27,10 @@ def load_model(path):
 
 def plain_episode(name, model, session, qpos, qvel, command):
     """Control instants' states, and whether it has not fallen."""
-    data, key = mujoco.MjData(model), model.key(KEYS.get(name, "home"))
+    data, key = (
+        mujoco.MjData(model),
+        model.key("knees_bent" if name in ("g1", "apollo") else "home"),
+    )
     data.qpos[:], data.qvel[:], data.ctrl[:] = qpos, qvel, key.ctrl
     suffix, site = ("_pelvis", "imu_in_pelvis") if name == "g1" else ("", "imu")
     rate = 1.25 + 0.5 * min(np.linalg.norm(command), 1.5) / 1.5 if name == "apollo" else 1.5
@@ -65,7 +65,7 @@ def main():
     name = given.robot.partition(":")[0]
     session = onnxruntime.InferenceSession(f"{given.folder}/policy.onnx")
     testbed = find_testbed(f"examples.robots.{given.robot}", {"folder": given.folder})
-    own, home = load_model(f"{given.folder}/{SCENE}"), testbed.home
+    own, home = load_model(testbed.model(given.folder)), testbed.home
     filed = home.integrator, own.opt.iterations
     others = [(one, count) for one in ("Euler", "implicitfast") for count in (1, 100)]
     for integrator, iterations in [filed, *others]:

@@ -39,9 +39,8 @@ examples:
       --integrator Euler --integrator implicitfast --integrator RK4 --dt 0.002 --dt 0.001
   integ-gym evaluate policy.zip --env IntegPendulum-v0 --out runs/mine --at home \\
       --vary control_period=0.05,0.1 --vary action_latency=0,0.05 --fail-if "loss > 0.1"
-  integ-gym evaluate go1/policy.onnx --env examples.robots.go1:Go1 --env-arg folder=go1 \
-      --home stock --integrator Euler --integrator implicitfast \
-      --vary solver.iterations=1,100 --out runs/go1
+  integ-gym evaluate go1/policy.onnx --env examples.robots.go1:Go1 --env-arg folder=go1 \\
+      --home stock --vary solver.iterations=1,100 --out runs/go1
   integ-gym evaluate --policy my_module:my_function --env IntegPendulum-v0 --out runs/mine
 
 The policy's home is what its side-car POLICY.json says or what --home states, and is unknown

@@ -25,7 +25,8 @@ PAGE = (ROOT / "docs" / "how-to" / "testbeds.md").read_text(encoding="utf-8")
 @pytest.fixture
 def acrobot(tmp_path, monkeypatch):
     """The page's testbed, by its reference."""
-    ((name, block),) = re.findall(r"^```python\n# (\w+)\.py\n(.*?)^```", PAGE, re.M | re.S)
+    name = "my_testbed"
+    (block,) = re.findall(rf"^```python\n# {name}\.py\n(.*?)^```", PAGE, re.M | re.S)
     (tmp_path / f"{name}.py").write_text(block, encoding="utf-8")
     monkeypatch.syspath_prepend(tmp_path)
     yield f"{name}:Acrobot"

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from engine_cases import needs
 from gymnasium.utils.env_checker import check_env
-from house import ROOT
+from house import ROOT, page_blocks
 
 import integ_gym
 from integ_gym import Discretization, IntegGymError, MjcfTestbed
@@ -19,6 +19,7 @@ from integ_gym.evidence.labels import EpisodeContext
 from integ_gym.evidence.replaying import replay
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.evidence.vector_recorder import RecordVectorEvidence
+from integ_gym.train.policy_files.sidecar import stated_arguments
 
 MONOPED = "examples.robots.monoped:Monoped"
 MODEL = """
@@ -253,6 +254,25 @@ def test_a_record_comes_out_to_the_last_bit(different, tmp_path):
     assert replay([(file, record)]).settle().skipped
     record.trace["reward"] = record.trace["reward"] + 1e-9
     assert replay([(file, record)], exact=True, own_code=True).settle().findings
+
+
+def test_the_example_of_the_page_takes_a_file(tmp_path, monkeypatch):
+    (block,) = [one for one in page_blocks("docs/how-to/testbeds.md", "python") if "Mjcf" in one]
+    (tmp_path / "my_robot.py").write_text(block, encoding="utf-8")
+    (tmp_path / "scene.xml").write_text(
+        MODEL.format(contact=HIDDEN, inertial=HEAVY), encoding="utf-8"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    testbed = find_testbed("my_robot:Walker", {"folder": str(tmp_path)})
+    with pytest.warns(UserWarning, match="shell"):
+        env = testbed.environment()
+    observation, info = env.reset(seed=0)
+    assert observation.shape == (3 + 3 + 3 * 3 + 1,)
+    assert 0.0 <= info["command"][0] <= 1.0
+    assert env.step(np.zeros(3, np.float32))[2] is False
+    assert testbed.success.goal == "no fall within `duration` (the trunk tips by more than 60°)"
+    arguments = stated_arguments("stock", "my_robot:Walker", {"folder": str(tmp_path)})
+    assert arguments == testbed.home.arguments()
 
 
 @pytest.mark.slow
