@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import ceil, nan
 from typing import Any, Final, Literal, cast
 
@@ -219,6 +219,8 @@ class StatedEngine:
     """Whether the ledger knows every loss where no constraint acts."""
     solver_tolerance: float | None = None
     solver_cap: int | None = None
+    model: Mapping[str, Any] = field(default_factory=dict)
+    """What is told of the model, as plain data."""
 
     @property
     def version(self) -> str:
@@ -236,7 +238,7 @@ class StatedEngine:
         width = {} if self.width is None else {"width": self.width}
         rewards = {} if self.rewards is None else {"rewards": self.rewards}
         stretch = {} if self.stretch == 1.0 else {"reward_factor": self.stretch}
-        return {**width, "losses_accounted": self.accounted, **rewards, **stretch}
+        return {**width, "losses_accounted": self.accounted, **rewards, **stretch, **self.model}
 
 
 def _rewards(env: gym.Env[Any, Any]) -> str | None:

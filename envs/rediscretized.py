@@ -262,17 +262,20 @@ class Ledger:
             work += float(data.qfrc_actuator @ moved)
             lost += float((self._damping * data.qvel) @ moved)
             if data.nefc:
-                iterations = max(iterations, int(data.solver_niter.max()))
-                violation = max(violation, -float(data.efc_pos.min()))
+                iterations = max(iterations, int(np.maximum.reduce(data.solver_niter)))
+                violation = max(violation, -float(np.minimum.reduce(data.efc_pos)))
             if data.ncon:
-                depth = max(depth, -float(data.contact.dist.min()))
+                depth = max(depth, -float(np.minimum.reduce(data.contact.dist)))
         lost = lost if self.accounted else nan
         return Booked(work, lost, constrained, iterations, depth, violation)
 
     def is_lost(self, data: Any) -> bool:
         """Whether the motion has diverged, or MuJoCo reset it, which before 3.2 it always does."""
-        finite = np.isfinite(data.qpos).all() and (np.abs(data.qvel) <= FASTEST).all()
-        return was_reset(self._mujoco, data) or not finite
+        q, v = data.qpos, data.qvel
+        sound = v @ v <= FASTEST**2 and math.isfinite(np.add.reduce(q))
+        if not sound:  # a sum may overflow, and many components exceed what each may have
+            sound = np.isfinite(q).all() and (np.abs(v) <= FASTEST).all()
+        return not sound or was_reset(self._mujoco, data)
 
     def put_back(self, booked: Booked) -> Booked:
         """What is booked of a control period whose motion was taken back."""
@@ -412,7 +415,7 @@ class RediscretizedEnv(ForeignWrapper):
             integrator, dt, control_period, action_latency, observation_latency, latency_jitter,
             hold_probability, success_return,
         )  # fmt: skip
-        self._goal = ReturnGoal(return_of_success(success_return, env.spec))
+        self._goal = self._make_goal(return_of_success(success_return, env.spec))
         self._model, self._data = self._inner.model, self._inner.data
         write_solver(self._mujoco, self._model, solver or {})
         self._stretch = self._change_period(choice.control_period)
@@ -426,8 +429,8 @@ class RediscretizedEnv(ForeignWrapper):
         self._ledger = Ledger(self._mujoco, self._model, self.setup.settings.integrator)
         self._inner.do_simulation = self._simulate
         timing = self.setup.timing
-        self._none = np.zeros(self._model.nu)
-        self._queue = CommandQueue(timing, self._none)
+        self._none = np.zeros(len(self._command_low))
+        self._queue = CommandQueue(timing, self._idle_command())
         self._seen_late = any(timing.sight)
         if timing.latency or timing.drawn or self._seen_late:
             self._delay()
@@ -520,6 +523,22 @@ class RediscretizedEnv(ForeignWrapper):
         known = self._info(residual, valid and self._saturated, not valid, success)
         return observation, reward, bool(terminated), bool(truncated), {**info, **known}
 
+    def _make_goal(self, success_return: float | None) -> ReturnGoal:
+        """What a success is."""
+        return ReturnGoal(success_return)
+
+    def _idle_command(self) -> Any:
+        """What acts until the first command arrives."""
+        return self._none
+
+    def _describe_model(self) -> Mapping[str, Any]:
+        """What evidence tells of the model; nothing of Gymnasium's, which its id tells."""
+        return {}
+
+    def _describe_plant(self) -> ForeignPlant:
+        """Names and units of state and commands."""
+        return plant_of(self._mujoco, self._model, type(self._inner).__name__)
+
     def _command_bounds(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
         """Bounds of an action: the actuators', or those that a wrapper has put in their place.
 
@@ -584,8 +603,7 @@ class RediscretizedEnv(ForeignWrapper):
             raise InputError(f"an action must have shape ({self._model.nu},), got {control.shape}")
         data, model = self._data, self._model
         q, v = data.qpos.copy(), data.qvel.copy()
-        self._applied = np.clip(control, self._low, self._high)
-        self._saturated = at_bounds(control, self._low, self._high)
+        self._take_command(control)
         self._silence()
         with self._timed(timing.dt, timing.substeps):
             self._booked = self._advance(control)
@@ -594,7 +612,16 @@ class RediscretizedEnv(ForeignWrapper):
                 data.qpos[:], data.qvel[:] = q, v
                 self._mujoco.mj_forward(model, data)
                 self._booked = self._ledger.put_back(self._booked)
-            self._mujoco.mj_rnePostConstraint(model, data)
+            self._finish_period()
+
+    def _take_command(self, control: Array) -> None:
+        """Note what the task made of an action."""
+        self._applied = np.clip(control, self._low, self._high)
+        self._saturated = at_bounds(control, self._low, self._high)
+
+    def _finish_period(self) -> None:
+        """Compute what a task may read at the end of a control period."""
+        self._mujoco.mj_rnePostConstraint(self._model, self._data)
 
     def _advance(self, control: Array) -> Booked:
         """One control period under the commands that act in it.
@@ -645,14 +672,18 @@ class RediscretizedEnv(ForeignWrapper):
         step, whole = self._inner.step, not self.setup.timing.sight[1]
 
         def step_late(action: Any) -> tuple[Any, ...]:
-            self._acting = self._queue.give(action)
-            observation, *rest = step(self._acting[-1][0])
+            observation, *rest = step(self._order(action))
             if self._seen_late:
                 newest = observation if whole else self._sample
                 *self._samples, observation = (newest, *self._samples)
             return (observation, *rest)
 
         self._inner.step = step_late
+
+    def _order(self, action: Any) -> Any:
+        """Send a command; the action that the task is told."""
+        self._acting = self._queue.give(action)
+        return self._acting[-1][0]
 
     def _info(
         self, residual: float, saturated: bool, fell_back: bool, success: bool
@@ -719,12 +750,12 @@ class RediscretizedEnv(ForeignWrapper):
                 solver=read_solver(mujoco, model), **delays,
             ),
             timing=timing,
-            plant=plant_of(mujoco, model, type(inner).__name__),
+            plant=self._describe_plant(),
             task=ForeignTask(self._goal.words, names, ("",) * size),
             engine=StatedEngine(
                 "mujoco", 64, True, accounted=Ledger(mujoco, model, chosen).accounted,
                 solver_tolerance=float(model.opt.tolerance), solver_cap=int(model.opt.iterations),
-                stretch=self._stretch,
+                stretch=self._stretch, model=self._describe_model(),
             ),
             action_space=self.action_space,
             environment=tuple(sorted(environment.items())),

@@ -17,10 +17,11 @@ import numpy.typing as npt
 
 from integ_gym.envs.environment import is_integ_environment
 from integ_gym.envs.foreign import ForeignSetup
-from integ_gym.envs.registries import ENVIRONMENTS
+from integ_gym.envs.registries import ENVIRONMENTS, TESTBEDS
 from integ_gym.envs.settings import DISCRETIZATION, DRAWN, NATIVE, Discretization
 from integ_gym.envs.testbeds.gym_testbed import ClassicControl, class_path
 from integ_gym.envs.testbeds.making import MujocoTestbed, find_testbed, make_checked
+from integ_gym.envs.testbeds.mjcf import MjcfTestbed
 from integ_gym.support.interpreters import (
     PACKAGES,
     InterpreterError,
@@ -331,7 +332,13 @@ _SEEDED = tuple(class_path(kind) for kind in (MujocoTestbed, ClassicControl))
 def _is_seeded(record: EvidenceRecord) -> bool:
     """Whether a testbed made it whose environments can be made and started again."""
     described = parse_field("engine_description", record.fields["engine_description"])
-    return described.get("testbed") in _SEEDED
+    made_by, env_id = described.get("testbed"), record.fields["env_id"]
+    return made_by in _SEEDED or (made_by == env_id and _is_of_model(env_id))
+
+
+def _is_of_model(env_id: str) -> bool:
+    """Whether it is a testbed of a model of MuJoCo's; its code is loaded."""
+    return issubclass(TESTBEDS.load(env_id), MjcfTestbed)
 
 
 def _has_lost_actions(record: EvidenceRecord) -> bool:
@@ -416,6 +423,8 @@ def _make_env(records: Sequence[EvidenceRecord]) -> Any:
     env_id, arguments = records[0].fields["env_id"], records[0].arguments()
     if not is_integ_environment(env_id):
         place = Discretization(**{name: arguments.pop(name) for name in DISCRETIZATION})
+        if ":" in env_id and _is_of_model(env_id):
+            return make_checked(find_testbed(env_id, arguments), place, len(records))
         duration, home = arguments.pop("duration"), find_testbed(env_id, arguments).home
         limit = round(duration / home.control_period)
         if limit != gym.spec(env_id).max_episode_steps:  # which Gymnasium keeps out of its kwargs

@@ -38,6 +38,7 @@ _MODULES = {
     "IntegEnv": "integ_gym.envs.environment",
     "Integrator": "integ_gym.envs.integrators.interface",
     "IntegVectorEnv": "integ_gym.envs.vector",
+    "MjcfTestbed": "integ_gym.envs.testbeds.mjcf",
     "nonnegative": "integ_gym.support.parameters",
     "parameter": "integ_gym.support.parameters",
     "Plant": "integ_gym.envs.plants.interface",

@@ -16,6 +16,7 @@ from integ_gym.envs.testbeds.gym_testbed import Applied as Applied
 from integ_gym.envs.testbeds.gym_testbed import GymTestbed as GymTestbed
 from integ_gym.envs.testbeds.gym_testbed import Success as Success
 from integ_gym.envs.testbeds.gym_testbed import Testbed as Testbed
+from integ_gym.envs.testbeds.mjcf import MjcfTestbed as MjcfTestbed
 from integ_gym.envs.vector import IntegVectorEnv as IntegVectorEnv
 from integ_gym.eval.contract import compare_contracts as compare_contracts
 from integ_gym.eval.loss_check import check as check

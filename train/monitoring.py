@@ -81,7 +81,7 @@ def comparison_cells(
     Raises:
         TypeError, ValueError: see :func:`discretization_gap`.
     """
-    arguments = stated_arguments(home, env_id)
+    arguments = stated_arguments(home, env_id, environment)
     if "integrator" not in arguments:
         raise InputError("the gap is measured from a home; give home='integrator=…,dt=…'")
     varied = [name for name in environment if name in DISCRETIZATION]
@@ -93,7 +93,7 @@ def comparison_cells(
     own = {name: x for name, x in arguments.items() if name not in DISCRETIZATION}
     testbed = find_testbed(env_id, {**own, **environment})
     at_home = _discretization(arguments)
-    chosen = [_discretization_beside(stated, at_home, env_id) for stated in others]
+    chosen = [_discretization_beside(stated, at_home, env_id, environment) for stated in others]
     if not chosen:
         truth = testbed.truth(at_home.control_period)
         chosen = [] if truth is None else [truth]
@@ -109,9 +109,11 @@ def _discretization(arguments: Mapping[str, Any]) -> Discretization:
     return Discretization(**{name: arguments[name] for name in DISCRETIZATION})
 
 
-def _discretization_beside(stated: Stated, home: Discretization, env_id: str) -> Discretization:
+def _discretization_beside(
+    stated: Stated, home: Discretization, env_id: str, environment: Mapping[str, Any]
+) -> Discretization:
     """Another discretization, which has home's control period."""
-    arguments = stated_arguments(stated, env_id)
+    arguments = stated_arguments(stated, env_id, environment)
     if "integrator" not in arguments:
         raise InputError(
             f"`others` names discretizations, got {stated!r}; give 'integrator=…,dt=…'"

@@ -60,7 +60,8 @@ API = {
         "What plants, integrators, tasks, engines and testbeds of your own are made of.",
         (
             "Plant", "parameter", "positive", "nonnegative", "Integrator", "Step", "along", "Task",
-            "Command", "Engine", "Testbed", "GymTestbed", "Applied", "Success", "Boundaries",
+            "Command", "Engine", "Testbed", "GymTestbed", "MjcfTestbed", "Applied", "Success",
+            "Boundaries",
         ),
     ),
     "numerics": (

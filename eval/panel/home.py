@@ -10,6 +10,7 @@ from typing import Any
 from integ_gym.envs.lanes import DiscretizedVectorEnv
 from integ_gym.envs.settings import DISCRETIZATION, Discretization, Mixture
 from integ_gym.envs.testbeds.making import find_testbed, make_training_environments
+from integ_gym.envs.testbeds.mjcf import model_arguments
 from integ_gym.support.errors import InputError
 from integ_gym.support.parameters import texts_of
 from integ_gym.train.policy_files.card import HASH_KEY
@@ -120,7 +121,7 @@ def provenance(
                 f"`{name}` is what the evaluation varies; leave it out of --env-arg, state the "
                 "policy's home with --home and choose cells with --integrator and --dt"
             )
-    told = stated_arguments(stated, env_id)
+    told = stated_arguments(stated, env_id, given)
     arguments, origin = told, _origin(stated, told)
     known = "integrator" in told
     if card is not None:
@@ -148,7 +149,8 @@ def provenance(
     trained_with = {name: x for name, x in arguments.items() if name not in VARIED}
     told_of = trained_with
     if (card is not None or stated == STOCK) and set(given) - {*trained_with, *_OF_THE_EPISODE}:
-        told_of = _defaults(env_id, arguments) | trained_with
+        without = model_arguments(given) if ":" in env_id else {}
+        told_of = _defaults(env_id, {**without, **arguments}) | trained_with
     overridden = {n: x for n, x in told_of.items() if n in given and given[n] != x}
     environment = {**trained_with, **given}
     return Provenance(home, period, environment, origin, trained_with, overridden), environments

@@ -39,13 +39,15 @@ examples:
       --integrator Euler --integrator implicitfast --integrator RK4 --dt 0.002 --dt 0.001
   integ-gym evaluate policy.zip --env IntegPendulum-v0 --out runs/mine --at home \\
       --vary control_period=0.05,0.1 --vary action_latency=0,0.05 --fail-if "loss > 0.1"
+  integ-gym evaluate go1/policy.onnx --env examples.robots.go1:Go1 --env-arg folder=go1 \\
+      --home stock --vary solver.iterations=1,100 --out runs/go1
   integ-gym evaluate --policy my_module:my_function --env IntegPendulum-v0 --out runs/mine
 
 The policy's home is what its side-car POLICY.json says or what --home states, and is unknown
 without either: nothing is then compared with home. `--home stock` is the environment as its
-library makes it: Gymnasium's own, or a task of MuJoCo, dm_control, Brax, … as it is. A policy is
-judged at its home's control period; `--home control_period=S` states that alone. A function takes
-one observation and gives one action.
+library makes it: Gymnasium's own, a task of MuJoCo, dm_control, Brax, … as it is, a robot's file.
+A policy is judged at its home's control period; `--home control_period=S` states that alone. A
+function takes one observation and gives one action.
 """
 
 SHOWN = 3

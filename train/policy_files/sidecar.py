@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 
 from integ_gym.envs.environment import is_integ_environment
 from integ_gym.envs.settings import DISCRETIZATION, Discretization
+from integ_gym.envs.testbeds.gym_testbed import Testbed
 from integ_gym.envs.testbeds.making import find_testbed
 from integ_gym.support.errors import InputError
 from integ_gym.support.files import read_json, read_object, replace_file
@@ -56,21 +58,32 @@ Stated: TypeAlias = str | Mapping[str, Any] | Discretization | None
 HOW_TO_STATE = "state it with --home integrator=…,dt=…,control_period=… or --home stock"
 
 
-def stated_arguments(stated: Stated, env_id: str) -> dict[str, Any]:
+def stated_arguments(
+    stated: Stated, env_id: str, environment: Mapping[str, Any] = MappingProxyType({})
+) -> dict[str, Any]:
     """A stated home as constructor arguments of the training environment.
+
+    Args:
+        stated: the home.
+        env_id: environment.
+        environment: other arguments, without which a testbed of somebody's own may have no home.
 
     Raises:
         ValueError: for what is no home, in one sentence.
     """
     if stated is None or stated == UNKNOWN:
         return {}
+
+    def testbed() -> Testbed:
+        return find_testbed(env_id, environment if ":" in env_id else {})
+
     if stated == STOCK:
         if is_integ_environment(env_id) and env_id not in STOCK_ARGUMENTS:
             raise InputError(
                 f"{env_id} is no environment of Gymnasium's, so --home stock says nothing; give "
                 "--home integrator=…,dt=…,control_period=…"
             )
-        return {**find_testbed(env_id, {}).home.arguments(), **STOCK_ARGUMENTS.get(env_id, {})}
+        return {**testbed().home.arguments(), **STOCK_ARGUMENTS.get(env_id, {})}
     parts = _parts(stated)
     for name in parts:
         if name not in DISCRETIZATION:
@@ -83,10 +96,9 @@ def stated_arguments(stated: Stated, env_id: str) -> dict[str, Any]:
             f"the home lacks `{lacking[0]}`; give --home integrator=…,dt=…,control_period=…, or "
             "control_period=… alone where no more is known"
         )
-    testbed = find_testbed(env_id, {})
-    fixed = testbed.control_period
+    fixed = testbed().control_period
     period = parts["dt"] if fixed is None else fixed
-    return {"engine": testbed.home.engine, "control_period": period, **parts}
+    return {"engine": testbed().home.engine, "control_period": period, **parts}
 
 
 def _parts(stated: str | Mapping[str, Any] | Discretization) -> dict[str, Any]:

@@ -267,7 +267,7 @@ def _training(env_id: str, home: Stated, environment: Mapping[str, Any] | None) 
             raise InputError(
                 f"`{name}` is a part of the home; say it in `home`, not in `environment`"
             )
-    arguments = stated_arguments(home, env_id)
+    arguments = stated_arguments(home, env_id, environment or {})
     stated = {name: arguments[name] for name in DISCRETIZATION if name in arguments}
     return {
         "home": stated if "integrator" in stated else None,

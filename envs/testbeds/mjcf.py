@@ -1,0 +1,289 @@
+"""Testbeds of one's own robots: a model of MuJoCo's, and what a policy sees and does."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cached_property
+from inspect import signature
+from math import ceil
+from types import SimpleNamespace
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import numpy.typing as npt
+from gymnasium.envs.registration import EnvSpec
+from gymnasium.wrappers import TimeLimit
+
+from integ_gym.support.errors import InputError
+from integ_gym.support.optional import load
+from integ_gym.support.parameters import unknown_name
+
+from ..rediscretized import RediscretizedEnv, integrator_of
+from ..settings import DELAYS, TOLERANCE, Discretization
+from .gym_testbed import Success, class_path, split_period, without_stated
+from .making import ENGINE, MujocoTestbed
+from .mjcf_model import CompiledModel, compile_model
+
+Array = npt.NDArray[Any]
+
+
+class Robot:
+    """A compiled model and its state, by the names of its file.
+
+    Attributes:
+        model: MuJoCo's `MjModel`.
+        data: its `MjData`; sensors and sites are those of the state.
+        key_qpos: joint positions of the keyframe, shape (nq,).
+        key_ctrl: its controls, shape (nu,).
+    """
+
+    def __init__(self, model: Any, data: Any, keyframe: str | None) -> None:
+        self.model, self.data = model, data
+        mujoco = load("mujoco", "mujoco")
+        names = [model.key(index).name for index in range(model.nkey)]
+        if keyframe is not None and keyframe not in names:
+            raise InputError(unknown_name("keyframe of the model", keyframe, names))
+        self._key = None if keyframe is None else names.index(keyframe)
+        on_joint = model.actuator_trntype == int(mujoco.mjtTrn.mjTRN_JOINT)
+        driven = np.unique(model.actuator_trnid[on_joint, 0])
+        self._positions, self._velocities = model.jnt_qposadr[driven], model.jnt_dofadr[driven]
+        ends = model.sensor_adr + model.sensor_dim
+        self._sensors = {
+            model.sensor(index).name: slice(int(model.sensor_adr[index]), int(ends[index]))
+            for index in range(model.nsensor)
+        }
+        self._sites = {model.site(index).name: index for index in range(model.nsite)}
+        self.to_keyframe()
+        self.key_qpos, self.key_ctrl = data.qpos.copy(), data.ctrl.copy()
+
+    def to_keyframe(self) -> None:
+        """Put it into its keyframe; without one, into the model's reference pose."""
+        mujoco = load("mujoco", "mujoco")
+        if self._key is None:
+            mujoco.mj_resetData(self.model, self.data)
+        else:
+            mujoco.mj_resetDataKeyframe(self.model, self.data, self._key)
+
+    @property
+    def joint_angles(self) -> Array:
+        """Positions of the joints that have actuators, in the model's order, rad or m."""
+        angles: Array = self.data.qpos[self._positions]
+        return angles
+
+    @property
+    def home_angles(self) -> Array:
+        """The same in the keyframe."""
+        angles: Array = self.key_qpos[self._positions]
+        return angles
+
+    @property
+    def joint_velocities(self) -> Array:
+        """Velocities of these joints, rad/s or m/s."""
+        velocities: Array = self.data.qvel[self._velocities]
+        return velocities
+
+    def sensor(self, name: str) -> Array:
+        """What a sensor reads.
+
+        Raises:
+            ValueError: for a name that the model does not have.
+        """
+        if name not in self._sensors:
+            raise InputError(unknown_name("sensor of the model", name, self._sensors))
+        reading: Array = self.data.sensordata[self._sensors[name]]
+        return reading
+
+    def gravity(self, site: str) -> Array:
+        """Direction of gravity in the frame of a site: (0, 0, -1) where it is upright.
+
+        Raises:
+            ValueError: for a name that the model does not have.
+        """
+        if site not in self._sites:
+            raise InputError(unknown_name("site of the model", site, self._sites))
+        direction: Array = -self.data.site_xmat[self._sites[site], 6:9]
+        return direction
+
+
+class Memory(SimpleNamespace):
+    """What an environment keeps between the decisions of an episode; a robot adds its own.
+
+    Attributes:
+        last_action: of the decision before, zeros at first.
+        time: of the last decision, s.
+    """
+
+    last_action: Array
+    time: float
+
+
+def model_arguments(arguments: Mapping[str, Any]) -> dict[str, Any]:
+    """Of a robot's arguments, those that its model is made with."""
+    every = ("duration", "solver")
+    return {name: x for name, x in without_stated(arguments).items() if name not in every}
+
+
+class MjcfTestbed(MujocoTestbed):
+    """Base of a testbed of one's own robot: a model file, what a policy sees, and what it does.
+
+    The robot's home is what the file says: integrator, timestep, solver, cone and flags. In any
+    other discretization the same model is stepped. :attr:`control_period`, :meth:`model`,
+    :meth:`observe` and :meth:`act` must be given; the rest may be.
+
+    Args:
+        success_return: an episode succeeds if its return reaches this; None: see :attr:`success`.
+        duration: of an episode, s, in place of the class's.
+        solver: settings of MuJoCo's solver in place of the file's.
+        arguments: those of :meth:`model`, JSON-serialisable, and the delays that every testbed
+            takes.
+
+    Attributes:
+        control_period: time between two decisions at home, s.
+        keyframe: name of the pose that episodes start in; None: the model's reference pose.
+        duration: of an episode, s.
+        actions: numbers in an action; None: one for each actuator.
+        action_bounds: least and most of every one of them; what is beyond is clipped and counted.
+        commands: name of each number that an episode is commanded, to its least and most value.
+        fall: what a fall is, in words.
+        achievement: what else a success asks for, in words; see :meth:`achieves`.
+
+    >>> import integ_gym
+    >>> class Balance(integ_gym.MjcfTestbed):
+    ...     control_period = 0.02
+    ...     fall = "the pole tips by more than 0.2 rad"
+    ...
+    ...     def model(self):
+    ...         from gymnasium.envs.mujoco import mujoco_env
+    ...
+    ...         return mujoco_env.expand_model_path("inverted_pendulum.xml")
+    ...
+    ...     def observe(self, robot, memory, command):
+    ...         return [*robot.data.qpos, *robot.data.qvel]
+    ...
+    ...     def act(self, action, robot):
+    ...         return 3.0 * action
+    ...
+    ...     def falls(self, robot):
+    ...         return abs(robot.data.joint("hinge").qpos[0]) > 0.2
+    >>> Balance().home
+    Discretization(integrator='RK4', dt=0.02, control_period=0.02, engine='mujoco')
+    """
+
+    control_period: float
+    keyframe: str | None = None
+    duration: float = 10.0
+    actions: int | None = None
+    action_bounds: tuple[float, float] = (-1.0, 1.0)
+    commands: Mapping[str, tuple[float, float]] = {}
+    fall: str = ""
+    achievement: str = ""
+
+    def __init__(self, **arguments: Any) -> None:
+        super().__init__(type(self).__name__, **arguments)
+
+    def model(self, **arguments: Any) -> Any:
+        """Path of the MJCF file, or a `mujoco.MjSpec`."""
+        raise NotImplementedError(f"{self.title} must define `model`")
+
+    def observe(self, robot: Robot, memory: Memory, command: Array) -> Any:
+        """What a policy sees at a decision, numbers in its order."""
+        raise NotImplementedError(f"{self.title} must define `observe`")
+
+    def act(self, action: Array, robot: Robot) -> Any:
+        """The controls of the actuators that an action means, shape (nu,)."""
+        raise NotImplementedError(f"{self.title} must define `act`")
+
+    def start(self, robot: Robot, rng: np.random.Generator) -> None:
+        """Change the keyframe, in which ``robot`` is, into the start of an episode."""
+
+    def draw_command(self, rng: np.random.Generator) -> Array:
+        """What an episode is commanded, drawn evenly between the bounds of :attr:`commands`."""
+        return np.array([rng.uniform(low, high) for low, high in self.commands.values()])
+
+    def remember(self, memory: Memory, robot: Robot, command: Array) -> None:
+        """Keep something of a decision, of which ``memory.last_action`` is the action."""
+
+    def reward(self, robot: Robot, memory: Memory, command: Array) -> float:
+        """Reward per second at the end of a control period."""
+        return 1.0
+
+    def falls(self, robot: Robot) -> bool:
+        """Whether it has fallen, which ends the episode."""
+        return False
+
+    def achieves(self, robot: Robot, memory: Memory, command: Array) -> bool:
+        """Whether an episode that has lasted without a fall is a success."""
+        return True
+
+    @cached_property
+    def compiled(self) -> CompiledModel:
+        """The model, and its file's hash."""
+        own = model_arguments(self.arguments)
+        try:
+            signature(self.model).bind(**own)
+        except TypeError as error:
+            raise InputError(
+                f"{self.title} is made with the arguments of its `model`"
+                f"{signature(self.model)}: {error}"
+            ) from error
+        return compile_model(self.model(**own))
+
+    @property
+    def home(self) -> Discretization:
+        """Integrator and timestep of the file, and the control period."""
+        model = self.compiled.model
+        if isinstance(getattr(type(self), "control_period", None), property):
+            raise InputError(f"{self.title} must say its `control_period`, s")
+        step = float(model.opt.timestep)
+        return Discretization(integrator_of(model), step, float(self.control_period), ENGINE)
+
+    @property
+    def success(self) -> Success:
+        """No fall for as long as an episode lasts, and what the robot says besides."""
+        return Success(self._setup.task.goal, "success_return")
+
+    def environment(self, render_mode: str | None = None, **arguments: Any) -> RediscretizedEnv:
+        """A Gymnasium environment of the robot at home.
+
+        Args:
+            render_mode: ``"rgb_array"``, ``"human"`` or None.
+            arguments: that differ from the testbed's.
+        """
+        return self.lane(self.home, {**self.arguments, **arguments}, render_mode)
+
+    @cached_property
+    def _setup(self) -> Any:
+        env = self.environment()
+        env.close()
+        return env.setup
+
+    def lane(
+        self,
+        discretization: Discretization,
+        arguments: dict[str, Any],
+        render_mode: str | None = None,
+    ) -> RediscretizedEnv:
+        """The robot in a discretization.
+
+        Raises:
+            ValueError: for an integrator or step that it cannot have.
+        """
+        from .mjcf_env import MjcfEnv, MjcfTask
+
+        own, given = without_stated(arguments), without_stated(self.arguments)
+        if own != given:
+            return type(self)(**arguments).lane(discretization, arguments, render_mode)
+        period, count = split_period(self, discretization)
+        duration = float(arguments.get("duration", self.duration))
+        task: gym.Env[Any, Any] = MjcfTask(self, discretization.dt, count, render_mode)
+        limit = max(1, ceil(duration / period * (1.0 - TOLERANCE)))
+        own.pop("solver", None)
+
+        def make(render_mode: str | None = None, **own: Any) -> gym.Env[Any, Any]:
+            return MjcfTask(type(self)(**own), discretization.dt, count, render_mode)
+
+        path = class_path(type(self))  # by which evidence finds it again
+        task.spec = EnvSpec(path, make, max_episode_steps=limit, kwargs=own)
+        stated = {name: arguments.get(name) for name in ("success_return", "solver", *DELAYS)}
+        return MjcfEnv(TimeLimit(task, limit), discretization.integrator, **stated)

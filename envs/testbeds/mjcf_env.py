@@ -1,0 +1,207 @@
+"""Environments of a robot's model: its task, as Gymnasium's MuJoCo tasks are, and what is stepped.
+
+Imported where one is made: its base class needs MuJoCo.
+"""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+from gymnasium import spaces
+from gymnasium.envs.mujoco import MujocoEnv
+
+from integ_gym.support.errors import InputError
+
+from ..environment import at_bounds
+from ..foreign import ForeignPlant, ReturnGoal
+from ..rediscretized import RediscretizedEnv
+from .mjcf import Memory, Robot
+from .mjcf_model import describe_actuators
+
+if TYPE_CHECKING:
+    from .mjcf import MjcfTestbed
+
+Array = npt.NDArray[Any]
+
+
+class MjcfTask(MujocoEnv):
+    """A robot's task at one timestep and control period.
+
+    Args:
+        testbed: what the robot sees and does.
+        dt: timestep, s.
+        substeps: timesteps in a control period.
+        render_mode: see Gymnasium's `MujocoEnv`.
+    """
+
+    action_space: Any
+    """A `Box`."""
+
+    def __init__(
+        self, testbed: MjcfTestbed, dt: float, substeps: int, render_mode: str | None = None
+    ) -> None:
+        self.testbed, self.period = testbed, dt * substeps
+        self._compiled = copy.copy(testbed.compiled.model)
+        self._compiled.opt.timestep = dt
+        modes = ["human", "rgb_array", "depth_array", "rgbd_tuple"]
+        self.metadata = {"render_modes": modes, "render_fps": round(1.0 / self.period)}
+        super().__init__(".", substeps, None, render_mode)  # a path that is there: none is read
+        self.robot = Robot(self.model, self.data, testbed.keyframe)
+        self._begin(np.random.default_rng(0))
+        size = self._get_obs().shape
+        self.observation_space = spaces.Box(-np.inf, np.inf, size, np.float64)
+
+    @property
+    def idle(self) -> tuple[Array, Array]:
+        """The action and the controls before the first decision: zeros, and the keyframe's."""
+        return np.zeros(self.action_space.shape), self.robot.key_ctrl
+
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+        """Advance one control period."""
+        testbed, robot, memory, command = self.testbed, self.robot, self.memory, self.command
+        space = self.action_space
+        taken = np.clip(np.asarray(action, np.float64), space.low, space.high)
+        control = np.asarray(testbed.act(taken, robot), dtype=np.float64)
+        if control.shape != (self.model.nu,):
+            raise InputError(
+                f"`act` of {testbed.title} must give a control for each of the model's "
+                f"{self.model.nu} actuators, got shape {control.shape}"
+            )
+        memory.last_action = taken
+        testbed.remember(memory, robot, command)
+        self._decisions += 1
+        memory.time = self._decisions * self.period
+        self.do_simulation(control, self.frame_skip)
+        fallen = bool(testbed.falls(robot))
+        reward = self.period * float(testbed.reward(robot, memory, command))
+        if self.render_mode == "human":
+            self.render()  # type: ignore[no-untyped-call]
+        return self._get_obs(), reward, fallen, False, {"command": command.copy()}
+
+    def reset_model(self) -> Array:
+        """Start an episode, all of which is drawn by the environment's seed."""
+        self._begin(self.np_random)
+        return self._get_obs()
+
+    def achieves(self) -> bool:
+        """What the testbed says of an episode that lasts."""
+        return bool(self.testbed.achieves(self.robot, self.memory, self.command))
+
+    def _begin(self, rng: np.random.Generator) -> None:
+        testbed, robot = self.testbed, self.robot
+        robot.to_keyframe()
+        testbed.start(robot, rng)
+        self.command = np.asarray(testbed.draw_command(rng), dtype=np.float64)
+        self.memory = Memory(last_action=np.zeros(self.action_space.shape), time=0.0)
+        self._decisions = 0
+        self._forward()
+
+    def _get_obs(self) -> Array:
+        seen = self.testbed.observe(self.robot, self.memory, self.command)
+        return np.array(seen, dtype=np.float64).ravel()
+
+    def _get_reset_info(self) -> dict[str, Any]:
+        return {"command": self.command.copy()}
+
+    def _forward(self) -> None:
+        """Compute sensors and sites of the state as it is; the next step is as without this."""
+        from mujoco import mj_forward
+
+        mj_forward(self.model, self.data)
+
+    def _initialize_simulation(self) -> tuple[Any, Any]:
+        from mujoco import MjData
+
+        view = self._compiled.vis.global_
+        view.offwidth = max(view.offwidth, self.width)
+        view.offheight = max(view.offheight, self.height)
+        return self._compiled, MjData(self._compiled)
+
+    def _set_action_space(self) -> Any:
+        own = self.testbed
+        size = self.model.nu if own.actions is None else own.actions
+        low, high = own.action_bounds
+        self.action_space = spaces.Box(low, high, (size,), np.float32)
+        return self.action_space
+
+
+class MjcfEnv(RediscretizedEnv):
+    """A robot's environment in a discretization.
+
+    Commands are delayed as the controls that :meth:`MjcfTestbed.act` made of them at their
+    decision. What evidence tells as applied is the action whose controls act.
+    """
+
+    _inner: MjcfTask
+
+    def _make_goal(self, success_return: float | None) -> ReturnGoal:
+        return RobotGoal(success_return, self._inner)
+
+    def _idle_command(self) -> Any:
+        return self._inner.idle
+
+    def _describe_plant(self) -> ForeignPlant:
+        plant, size = super()._describe_plant(), len(self._command_low)
+        names = [name.removesuffix("_control") for name, _ in plant.controls]
+        if size != len(names):
+            names = [f"action{index}" for index in range(size)]
+        controls = tuple((f"{name}_action", "1") for name in names)
+        return replace(plant, name=self._inner.testbed.title, controls=controls)
+
+    def _describe_model(self) -> dict[str, Any]:
+        return {
+            "model_sha256": self._inner.testbed.compiled.sha256,
+            "actuators": describe_actuators(self._mujoco, self._model),
+        }
+
+    def _command_bounds(self) -> tuple[Array, Array]:
+        space: Any = self.action_space
+        return space.low.astype(np.float64), space.high.astype(np.float64)
+
+    def _take_command(self, control: Array) -> None:
+        action = self._inner.memory.last_action
+        timing, order = self.setup.timing, (action, control)
+        late = timing.latency or timing.drawn
+        self._orders = self._queue.give(order) if late else [(order, timing.substeps)]
+        (self._applied, _), _ = self._orders[-1]
+        self._saturated = at_bounds(action, self._command_low, self._command_high)
+
+    def _segments(self, control: Array) -> list[tuple[Array, int]]:
+        return [(acting, steps) for (_, acting), steps in self._orders]
+
+    def _order(self, action: Any) -> Any:
+        return action  # whose controls are delayed
+
+    def _finish_period(self) -> None:
+        self._mujoco.mj_forward(self._model, self._data)
+
+
+class RobotGoal(ReturnGoal):
+    """Success by lasting without a fall and what the robot achieves besides, or by a return.
+
+    Args:
+        wanted: the return that is a success; None: lasting is.
+        task: the robot's.
+    """
+
+    def __init__(self, wanted: float | None, task: MjcfTask) -> None:
+        super().__init__(wanted)
+        self._task = task
+
+    @property
+    def words(self) -> str:
+        """What success is."""
+        if self._wanted is not None:
+            return super().words
+        own = self._task.testbed
+        lasting = f"no fall within `duration` ({own.fall})" if own.fall else super().words
+        return f"{lasting}, and {own.achievement}" if own.achievement else lasting
+
+    def note(self, reward: float, terminated: bool, truncated: bool, time: float) -> bool:
+        """Take in a step that ends at ``time``, s; whether the episode has ended in success."""
+        succeeded = super().note(reward, terminated, truncated, time)
+        return succeeded and (self._wanted is not None or self._task.achieves())

@@ -1,0 +1,156 @@
+"""Models of MuJoCo's files: compiled, without visual meshes that are missing; their actuators."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import warnings
+from collections.abc import Iterable
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from integ_gym.support.errors import InputError, describe_exception
+from integ_gym.support.optional import check_versions, load
+
+
+class CompiledModel(NamedTuple):
+    """A compiled model and the file that it is of.
+
+    Attributes:
+        model: MuJoCo's `MjModel`, which its users copy.
+        sha256: of the model as one file of XML; None under a MuJoCo that cannot write it.
+    """
+
+    model: Any
+    sha256: str | None
+
+
+def compile_model(source: Any) -> CompiledModel:
+    """Compile a model; visual meshes and textures whose files are missing are left out.
+
+    What is left out is warned of in one sentence. It changes no motion: a mesh that collides, or
+    that a body's mass is computed from, is refused.
+
+    Args:
+        source: path of an MJCF or URDF file, or a `mujoco.MjSpec`.
+
+    Raises:
+        ValueError: for a model that cannot be compiled, or whose missing mesh counts, by its name.
+    """
+    check_versions("mujoco")
+    if not isinstance(source, str | os.PathLike):
+        return _compile(source)
+    if not Path(source).is_file():
+        raise InputError(f"there is no model file {os.fspath(source)}; give its path")
+    return _compile_file(os.fspath(source), Path(source).stat().st_mtime_ns)
+
+
+@lru_cache(maxsize=8)
+def _compile_file(path: str, modified: int) -> CompiledModel:
+    """A file's model, compiled and warned of once in a process while the file stays."""
+    return _compile(path)
+
+
+def _compile(source: Any) -> CompiledModel:
+    mujoco = load("mujoco", "mujoco")
+    is_path = isinstance(source, str)
+    title = source if is_path else "the MjSpec"
+    try:
+        if is_path and not hasattr(mujoco, "MjSpec"):  # as before MuJoCo 3.2
+            return CompiledModel(mujoco.MjModel.from_xml_path(source), None)
+        spec = mujoco.MjSpec.from_file(source) if is_path else source.copy()
+        folder = Path(source).parent if is_path else Path(spec.modelfiledir)
+        left_out = _leave_out_missing(spec, folder)
+        model = spec.compile()
+    except InputError:
+        raise
+    except Exception as error:  # MuJoCo's errors are ValueErrors, and others before 3.3
+        raise InputError(f"{title} cannot be compiled: {describe_exception(error)}") from error
+    if left_out:
+        more = f" and {len(left_out) - 3} more" if len(left_out) > 3 else ""
+        warnings.warn(
+            f"{title}: {len(left_out)} files of meshes and textures that only show are missing "
+            f"and left out, which changes no motion: {', '.join(left_out[:3])}{more}",
+            stacklevel=4,
+        )
+    return CompiledModel(model, hashlib.sha256(spec.to_xml().encode()).hexdigest())
+
+
+def _leave_out_missing(spec: Any, folder: Path) -> list[str]:
+    """Delete what only shows and whose file is missing; names of these files."""
+    meshes = {one.name: one for one in spec.meshes if _is_missing(one.file, folder, spec.meshdir)}
+    textures = [one for one in spec.textures if _is_missing(one.file, folder, spec.texturedir)]
+    paired = {name for pair in spec.pairs for name in (pair.geomname1, pair.geomname2)}
+    for geom in [one for one in spec.geoms if one.meshname in meshes]:
+        label, body = f"geom {geom.name!r}" if geom.name else "a geom", geom.parent
+        of = f"{label} of body {body.name!r}"
+        if geom.contype or geom.conaffinity or (geom.name and geom.name in paired):
+            raise InputError(f"{of} collides, and {_file_of(meshes, geom)} is missing; add it")
+        if not body.explicitinertial and body.name != "world":
+            raise InputError(
+                f"the mass of body {body.name!r} is computed from its geoms, and "
+                f"{_file_of(meshes, geom)} is missing; add it, or give the body an <inertial>"
+            )
+        spec.delete(geom)
+    of_textures = {texture.name for texture in textures}
+    for material in spec.materials:
+        kept = ["" if name in of_textures else name for name in material.textures]
+        if kept != list(material.textures):
+            material.textures = kept
+    for asset in (*meshes.values(), *textures):
+        spec.delete(asset)
+    return [Path(asset.file).name for asset in (*meshes.values(), *textures)]
+
+
+def _is_missing(file: str, folder: Path, assets: str) -> bool:
+    return bool(file) and not any((folder / own / file).is_file() for own in (assets, ""))
+
+
+def _file_of(meshes: dict[str, Any], geom: Any) -> str:
+    return f"the mesh {geom.meshname!r} ({Path(meshes[geom.meshname].file).name})"
+
+
+def describe_actuators(mujoco: Any, model: Any) -> list[dict[str, Any]]:
+    """The actuators as the model has them: kind, target, gains and limits.
+
+    `kp` (N/m or N m/rad) and `kv` (N s/m or N m s/rad) are those of servos. Limits are left out
+    where there are none.
+    """
+    return [_describe_actuator(mujoco, model, index) for index in range(model.nu)]
+
+
+def _describe_actuator(mujoco: Any, model: Any, index: int) -> dict[str, Any]:
+    own = model.actuator(index)
+    told: dict[str, Any] = {"name": own.name}
+    if int(own.trntype[0]) == int(mujoco.mjtTrn.mjTRN_JOINT):
+        joint = model.joint(int(own.trnid[0]))
+        told |= {"joint": joint.name}
+        if getattr(model, "jnt_actfrclimited", [False] * model.njnt)[joint.id]:
+            told |= {"joint_force_range": _floats(model.jnt_actfrcrange[joint.id])}
+    gain, bias = float(own.gainprm[0]), _floats(own.biasprm[:3])
+    stateless = int(own.dyntype[0]) == int(mujoco.mjtDyn.mjDYN_NONE)
+    fixed = stateless and int(own.gaintype[0]) == int(mujoco.mjtGain.mjGAIN_FIXED)
+    affine = int(own.biastype[0]) == int(mujoco.mjtBias.mjBIAS_AFFINE)
+    if fixed and int(own.biastype[0]) == int(mujoco.mjtBias.mjBIAS_NONE):
+        told |= {"kind": "motor"}
+    elif fixed and affine and gain and bias[:2] == [0.0, -gain]:
+        told |= {"kind": "position", "kp": gain, "kv": 0.0 - bias[2]}
+    elif fixed and affine and gain and bias == [0.0, 0.0, -gain]:
+        told |= {"kind": "velocity", "kv": gain}
+    else:
+        told |= {
+            "kind": "general",
+            "gainprm": _floats(own.gainprm),
+            "biasprm": _floats(own.biasprm),
+        }
+    if own.ctrllimited[0]:
+        told |= {"ctrlrange": _floats(own.ctrlrange)}
+    if own.forcelimited[0]:
+        told |= {"forcerange": _floats(own.forcerange)}
+    gear = _floats(own.gear)
+    return told if gear == [1.0, 0.0, 0.0, 0.0, 0.0, 0.0] else {**told, "gear": gear}
+
+
+def _floats(values: Iterable[Any]) -> list[float]:
+    return [0.0 + float(x) for x in values]

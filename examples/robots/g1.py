@@ -1,0 +1,13 @@
+"""Unitree's G1 as MuJoCo Playground trains it.
+
+``integ-gym evaluate DIR/policy.onnx --env examples.robots.g1:G1 --env-arg folder=DIR``
+"""
+
+from .humanoid import Humanoid
+
+
+class G1(Humanoid):
+    """29 joints; the inertial unit is in the pelvis."""
+
+    keyframe = "knees_bent"
+    velocimeter, gyro, unit = "local_linvel_pelvis", "gyro_pelvis", "imu_in_pelvis"

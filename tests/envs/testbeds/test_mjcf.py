@@ -1,0 +1,343 @@
+"""Testbeds of robots' models: their episodes are those of a plain loop of MuJoCo's."""
+
+from __future__ import annotations
+
+import importlib
+import warnings
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from engine_cases import needs
+from gymnasium.utils.env_checker import check_env
+from house import ROOT, page_blocks
+
+import integ_gym
+from integ_gym import Discretization, IntegGymError, MjcfTestbed
+from integ_gym.envs.testbeds.making import find_testbed, make_checked
+from integ_gym.evidence.labels import EpisodeContext
+from integ_gym.evidence.replaying import replay
+from integ_gym.evidence.store import EvidenceStore
+from integ_gym.evidence.vector_recorder import RecordVectorEvidence
+from integ_gym.train.policy_files.sidecar import stated_arguments
+
+MONOPED = "examples.robots.monoped:Monoped"
+MODEL = """
+<mujoco>
+  <option timestep="0.005" integrator="implicitfast" iterations="7" cone="elliptic"/>
+  <asset><mesh name="shell" file="shell.stl"/></asset>
+  <worldbody>
+    <geom name="floor" type="plane" size="0 0 1"/>
+    <body name="trunk" pos="0 0 0.5">
+      <freejoint/>
+      {inertial}
+      <geom type="box" size="0.1 0.1 0.1"/>
+      <geom name="shell" type="mesh" mesh="shell" {contact}/>
+      <site name="imu"/>
+      <body>
+        <joint name="a" axis="1 0 0" range="-1 1"/><joint name="b" axis="0 1 0"/>
+        <joint name="c"/>
+        <geom type="capsule" fromto="0 0 0 0 0 -0.3" size="0.03"/>
+      </body>
+    </body>
+  </worldbody>
+  <actuator>
+    <position name="p" joint="a" kp="20" kv="2" ctrlrange="-1 1" forcerange="-5 5"/>
+    <velocity name="v" joint="b" kv="3"/>
+    <motor name="m" joint="c" gear="4"/>
+  </actuator>
+  <sensor><gyro name="gyro" site="imu"/><velocimeter name="local_linvel" site="imu"/></sensor>
+  <keyframe><key name="home" qpos="0 0 0.5 1 0 0 0 0.1 0 0" ctrl="0.1 0 0"/></keyframe>
+</mujoco>
+"""
+HIDDEN = 'contype="0" conaffinity="0"'
+HEAVY = '<inertial pos="0 0 0" mass="3" diaginertia="0.1 0.1 0.1"/>'
+
+
+@pytest.fixture(autouse=True)
+def _mujoco(tmp_path, monkeypatch):
+    needs("mujoco")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(ROOT))
+
+
+class Stub(MjcfTestbed):
+    """A robot that may lack what its arguments say."""
+
+    control_period = 0.02
+    keyframe = "home"
+
+    def model(self, contact=HIDDEN, inertial=HEAVY):
+        from mujoco import MjSpec
+
+        return MjSpec.from_string(MODEL.format(contact=contact, inertial=inertial))
+
+    def observe(self, robot, memory, command):
+        return robot.sensor("gyro")
+
+    def act(self, action, robot):
+        return action
+
+
+def plain_states(model, start, decide, integrator, dt, periods, late=0, seen_late=0, **options):
+    """States at the decisions of an episode, and what is decided about them late.
+
+    Args:
+        model: compiled.
+        start: positions, velocities and the controls that act first.
+        decide: from `MjData` to controls.
+        integrator: MuJoCo's name.
+        dt: timestep, s.
+        periods: decisions.
+        late: timesteps by which controls are late.
+        seen_late: timesteps by which what is decided about is old.
+        options: of the model.
+    """
+    import mujoco
+
+    model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator.upper()}")
+    model.opt.timestep = dt
+    for name, value in options.items():
+        setattr(model.opt, name, value)
+    data, states, count = mujoco.MjData(model), [], round(0.02 / dt)
+    data.qpos[:], data.qvel[:], idle = start
+    data.ctrl[:] = idle
+    seen, orders = [], []
+    for _ in range(periods):
+        for step in range(count):
+            mujoco.mj_forward(model, data)
+            now = mujoco.MjData(model)
+            mujoco.mj_copyData(now, model, data)
+            seen.append(now)
+            if step == 0:
+                orders += [decide(seen[max(0, len(seen) - 1 - seen_late)])] * count
+            place = len(seen) - 1 - late
+            data.ctrl[:] = idle if place < 0 else orders[place]
+            mujoco.mj_step(model, data)
+        states.append(np.concatenate([data.qpos, data.qvel]))
+    return np.array(states)
+
+
+@pytest.mark.parametrize(
+    ("integrator", "dt", "solver", "late", "seen_late"),
+    [
+        ("Euler", 0.004, {}, 0, 0),
+        ("implicitfast", 0.004, {"iterations": 100}, 0, 0),
+        ("RK4", 0.002, {"iterations": 4}, 3, 0),
+        ("Euler", 0.001, {}, 25, 7),
+    ],
+)
+def test_an_episode_is_that_of_a_plain_loop_to_the_last_bit(
+    integrator, dt, solver, late, seen_late
+):
+    testbed = find_testbed(MONOPED, {"solver": solver})
+    place = Discretization(integrator, dt, 0.02, "mujoco")
+    delays = {"action_latency": late * dt, "observation_latency": seen_late * dt}
+    made = make_checked(testbed, place, 1, **delays)
+    (env,) = made.envs
+    observation, _ = env.reset(seed=3)
+    data = env.unwrapped.data
+    q, v = data.qpos.copy(), data.qvel.copy()
+    actions, states = [], []
+    for _ in range(30):
+        action = 0.5 * np.tanh(observation[10:13]).astype(np.float32)
+        observation, _, fallen, _, info = env.step(action)
+        actions.append(action)
+        states.append(np.concatenate([data.qpos, data.qvel]))
+        assert np.isfinite(observation).all()
+        assert not fallen
+
+    model = testbed.compiled.model.__copy__()
+    key = model.key("crouch")
+
+    def decide(data):
+        angles = (data.qpos[3:] - key.qpos[3:]).astype(np.float64)
+        return key.ctrl + 0.5 * (0.5 * np.tanh(angles).astype(np.float32)).astype(np.float64)
+
+    start = q, v, key.ctrl
+    expected = plain_states(model, start, decide, integrator, dt, 30, late, seen_late, **solver)
+    assert (np.array(states) == expected).all()
+    assert info["hip_action_applied"] == actions[-1 - (late * dt >= 0.02)][0] or late == 3
+
+
+def test_home_and_actuators_are_those_of_the_file():
+    testbed = Stub()
+    with pytest.warns(UserWarning, match=r"1 files .*shell\.stl"):
+        env = testbed.environment()
+    setup = env.setup
+    assert testbed.home == Discretization("implicitfast", 0.005, 0.02, "mujoco")
+    solver = setup.settings.solver
+    assert (solver["iterations"], solver["cone"], solver["eulerdamp"]) == (7, "elliptic", True)
+    position, velocity, motor = setup.engine.describe()["actuators"]
+    assert position == {
+        "name": "p", "joint": "a", "kind": "position", "kp": 20.0, "kv": 2.0,
+        "ctrlrange": [-1.0, 1.0], "forcerange": [-5.0, 5.0],
+    }  # fmt: skip
+    assert (velocity["kind"], velocity["kv"]) == ("velocity", 3.0)
+    assert (motor["kind"], motor["gear"][0]) == ("motor", 4.0)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        ({"contact": ""}, "'shell'"),
+        ({"inertial": ""}, "'trunk'"),
+        ({"contact": "", "inertial": ""}, "shell.stl"),
+        ({"friction": 1.0}, "friction"),
+        ({"inertial": "<no/>"}, "no"),
+    ],
+)
+def test_a_model_that_would_be_another_is_refused_by_name(arguments, named):
+    with pytest.raises((IntegGymError, ValueError), match=named):
+        Stub(**arguments).environment()
+
+
+def changed(**members):
+    return type("Changed", (Stub,), members)()
+
+
+@pytest.mark.parametrize(
+    ("testbed", "named"),
+    [
+        ({"keyframe": "hom"}, "home"),
+        ({"observe": lambda self, robot, memory, command: robot.sensor("gyr")}, "gyro"),
+        ({"observe": lambda self, robot, memory, command: robot.gravity("im")}, "imu"),
+        ({"act": lambda self, action, robot: action[:2]}, "act"),
+        ({"control_period": 0.012}, "control_period"),
+        ({"control_period": property()}, "control_period"),
+        ({"model": lambda self: "nowhere.xml"}, "nowhere.xml"),
+    ],
+)
+def test_what_a_user_gets_wrong_is_told_in_a_sentence(testbed, named):
+    with warnings.catch_warnings(action="ignore"), pytest.raises(IntegGymError, match=named):
+        changed(**testbed).environment().step(np.zeros(3, np.float32))
+
+
+def test_it_is_an_environment_of_gymnasium():
+    testbed = find_testbed(MONOPED, {})
+    env = testbed.environment(duration=1.0)
+    with warnings.catch_warnings(action="error"):
+        warnings.filterwarnings("ignore", message=".*(minimum|maximum) value.*infinity")
+        warnings.filterwarnings("ignore", message=".*not within the observation space.*")
+        warnings.filterwarnings("ignore", message=".*different from the unwrapped version")
+        check_env(env, skip_render_check=True)
+    gym.register("Monoped-v0", entry_point=lambda **own: find_testbed(MONOPED, own).environment())
+    vector = gym.make_vec("Monoped-v0", 2, vectorization_mode="sync")
+    seen, info = vector.reset(seed=0)
+    assert seen.shape == (2, 20)
+    assert (info["command"] >= 0.3).all()
+    assert info["command"][0] != info["command"][1]
+    *_, ended, limited, info = vector.step(np.full((2, 3), 2.0, np.float32))
+    assert not (ended | limited).any()
+    assert info["saturated"].all()
+    vector.close()
+    again = testbed.environment().reset(seed=0)[0]
+    assert (seen[0] == again).all()
+
+
+@pytest.mark.parametrize(
+    "different", [{}, {"solver": {"iterations": 100}, "latency_jitter": 0.008}]
+)
+def test_a_record_comes_out_to_the_last_bit(different, tmp_path):
+    testbed = find_testbed(MONOPED, {"duration": 0.6})
+    made = make_checked(testbed, testbed.home, 1, **different)
+    recorder = RecordVectorEvidence(made, tmp_path, EpisodeContext("run", "cell", policy_id="sway"))
+    observation, _ = recorder.reset(seed=[4])
+    for _ in range(30):
+        observation, *_ = recorder.step(0.3 * np.tanh(observation[:, 10:13], dtype=np.float32))
+    recorder.close()
+    ((file, record),) = EvidenceStore(tmp_path).named_records()
+    assert record.fields["env_id"] == MONOPED
+    assert record.fields["engine_description"].count("position") == 3
+    done = replay([(file, record)], exact=True, own_code=True).settle()
+    assert (done.findings, done.skipped, done.exact) == ([], {}, 1)
+    assert replay([(file, record)]).settle().skipped
+    record.trace["reward"] = record.trace["reward"] + 1e-9
+    assert replay([(file, record)], exact=True, own_code=True).settle().findings
+
+
+def test_the_example_of_the_page_takes_a_file(tmp_path, monkeypatch):
+    (block,) = [one for one in page_blocks("docs/how-to/testbeds.md", "python") if "Mjcf" in one]
+    (tmp_path / "my_robot.py").write_text(block, encoding="utf-8")
+    (tmp_path / "scene.xml").write_text(
+        MODEL.format(contact=HIDDEN, inertial=HEAVY), encoding="utf-8"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    testbed = find_testbed("my_robot:Walker", {"folder": str(tmp_path)})
+    with pytest.warns(UserWarning, match="shell"):
+        env = testbed.environment()
+    observation, info = env.reset(seed=0)
+    assert observation.shape == (3 + 3 + 3 * 3 + 1,)
+    assert 0.0 <= info["command"][0] <= 1.0
+    assert env.step(np.zeros(3, np.float32))[2] is False
+    assert testbed.success.goal == "no fall within `duration` (the trunk tips by more than 60°)"
+    arguments = stated_arguments("stock", "my_robot:Walker", {"folder": str(tmp_path)})
+    assert arguments == testbed.home.arguments()
+
+
+@pytest.mark.slow
+def test_the_monoped_hops_at_home_and_is_judged_elsewhere(tmp_path):
+    panel = integ_gym.evaluate(
+        ROOT / "examples" / "robots" / "monoped_policy" / "policy.safetensors", MONOPED, tmp_path,
+        integrators=["Euler", "implicitfast"], dts=[0.004], episodes=10,
+        varied={"solver": [{"iterations": 1}, {"iterations": 100}]}, at=["home"], workers=1,
+        progress=False, on_doubt=lambda doubt: None,
+    )  # fmt: skip
+    assert {cell.integrator for cell in panel.cells} == {"Euler", "implicitfast"}
+    records = [one.fields for _, one in EvidenceStore(tmp_path / "evidence").named_records()]
+    at_home = [one["success"] for one in records if one["policy_id"].startswith("ppo")
+               and one["cell"] == "mujoco Euler dt=0.004"]  # fmt: skip
+    assert len(at_home) == 10
+    assert np.mean(at_home) >= 0.5
+    idle = [one["success"] for one in records if one["policy_id"] == "zero"]
+    assert not any(idle)
+
+
+ROBOTS = {
+    "go1": ("Go1", 48, None), "g1": ("G1", 103, 1.5), "t1": ("T1", 85, 1.5),
+    "berkeley_humanoid": ("BerkeleyHumanoid", 52, 1.5), "apollo": ("Apollo", 112, 1.5833333333),
+}  # fmt: skip
+"""Module of a published robot to its class, the numbers that its policy takes, and the frequency of
+its gait at a command of 1."""
+
+
+@pytest.mark.parametrize("module", ROBOTS)
+def test_a_published_robot_sees_what_its_policy_takes(module):
+    name, size, frequency = ROBOTS[module]
+    file = ROOT / "examples" / "robots" / f"{module}.py"
+    assert len(file.read_text(encoding="utf-8").splitlines()) <= 50
+    kind = getattr(importlib.import_module(f"examples.robots.{module}"), name)
+    phases = 4 if frequency else 0
+    joints = (size - 12 - phases) // 3
+    chain = "".join(f'<body><joint name="j{k}"/><geom size="0.05"/></body>' for k in range(joints))
+    unit = getattr(kind, "unit", "imu")
+    model = f"""
+    <mujoco><worldbody><body pos="0 0 2"><freejoint/><geom size="0.1"/><site name="{unit}"/>{chain}
+    </body></worldbody>
+    <actuator>{"".join(f'<position joint="j{k}" kp="9"/>' for k in range(joints))}</actuator>
+    <sensor><gyro name="{getattr(kind, "gyro", "gyro")}" site="{unit}"/><velocimeter site="{unit}"
+      name="{getattr(kind, "velocimeter", "local_linvel")}"/></sensor>
+    <keyframe><key name="{kind.keyframe}" qpos="0 0 2 1 0 0 0 {"0.2 " * joints}"
+      ctrl="{"0.2 " * joints}"/></keyframe></mujoco>"""
+
+    def own_model(self):
+        from mujoco import MjSpec
+
+        return MjSpec.from_string(model)
+
+    command = np.array([1.0, 0.0, 0.0])
+    members = {"model": own_model, "draw_command": lambda self, rng: command}
+    env = type(name, (kind,), members)().environment()
+    observation, _ = env.reset(seed=1)
+    assert observation.shape == (size,)
+    assert observation[6:9] == pytest.approx([0.0, 0.0, -1.0])
+    action = np.linspace(-1.0, 1.0, joints, dtype=np.float32)
+    observation, *_ = env.step(action)
+    end = size - phases - (0 if frequency else 3)
+    assert (observation[end - joints : end] == action).all()
+    assert (command == (observation[9:12] if frequency else observation[-3:])).all()
+    if frequency:
+        turn = 2.0 * np.pi * frequency * 0.02
+        assert observation[-4:] == pytest.approx(
+            [np.cos(turn), -np.cos(turn), np.sin(turn), -np.sin(turn)]
+        )
