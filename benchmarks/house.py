@@ -39,7 +39,7 @@ CAPABILITIES = {
     "fleet": r"train/fleet/",
     "training": r"train/",
     "records": r"evidence/",
-    "panel": r"eval/panel/",
+    "panel": r"eval/(panel/|contract\.py)",
     "statistics and verdicts": r"eval/(statistics|verdict|power|loss_check)",
     "page and figures": r"(eval/report/|support/(figures|pages))",
     "films and playing": r"eval/(film|play|watch)",
