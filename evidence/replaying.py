@@ -331,14 +331,18 @@ _SEEDED = tuple(class_path(kind) for kind in (MujocoTestbed, ClassicControl))
 
 def _is_seeded(record: EvidenceRecord) -> bool:
     """Whether a testbed made it whose environments can be made and started again."""
-    described = parse_field("engine_description", record.fields["engine_description"])
-    made_by, env_id = described.get("testbed"), record.fields["env_id"]
-    return made_by in _SEEDED or (made_by == env_id and _is_of_model(env_id))
+    return _made_by(record) in _SEEDED or _is_of_robot(record)
 
 
-def _is_of_model(env_id: str) -> bool:
-    """Whether it is a testbed of a model of MuJoCo's; its code is loaded."""
-    return issubclass(TESTBEDS.load(env_id), MjcfTestbed)
+def _is_of_robot(record: EvidenceRecord) -> bool:
+    """Whether a testbed of somebody's own robot made it, whose code is loaded."""
+    env_id = record.fields["env_id"]
+    return _made_by(record) == env_id and issubclass(TESTBEDS.load(env_id), MjcfTestbed)
+
+
+def _made_by(record: EvidenceRecord) -> Any:
+    """The class of the testbed that made it; None: none did."""
+    return parse_field("engine_description", record.fields["engine_description"]).get("testbed")
 
 
 def _has_lost_actions(record: EvidenceRecord) -> bool:
@@ -423,7 +427,7 @@ def _make_env(records: Sequence[EvidenceRecord]) -> Any:
     env_id, arguments = records[0].fields["env_id"], records[0].arguments()
     if not is_integ_environment(env_id):
         place = Discretization(**{name: arguments.pop(name) for name in DISCRETIZATION})
-        if ":" in env_id and _is_of_model(env_id):
+        if _is_of_robot(records[0]):
             return make_checked(find_testbed(env_id, arguments), place, len(records))
         duration, home = arguments.pop("duration"), find_testbed(env_id, arguments).home
         limit = round(duration / home.control_period)
