@@ -6,12 +6,13 @@ import argparse
 import importlib
 import os
 import sys
+import warnings
 from collections.abc import Sequence
 from typing import NamedTuple, NoReturn
 
 from integ_gym.support.optional import missing_package
 from integ_gym.support.options import CommandParser
-from integ_gym.support.terminal import end_quietly, report_errors
+from integ_gym.support.terminal import end_quietly, print_wrapped, report_errors
 
 LEFT = {"diagnose": "of a diagnosis that is not finished nothing is kept"}
 """What an interruption leaves, of commands where that is not what was finished."""
@@ -76,11 +77,18 @@ def _main(arguments: list[str]) -> int:
     parser.add_argument("rest", nargs=argparse.REMAINDER, metavar="…", help="its arguments")
     parser.add_argument("--version", action=_Version, nargs=0, help="show the version and exit")
     chosen = parser.parse_args(arguments[:1] or ["--help"])
-    return report_errors(
-        f"integ-gym {chosen.command}",
-        lambda: _run(chosen.command, arguments[1:]),
-        interrupted=LEFT.get(chosen.command, "what was finished stays"),
-    )
+    with warnings.catch_warnings():
+        warnings.showwarning = _show_warning
+        return report_errors(
+            f"integ-gym {chosen.command}",
+            lambda: _run(chosen.command, arguments[1:]),
+            interrupted=LEFT.get(chosen.command, "what was finished stays"),
+        )
+
+
+def _show_warning(message: Warning | str, *_: object) -> None:
+    """A warning as a command says it, without a line of source."""
+    print_wrapped(f"warning: {message}", sys.stderr)
 
 
 class _Version(argparse.Action):

@@ -8,12 +8,14 @@ import re
 import shlex
 import subprocess
 import sys
+import warnings
 from pathlib import Path
 from unittest.mock import Mock
 
 import pytest
 
 import integ_gym
+from integ_gym import cli
 from integ_gym.cli import COMMANDS, main
 
 COMMAND = [sys.executable, "-m", "integ_gym.cli"]
@@ -119,3 +121,14 @@ def test_a_command_needs_no_standard_streams(words, code, closed, tmp_path):
     done = subprocess.run(line, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == code, done.stderr
     assert "Traceback" not in done.stderr
+
+
+def test_a_warning_is_a_sentence_without_a_line_of_source(monkeypatch, capsys):
+    def run(*_):
+        warnings.simplefilter("always")
+        warnings.warn("5 meshes are left out", stacklevel=1)
+        return 0
+
+    monkeypatch.setattr(cli, "_run", run)
+    assert cli.main(["engines"]) == 0
+    assert capsys.readouterr().err == "warning: 5 meshes are left out\n"
