@@ -264,7 +264,7 @@ APPLIED: dict[str, dict[str, Any]] = {
         "home": "stock", "integrators": ["rk4"], "dts": [0.05], "episodes": 3,
         "environment": {"max_torque": 1.0}, "workers": 2, "progress": False,
         "on_doubt": print, "varied": {"mass": [2.0]}, "command": "mine",
-        "on_home": lambda line: None,
+        "on_home": lambda line: None, "limit": True,
     },
     "panelled": {
         "spec": replace(built_in_spec("quick"), episodes=3), "out": "elsewhere", "workers": 3,
