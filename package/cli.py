@@ -8,7 +8,7 @@ import os
 import sys
 import warnings
 from collections.abc import Sequence
-from typing import NamedTuple, NoReturn
+from typing import Any, NamedTuple, NoReturn
 
 from integ_gym.support.optional import missing_package
 from integ_gym.support.options import CommandParser
@@ -86,7 +86,7 @@ def _main(arguments: list[str]) -> int:
         )
 
 
-def _show_warning(message: Warning | str, *_: object) -> None:
+def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
     """A warning as a command says it, without a line of source."""
     print_wrapped(f"warning: {message}", sys.stderr)
 
