@@ -213,6 +213,46 @@ def test_what_a_user_gets_wrong_is_told_in_a_sentence(testbed, named):
         changed(**testbed).environment().step(np.zeros(3, np.float32))
 
 
+@pytest.mark.parametrize(
+    "member",
+    [
+        {"act": lambda self, action, robot: np.add(robot.key_ctrl, action, out=robot.key_ctrl)},
+        {"act": lambda self, action, robot: np.multiply(action, 0.5, out=action)},
+        {"observe": lambda self, robot, memory, command: np.negative(command, out=command)},
+    ],
+)
+def test_what_outlives_a_call_cannot_be_changed_in_it(member):
+    with warnings.catch_warnings(action="ignore"), pytest.raises(ValueError, match="read-only"):
+        changed(commands={"v_x": (0.0, 1.0)}, **member).environment().step(np.ones(3, np.float32))
+
+
+class Scaled(Stub):
+    """It scales what it reads in place, and gives its controls in one array of its own."""
+
+    def observe(self, robot, memory, command):
+        spin = robot.sensor("gyro")
+        spin *= 0.25
+        return spin
+
+    def act(self, action, robot):
+        self.controls = vars(self).setdefault("controls", np.zeros(3))
+        self.controls[:] = action
+        return self.controls
+
+
+@pytest.mark.filterwarnings("ignore:.*shell.stl")
+def test_what_a_users_methods_do_to_their_own_arrays_changes_no_motion():
+    states = []
+    for testbed in (Stub(action_latency=0.02), Scaled(action_latency=0.02)):
+        env = testbed.environment()
+        env.reset(seed=0)
+        for turn in range(5):
+            env.step(np.full(3, (-0.9) ** turn, np.float32))
+        data = env.unwrapped.data
+        states.append(np.concatenate([data.qpos, data.qvel, data.sensordata]))
+    assert (states[0] == states[1]).all()
+
+
 def test_it_is_an_environment_of_gymnasium():
     testbed = find_testbed(MONOPED, {})
     env = testbed.environment(duration=1.0)
