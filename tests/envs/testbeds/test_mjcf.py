@@ -24,6 +24,7 @@ from integ_gym.train.policy_files.sidecar import stated_arguments
 MONOPED = "examples.robots.monoped:Monoped"
 MODEL = """
 <mujoco>
+  <compiler inertiafromgeom="{from_geoms}"/>
   <option timestep="0.005" integrator="implicitfast" iterations="7" cone="elliptic"/>
   <asset><mesh name="shell" file="shell.stl"/></asset>
   <worldbody>
@@ -67,10 +68,12 @@ class Stub(MjcfTestbed):
     control_period = 0.02
     keyframe = "home"
 
-    def model(self, contact=HIDDEN, inertial=HEAVY):
+    def model(self, contact=HIDDEN, inertial=HEAVY, from_geoms="auto"):
         from mujoco import MjSpec
 
-        return MjSpec.from_string(MODEL.format(contact=contact, inertial=inertial))
+        return MjSpec.from_string(
+            MODEL.format(contact=contact, inertial=inertial, from_geoms=from_geoms)
+        )
 
     def observe(self, robot, memory, command):
         return robot.sensor("gyro")
@@ -182,6 +185,7 @@ def test_home_and_actuators_are_those_of_the_file():
     [
         ({"contact": ""}, "'shell'"),
         ({"inertial": ""}, "'trunk'"),
+        ({"from_geoms": "true"}, "'trunk'"),
         ({"contact": "", "inertial": ""}, "shell.stl"),
         ({"friction": 1.0}, "friction"),
         ({"inertial": "<no/>"}, "no"),
@@ -300,7 +304,7 @@ def test_the_example_of_the_page_takes_a_file(tmp_path, monkeypatch):
     (block,) = [one for one in page_blocks("docs/how-to/testbeds.md", "python") if "Mjcf" in one]
     (tmp_path / "my_robot.py").write_text(block, encoding="utf-8")
     (tmp_path / "scene.xml").write_text(
-        MODEL.format(contact=HIDDEN, inertial=HEAVY), encoding="utf-8"
+        MODEL.format(contact=HIDDEN, inertial=HEAVY, from_geoms="auto"), encoding="utf-8"
     )
     monkeypatch.syspath_prepend(tmp_path)
     testbed = find_testbed("my_robot:Walker", {"folder": str(tmp_path)})
