@@ -21,7 +21,16 @@ from .cells import Cell
 from .extrapolation import entry_at_limit
 from .findings import limits, paired_episodes, rankings, remedies, separations
 from .matrix import Matrix, PanelLayout, mean_success
-from .result import FILE_NAME, Failure, OtherVersionError, Panel, Row, Stage, read_panel
+from .result import (
+    FILE_NAME,
+    Failure,
+    OtherVersionError,
+    Panel,
+    Row,
+    Stage,
+    limits_called,
+    read_panel,
+)
 from .run_directory import RunDirectory
 
 FAILURE_SAMPLE = 40
@@ -51,7 +60,8 @@ def build_artefact(
     """
     broken = layout.broken
     losses, at_limit = layout.losses(matrix), limits(layout, matrix)
-    at = {(one.row, one.cell): one for one in at_limit}
+    called = limits_called(at_limit, layout.rows)
+    at = {(one.row, one.cell): one for one in at_limit if one.cell in called}
     places = [(row, cell) for row in layout.rows for cell in layout.cells_of[row.name]]
     failures = [
         failure
@@ -79,7 +89,7 @@ def build_artefact(
                     layout.native(cell),
                     None
                     if (row.name, cell) in broken
-                    else layout.reference_of(matrix, cell, at_limit),
+                    else layout.reference_of(matrix, cell, called),
                     None if (row.name, cell) in broken else losses.get((row.name, cell)),
                     tuple(dict.fromkeys(file for p in row.policy_ids for file in files[p])),
                     _query(directory, row, cell),
@@ -90,7 +100,7 @@ def build_artefact(
         ),
         contracts=tuple(layout.contracts.values()),
         limits=at_limit,
-        paired=paired_episodes(layout, matrix),
+        paired=paired_episodes(layout, matrix, called),
         verdicts=_verdicts(layout, matrix, decided=stage is None),
         policy_comparisons=tuple(_compare(layout, matrix, a, b) for a, b in layout.compare),
         separations=separations(layout, matrix),
