@@ -32,8 +32,12 @@ _TOLERANCES: Final = ("tolerance", "accuracy", "residual")
 
 
 def order_of(place: Discretization) -> int:
-    """Order of a discretization's one-step map in the step; 1 where it is not known."""
-    name = map_of(place) if is_engine(place.engine) else place.integrator
+    """Order of a discretization's one-step map in the step; 1 where it is not known.
+
+    Integrators of engines that do not tell their maps are known by name, such as dm_control's RK4.
+    """
+    own = place.integrator
+    name = map_of(place) if is_engine(place.engine) else own if ":" in own else own.lower()
     registry = MAPS if name in MAPS.names() else INTEGRATORS
     known = ":" in name or name in registry.names()
     return int(getattr(registry.load(name), "order", 1)) if known else 1

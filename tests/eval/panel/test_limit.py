@@ -56,6 +56,8 @@ def test_every_engine_tells_the_order_of_its_integrators():
             order = order_of(Discretization(name, 0.05, 0.05, engine))
             assert order >= 1
             assert order == 4 or one_step_map != "rk4"
+    assert order_of(Discretization("RK4", 0.01, 0.01, "dm_control")) == 4
+    assert order_of(Discretization("Euler", 0.01, 0.01, "dm_control")) == 1
 
 
 def test_a_solver_is_tighter_at_the_limit_than_at_home():
