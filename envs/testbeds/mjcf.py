@@ -17,7 +17,7 @@ from gymnasium.wrappers import TimeLimit
 
 from integ_gym.support.errors import InputError
 from integ_gym.support.optional import load
-from integ_gym.support.parameters import unknown_name
+from integ_gym.support.parameters import positive, unknown_name
 
 from ..rediscretized import RediscretizedEnv, integrator_of
 from ..settings import DELAYS, TOLERANCE, Discretization
@@ -283,6 +283,8 @@ class MjcfTestbed(MujocoTestbed):
             return type(self)(**arguments).lane(discretization, arguments, render_mode)
         period, count = split_period(self, discretization)
         duration = float(arguments.get("duration", self.duration))
+        if fault := positive(duration):
+            raise InputError(f"`duration` {fault}, got {duration!r}")
         task: gym.Env[Any, Any] = MjcfTask(self, discretization.dt, count, render_mode)
         limit = max(1, ceil(duration / period * (1.0 - TOLERANCE)))
         own.pop("solver", None)

@@ -208,6 +208,7 @@ def changed(**members):
         ({"observe": lambda self, robot, memory, command: robot.gravity("im")}, "imu"),
         ({"act": lambda self, action, robot: action[:2]}, "act"),
         ({"control_period": 0.012}, "control_period"),
+        ({"duration": -1.0}, "duration"),
         ({"control_period": property()}, "control_period"),
         ({"model": lambda self: "nowhere.xml"}, "nowhere.xml"),
     ],
