@@ -215,10 +215,15 @@ def _paired(
         limited = [one for one in (base, found) if one is not None]
         here = found.success[0] if found else _of(matrix, row.name, "success", cell)
         slack = sum(one.success_slack for one in limited)
-        rates.append(_beyond_slack(*paired_success(success, here), slack))
-        lost = _return(earned, found.returns[0] if found else _of(matrix, row.name, "return", cell))
+        least = paired_success(success, _nearer(success, here, slack))[1] if slack else 0.0
+        rates.append(_beyond_slack(*paired_success(success, here), slack, least))
+        here = found.returns[0] if found else _of(matrix, row.name, "return", cell)
         slack = sum(one.return_slack for one in limited)
-        means.append(lost and _beyond_slack(*lost, slack, math.inf))
+        lost = _return(earned, here)
+        shifted = lost
+        if lost and slack:
+            shifted = _return(earned, here + math.copysign(slack, lost[0].estimate))
+        means.append(lost and shifted and _beyond_slack(*lost, slack, shifted[1], math.inf))
     share = share_of_look(max(1, len(layout.looks)))
     adjusted = [adjust_for_look(p, share) for p in holm([p for _, p in rates]).tolist()]
     known = [p for found in means if found for p in found[1:]]
@@ -238,14 +243,31 @@ def _paired(
         )
 
 
+def _nearer(there: Array, here: Array, share: float) -> Array:
+    """Success here if a share of the episodes ended as there, of those that make the difference."""
+    apart = (there - here) * np.sign(np.sum(there - here))
+    most = np.argsort(-apart, kind="stable")[: round(share * len(apart))]
+    nearer = here.copy()
+    nearer[most] = np.where(apart[most] > 0.0, there[most], here[most])
+    return nearer
+
+
 def _beyond_slack(
-    lost: Estimate, p: float, slack: float, most: float = 1.0
+    lost: Estimate, p: float, slack: float, least: float, most: float = 1.0
 ) -> tuple[Estimate, float]:
-    """A difference with a slack on either side; within it there is nothing to show."""
+    """A difference with a slack on either side; within it there is nothing to show.
+
+    Args:
+        lost: the difference.
+        p: its p-value.
+        slack: by how much it may be another.
+        least: p-value of the difference less the slack.
+        most: bound of the difference.
+    """
     if not slack:
         return lost, p
     wide: Estimate = widen(lost, slack, -most, most)
-    return wide, 1.0 if wide.ends[0] <= 0.0 <= wide.ends[1] else p
+    return wide, 1.0 if wide.ends[0] <= 0.0 <= wide.ends[1] else max(p, least)
 
 
 def _held_against(

@@ -26,6 +26,7 @@ from integ_gym.eval.panel.plan import planned_spec
 from integ_gym.eval.panel.result import Cost, Panel, Policy, Row, read_panel
 from integ_gym.eval.panel.spec import parse_spec
 from integ_gym.eval.report.matrices import success_matrix
+from integ_gym.eval.statistics import paired_success
 
 HOME = Discretization("symplectic_euler", 0.05, 0.05, "gymnasium")
 STEPS = [replace(HOME, dt=HOME.dt / part) for part in PARTS]
@@ -233,6 +234,14 @@ def test_it_is_not_called_a_limit_where_too_many_or_ever_more_episodes_change(ra
     assert (panel.limit is not None) is called
     assert ("at the limit" in panel.headline) is called
     assert limit_words(panel).startswith("No limit") is not called
+
+
+def test_what_is_shown_at_the_limit_exceeds_what_still_changes():
+    panel = judged(at(0.8, 0.75, 0.7, 0.6))
+    lost = next(one for one in panel.paired if one.cell == STEPS[-1].name)
+    least = paired_success(np.repeat([1.0, 0.0], [80, 20]), np.repeat([1.0, 0.0], [70, 30]))[1]
+    assert lost.success.ends[0] > 0.0
+    assert lost.p_success == pytest.approx(least)
 
 
 @pytest.mark.parametrize("rate", [0.4, 0.39])
