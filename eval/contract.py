@@ -342,10 +342,18 @@ def _drawn(
 
 
 def _action(space: spaces.Space[Any], rng: np.random.Generator, reach: float) -> Any:
-    """A random action, uniform within some multiple of its bounds; normal where it has none."""
+    """A random action, uniform within some multiple of its bounds; normal where it has none.
+
+    Raises:
+        ValueError: for another space than `Box` and `Discrete`.
+    """
     if isinstance(space, spaces.Discrete):
         return int(space.start + rng.integers(space.n))
-    assert isinstance(space, spaces.Box)
+    if not isinstance(space, spaces.Box):
+        raise InputError(
+            f"no action of {space} can be drawn beyond its bounds; compare environments whose "
+            "actions are a Box or Discrete"
+        )
     low, high = space.low.astype(np.float64), space.high.astype(np.float64)
     bounded = np.isfinite(low) & np.isfinite(high)
     low, high = np.where(bounded, low, -1.0), np.where(bounded, high, 1.0)

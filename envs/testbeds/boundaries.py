@@ -50,6 +50,9 @@ class Boundaries:
 
     def __init__(self, env: Any) -> None:
         self.env = env
+        for wrapper in wrappers_of(env):
+            if hasattr(wrapper, "update_running_mean"):  # else it shows what went before, too
+                wrapper.update_running_mean = False
 
     @property
     def action_space(self) -> gym.spaces.Space[Any]:
