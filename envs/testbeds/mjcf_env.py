@@ -96,7 +96,7 @@ class MjcfTask(MujocoEnv):
         robot.to_keyframe()
         testbed.start(robot, rng)
         self.command = read_only(np.asarray(testbed.draw_command(rng), dtype=np.float64))
-        self.memory = Memory(last_action=np.zeros(self.action_space.shape), time=0.0)
+        self.memory = Memory(last_action=read_only(np.zeros(self.action_space.shape)), time=0.0)
         self._decisions = 0
         self._forward()
 
