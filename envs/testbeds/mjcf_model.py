@@ -19,7 +19,8 @@ class CompiledModel(NamedTuple):
 
     Attributes:
         model: MuJoCo's `MjModel`, which its users copy.
-        sha256: of the model as one file of XML; None under a MuJoCo that cannot write it.
+        sha256: of the model as one file of XML, which names meshes and does not hold them; None
+            under a MuJoCo that cannot write it.
     """
 
     model: Any
