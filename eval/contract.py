@@ -357,9 +357,9 @@ def _draw_action(space: spaces.Space[Any], rng: np.random.Generator, reach: floa
     low, high = space.low.astype(np.float64), space.high.astype(np.float64)
     bounded = np.isfinite(low) & np.isfinite(high)
     low, high = np.where(bounded, low, -1.0), np.where(bounded, high, 1.0)
-    centre, half = 0.5 * (low + high), 0.5 * (high - low)
+    centre, radius = 0.5 * (low + high), 0.5 * (high - low)
     drawn = np.where(bounded, rng.uniform(-reach, reach, space.shape), rng.normal(size=space.shape))
-    return (centre + half * drawn).astype(space.dtype)
+    return (centre + radius * drawn).astype(space.dtype)
 
 
 def _evaluate_boundary(
