@@ -214,16 +214,19 @@ def _paired(
         found = at.get(cell)
         limited = [one for one in (base, found) if one is not None]
         here = found.success[0] if found else _of(matrix, row.name, "success", cell)
-        slack = sum(one.success_slack for one in limited)
-        least = paired_success(success, _nearer(success, here, slack))[1] if slack else 0.0
-        rates.append(_beyond_slack(*paired_success(success, here), slack, least))
+        rate = paired_success(success, here)
+        if limited:
+            slack = sum(one.success_slack for one in limited)
+            least = paired_success(success, _nearer(success, here, slack))[1]
+            rate = _beyond_slack(*rate, slack, least)
+        rates.append(rate)
         here = found.returns[0] if found else _of(matrix, row.name, "return", cell)
-        slack = sum(one.return_slack for one in limited)
-        lost = _return(earned, here)
-        shifted = lost
-        if lost and slack:
-            shifted = _return(earned, here + math.copysign(slack, lost[0].estimate))
-        means.append(lost and shifted and _beyond_slack(*lost, slack, shifted[1], math.inf))
+        mean = _return(earned, here)
+        if mean and limited:
+            slack = math.copysign(sum(one.return_slack for one in limited), mean[0].estimate)
+            shifted = _return(earned, here + slack)
+            mean = shifted and _beyond_slack(*mean, abs(slack), shifted[1], math.inf)
+        means.append(mean)
     share = share_of_look(max(1, len(layout.looks)))
     adjusted = [adjust_for_look(p, share) for p in holm([p for _, p in rates]).tolist()]
     known = [p for found in means if found for p in found[1:]]
@@ -264,8 +267,6 @@ def _beyond_slack(
         least: p-value of the difference less the slack.
         most: bound of the difference.
     """
-    if not slack:
-        return lost, p
     wide: Estimate = widen(lost, slack, -most, most)
     return wide, 1.0 if wide.ends[0] <= 0.0 <= wide.ends[1] else max(p, least)
 
