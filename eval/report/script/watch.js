@@ -215,7 +215,8 @@ class Watch {
   }
 
   sourceOf(c) {
-    return this.value === null && this.recorded(c) ? "recorded" : "recomputed in this browser";
+    if (this.value !== null || !this.recorded(c)) return "recomputed in this browser";
+    return this.carried.cells[c].shown === "limit" ? "recorded at its finest step" : "recorded";
   }
 
   tell() {

@@ -92,7 +92,7 @@ def test_an_action_that_is_not_finite_and_a_lane_that_diverges_are_met_alike():
         ({"mass": np.linspace(1.0, 2.0, LANES)}, "differ between lanes"),
         ({"engine": "mujoco", "integrator": "RK4"}, "'RK4' on engine 'mujoco'"),
         ({"compiled": "no"}, "`compiled` must be True or False"),
-        ({"mixture": [{"integrator": "rk4"}, {"integrator": "explicit_euler"}], "friction": 0.1}, "tanh"),
+        ({"mixture": [{"integrator": "rk4"}, {}], "friction": 0.1}, "tanh"),
     ],
 )
 def test_what_cannot_be_compiled_is_refused(arguments, message):
