@@ -168,7 +168,7 @@ def compare_contracts(
     names, made, opened = [], list[Boundaries](), list[DiscretizedVectorEnv]()
     try:
         for side in (first, second):
-            name, testbed, place = _side(side, env_id, environment or {})
+            name, testbed, place = _resolve_side(side, env_id, environment or {})
             names.append(name)
             environments = make_checked(testbed, place, 1, **without_delays(testbed))
             opened.append(environments)
@@ -218,7 +218,7 @@ def compare_boundaries(
     starts_alone = not (first.coordinates and second.coordinates)
     _check_correspondence(names, first, second)
     rng = np.random.default_rng(seed)
-    places, actions = _drawn(first, states, seed, rng, starts_alone)
+    places, actions = _draw_states(first, states, seed, rng, starts_alone)
     for one in made:
         one.start(seed)
     width = min(first.width, second.width)
@@ -231,11 +231,11 @@ def compare_boundaries(
 
         A boundary without its input is one that nobody can say.
         """
-        told = [_said(getattr(one, name), places, inputs) for one in made]
+        told = [_evaluate_boundary(getattr(one, name), places, inputs) for one in made]
         silent = tuple(
             side for side, own in zip(SIDES, told, strict=True) if own is None or not comparable
         )
-        found.append(_check(name, told, silent, tolerance))
+        found.append(_compare_values(name, told, silent, tolerance))
         own = told[0] if comparable else None
         return [] if own is None else [np.array([*one.values()]) for one in own]
 
@@ -252,7 +252,7 @@ def compare_boundaries(
     )
 
 
-def _side(
+def _resolve_side(
     side: Cell, env_id: str | None, environment: Mapping[str, Any]
 ) -> tuple[str, Testbed, Discretization]:
     """Name, testbed and discretization of one of the two.
@@ -268,7 +268,7 @@ def _side(
             )
         testbed = find_testbed(side, environment)
         return side, testbed, testbed.home
-    stated = _stated(side)
+    stated = _parse_cell(side)
     changed = {name: x for name, x in stated.items() if name not in DISCRETIZATION}
     testbed = find_testbed(env_id, {**environment, **changed})
     steps = {name: x for name, x in stated.items() if name in DISCRETIZATION}
@@ -282,7 +282,7 @@ def _side(
     return f"{place.name}{others}", testbed, place
 
 
-def _stated(side: Cell) -> dict[str, Any]:
+def _parse_cell(side: Cell) -> dict[str, Any]:
     if isinstance(side, Discretization):
         return side.arguments()
     if isinstance(side, Mapping):
@@ -320,20 +320,20 @@ def _check_correspondence(names: Sequence[str], first: Boundaries, second: Bound
     )
 
 
-def _drawn(
+def _draw_states(
     first: Boundaries, count: int, seed: int, rng: np.random.Generator, starts_alone: bool
 ) -> tuple[list[Array], list[Any]]:
     """States, every second of them after some random decisions, and an action for each."""
     places, actions = [], []
     for k in range(count):
-        actions.append(_action(first.action_space, rng, BEYOND))
+        actions.append(_draw_action(first.action_space, rng, BEYOND))
         if starts_alone:
             places.append(np.zeros(0))
             continue
         first.start(seed + k)
         held = first.state
         for _ in range(int(rng.integers(1, ROLLOUT + 1)) if k % 2 else 0):
-            goes_on = first.advance(_action(first.action_space, rng, 1.0))
+            goes_on = first.advance(_draw_action(first.action_space, rng, 1.0))
             held = first.state if np.isfinite(first.state).all() else held
             if not goes_on:
                 break
@@ -341,20 +341,30 @@ def _drawn(
     return places, actions
 
 
-def _action(space: spaces.Space[Any], rng: np.random.Generator, reach: float) -> Any:
-    """A random action, uniform within some multiple of its bounds; normal where it has none."""
+def _draw_action(space: spaces.Space[Any], rng: np.random.Generator, reach: float) -> Any:
+    """A random action, uniform within some multiple of its bounds; normal where it has none.
+
+    Raises:
+        ValueError: for another space than `Box` and `Discrete`.
+    """
     if isinstance(space, spaces.Discrete):
         return int(space.start + rng.integers(space.n))
-    assert isinstance(space, spaces.Box)
+    if not isinstance(space, spaces.Box):
+        raise InputError(
+            f"no action of {space} can be drawn beyond its bounds; compare environments whose "
+            "actions are a Box or Discrete"
+        )
     low, high = space.low.astype(np.float64), space.high.astype(np.float64)
     bounded = np.isfinite(low) & np.isfinite(high)
     low, high = np.where(bounded, low, -1.0), np.where(bounded, high, 1.0)
-    centre, half = 0.5 * (low + high), 0.5 * (high - low)
+    centre, radius = 0.5 * (low + high), 0.5 * (high - low)
     drawn = np.where(bounded, rng.uniform(-reach, reach, space.shape), rng.normal(size=space.shape))
-    return (centre + half * drawn).astype(space.dtype)
+    return (centre + radius * drawn).astype(space.dtype)
 
 
-def _said(tell: Any, places: Sequence[Array], inputs: Sequence[Any]) -> list[Named] | None:
+def _evaluate_boundary(
+    tell: Any, places: Sequence[Array], inputs: Sequence[Any]
+) -> list[Named] | None:
     """What an environment says at a boundary in every state; None where it cannot."""
     if len(inputs) < len(places):
         return None
@@ -363,7 +373,7 @@ def _said(tell: Any, places: Sequence[Array], inputs: Sequence[Any]) -> list[Nam
     return known if len(known) == len(told) else None
 
 
-def _check(
+def _compare_values(
     name: BoundaryName,
     told: Sequence[list[Named] | None],
     silent: tuple[Side, ...],
@@ -387,8 +397,8 @@ def _check(
         Differing(
             component=[*one[0]][k],
             there=[*other[0]][k],
-            first=_finite(values[worst[k], k]),
-            second=_finite(there[worst[k], k]),
+            first=_finite_or_none(values[worst[k], k]),
+            second=_finite_or_none(there[worst[k], k]),
             relative=float(most[k]),
         )
         for k in np.argsort(-most, kind="stable").tolist()
@@ -403,5 +413,5 @@ def _check(
     )
 
 
-def _finite(value: float) -> float | None:
+def _finite_or_none(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None

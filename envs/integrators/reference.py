@@ -212,4 +212,5 @@ class Reference:
 def _growth(ops: Ops, error: Component) -> Component:
     """Step-size factor of HNW II.4.13, with a non-finite error treated as a large one."""
     usable = ops.where(ops.isfinite(error), ops.maximum(error, 1e-10), 1e10)
-    return ops.minimum(5.0, ops.maximum(0.2, 0.9 * usable ** (-1.0 / 8.0)))
+    eighth_root = ops.sqrt(ops.sqrt(ops.sqrt(usable)))
+    return ops.minimum(5.0, ops.maximum(0.2, 0.9 / eighth_root))

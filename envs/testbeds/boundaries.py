@@ -50,6 +50,9 @@ class Boundaries:
 
     def __init__(self, env: Any) -> None:
         self.env = env
+        for wrapper in wrappers_of(env):
+            if hasattr(wrapper, "update_running_mean"):  # else it shows what went before, too
+                wrapper.update_running_mean = False
 
     @property
     def action_space(self) -> gym.spaces.Space[Any]:
@@ -72,12 +75,12 @@ class Boundaries:
 
     def observation(self, state: Array, seed: int) -> Named | None:
         """What is observed in a state, or, where it cannot be put into one, at a seed's start."""
-        return numbered("obs", self.start(seed))
+        return number_components("obs", self.start(seed))
 
     def command(self, state: Array, action: Any) -> Named | None:
         """What the actuators are told."""
         reached = intercept(lambda: self.env.step(action), self.env.unwrapped, "step")
-        return None if reached is None else numbered("action", reached)
+        return None if reached is None else number_components("action", reached)
 
     def force(self, state: Array, command: Array) -> Named | None:
         """The generalized force that a command makes, by coordinate."""
@@ -119,12 +122,12 @@ def intercept(run: Callable[[], Any], owner: Any, name: str, argument: int = 0) 
     return None
 
 
-def numbered(name: str, values: Any) -> Named:
+def number_components(name: str, values: Any) -> Named:
     flat = np.asarray(values, np.float64).ravel().tolist()
     return {f"{name}{k}": value for k, value in enumerate(flat)}
 
 
-def by_name(names: Sequence[str], values: Any) -> Named:
+def name_components(names: Sequence[str], values: Any) -> Named:
     return dict(zip(names, np.asarray(values, np.float64).ravel().tolist(), strict=True))
 
 
@@ -168,7 +171,7 @@ class IntegBoundaries(Boundaries):
         """As an episode that starts there shows it, with the sensor noise of a seed."""
         start = np.array([join_state(*self._parts(state))] * self.env.num_envs)
         shown, _ = self.env.reset(seed=[seed] * self.env.num_envs, options={"state": start})
-        return by_name(self._setup.task.observation_names, shown[0])
+        return name_components(self._setup.task.observation_names, shown[0])
 
     def command(self, state: Array, action: Any) -> Named:
         """The control within its limits."""
@@ -177,13 +180,13 @@ class IntegBoundaries(Boundaries):
 
     def force(self, state: Array, command: Array) -> Named:
         """The control, on the coordinate that it drives."""
-        return by_name(self.coordinates, self._setup.system.generalized(float(command[0])))
+        return name_components(self.coordinates, self._setup.system.generalized(float(command[0])))
 
     def acceleration(self, state: Array, force: Array) -> Named | None:
         """The engine's; None where it gives a step alone."""
         find = getattr(self._setup.engine, "acceleration", None)
         found = None if find is None else find(*self._parts(state), tuple(force.tolist()))
-        return None if found is None else by_name(self.coordinates, found)
+        return None if found is None else name_components(self.coordinates, found)
 
     def _parts(self, state: Array) -> tuple[tuple[float, ...], tuple[float, ...]]:
         count = len(self.coordinates)
@@ -227,7 +230,11 @@ class MujocoBoundaries(Boundaries):
             if isinstance(one, gym.ObservationWrapper):
                 shown = one.observation(shown)
         names = self._observed()
-        return by_name(names, shown) if len(names) == np.size(shown) else numbered("obs", shown)
+        return (
+            name_components(names, shown)
+            if len(names) == np.size(shown)
+            else number_components("obs", shown)
+        )
 
     def command(self, state: Array, action: Any) -> Named | None:
         """What the task tells the actuators, within their limits."""
@@ -239,14 +246,14 @@ class MujocoBoundaries(Boundaries):
         limited = model.actuator_ctrllimited.astype(bool)
         limited &= not model.opt.disableflags & int(disabled)
         bounded = np.clip(np.ravel(told), *model.actuator_ctrlrange.T)
-        return by_name(self._actuators, np.where(limited, bounded, np.ravel(told)))
+        return name_components(self._actuators, np.where(limited, bounded, np.ravel(told)))
 
     def force(self, state: Array, command: Array) -> Named | None:
         """`qfrc_actuator`."""
         if len(command) != self._model.nu:
             return None
         self._place(state, ctrl=command)
-        return by_name(self._axes, self._data.qfrc_actuator)
+        return name_components(self._axes, self._data.qfrc_actuator)
 
     def acceleration(self, state: Array, force: Array) -> Named | None:
         """`qacc` with the actuators off and the force applied."""
@@ -257,7 +264,7 @@ class MujocoBoundaries(Boundaries):
         option.disableflags, option.integrator = flags | off, integrator_numbers()["Euler"]
         self._place(state, qfrc_applied=force)
         option.disableflags, option.integrator = flags, integrator
-        return by_name(self._axes, self._data.qacc)
+        return name_components(self._axes, self._data.qacc)
 
     def _place(self, state: Array, **inputs: Array) -> None:
         """Put the model into a state with nothing left of what went before."""

@@ -21,7 +21,7 @@ from integ_gym.support.parameters import unknown_name
 from ..lanes import DiscretizedVectorEnv
 from ..rediscretized import plant_of
 from ..settings import Discretization
-from .boundaries import ACTUATORS, Boundaries, Named, by_name, intercept, numbered
+from .boundaries import ACTUATORS, Boundaries, Named, intercept, name_components, number_components
 from .gym_testbed import Applied, GymTestbed, split_period, without_stated
 
 
@@ -213,7 +213,7 @@ class PlaygroundBoundaries(Boundaries):
         except (AttributeError, TypeError):
             return None
         entry = self._lane._entry
-        return numbered("obs", shown[entry] if isinstance(shown, dict) else shown)
+        return number_components("obs", shown[entry] if isinstance(shown, dict) else shown)
 
     def command(self, state: NDArray[np.float64], action: Any) -> Named | None:
         """What the task gives its physics, within the actuators' limits."""
@@ -225,20 +225,20 @@ class PlaygroundBoundaries(Boundaries):
             return None
         bounded = np.clip(np.ravel(told), *model.actuator_ctrlrange.T)
         limited = model.actuator_ctrllimited.astype(bool)
-        return by_name(self._actuators, np.where(limited, bounded, np.ravel(told)))
+        return name_components(self._actuators, np.where(limited, bounded, np.ravel(told)))
 
     def force(self, state: NDArray[np.float64], command: NDArray[np.float64]) -> Named | None:
         """`qfrc_actuator`."""
         if len(command) != self._task.mj_model.nu:
             return None
-        return by_name(self._axes, self._placed(state, ctrl=command).qfrc_actuator)
+        return name_components(self._axes, self._placed(state, ctrl=command).qfrc_actuator)
 
     def acceleration(self, state: NDArray[np.float64], force: NDArray[np.float64]) -> Named | None:
         """`qacc` under the force alone: what actuators do without a command is taken off."""
         if len(force) != self._task.mj_model.nv:
             return None
         idle = np.asarray(self._placed(state).qfrc_actuator)
-        return by_name(self._axes, self._placed(state, qfrc_applied=force - idle).qacc)
+        return name_components(self._axes, self._placed(state, qfrc_applied=force - idle).qacc)
 
     def _placed(self, state: NDArray[np.float64], **inputs: NDArray[np.float64]) -> Any:
         """MJX's data in a state, with no control but those given."""

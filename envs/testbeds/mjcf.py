@@ -17,7 +17,7 @@ from gymnasium.wrappers import TimeLimit
 
 from integ_gym.support.errors import InputError
 from integ_gym.support.optional import load
-from integ_gym.support.parameters import unknown_name
+from integ_gym.support.parameters import positive, unknown_name
 
 from ..rediscretized import RediscretizedEnv, integrator_of
 from ..settings import DELAYS, TOLERANCE, Discretization
@@ -26,6 +26,13 @@ from .making import ENGINE, MujocoTestbed
 from .mjcf_model import CompiledModel, compile_model
 
 Array = npt.NDArray[Any]
+
+
+def read_only(values: Array) -> Array:
+    """A copy that cannot be changed: what a robot's methods are given outlives their call."""
+    held = values.copy()
+    held.setflags(write=False)
+    return held
 
 
 class Robot:
@@ -55,7 +62,7 @@ class Robot:
         }
         self._sites = {model.site(index).name: index for index in range(model.nsite)}
         self.to_keyframe()
-        self.key_qpos, self.key_ctrl = data.qpos.copy(), data.ctrl.copy()
+        self.key_qpos, self.key_ctrl = read_only(data.qpos), read_only(data.ctrl)
 
     def to_keyframe(self) -> None:
         """Put it into its keyframe; without one, into the model's reference pose."""
@@ -92,7 +99,7 @@ class Robot:
         if name not in self._sensors:
             raise InputError(unknown_name("sensor of the model", name, self._sensors))
         reading: Array = self.data.sensordata[self._sensors[name]]
-        return reading
+        return reading.copy()
 
     def gravity(self, site: str) -> Array:
         """Direction of gravity in the frame of a site: (0, 0, -1) where it is upright.
@@ -276,6 +283,8 @@ class MjcfTestbed(MujocoTestbed):
             return type(self)(**arguments).lane(discretization, arguments, render_mode)
         period, count = split_period(self, discretization)
         duration = float(arguments.get("duration", self.duration))
+        if fault := positive(duration):
+            raise InputError(f"`duration` {fault}, got {duration!r}")
         task: gym.Env[Any, Any] = MjcfTask(self, discretization.dt, count, render_mode)
         limit = max(1, ceil(duration / period * (1.0 - TOLERANCE)))
         own.pop("solver", None)

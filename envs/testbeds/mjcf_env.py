@@ -19,7 +19,7 @@ from integ_gym.support.errors import InputError
 from ..environment import at_bounds
 from ..foreign import ForeignPlant, ReturnGoal
 from ..rediscretized import RediscretizedEnv
-from .mjcf import Memory, Robot
+from .mjcf import Memory, Robot, read_only
 from .mjcf_model import describe_actuators
 
 if TYPE_CHECKING:
@@ -64,8 +64,8 @@ class MjcfTask(MujocoEnv):
         """Advance one control period."""
         testbed, robot, memory, command = self.testbed, self.robot, self.memory, self.command
         space = self.action_space
-        taken = np.clip(np.asarray(action, np.float64), space.low, space.high)
-        control = np.asarray(testbed.act(taken, robot), dtype=np.float64)
+        taken = read_only(np.clip(np.asarray(action, np.float64), space.low, space.high))
+        control = np.array(testbed.act(taken, robot), dtype=np.float64)  # may act much later
         if control.shape != (self.model.nu,):
             raise InputError(
                 f"`act` of {testbed.title} must give a control for each of the model's "
@@ -95,8 +95,8 @@ class MjcfTask(MujocoEnv):
         testbed, robot = self.testbed, self.robot
         robot.to_keyframe()
         testbed.start(robot, rng)
-        self.command = np.asarray(testbed.draw_command(rng), dtype=np.float64)
-        self.memory = Memory(last_action=np.zeros(self.action_space.shape), time=0.0)
+        self.command = read_only(np.asarray(testbed.draw_command(rng), dtype=np.float64))
+        self.memory = Memory(last_action=read_only(np.zeros(self.action_space.shape)), time=0.0)
         self._decisions = 0
         self._forward()
 

@@ -19,7 +19,8 @@ class CompiledModel(NamedTuple):
 
     Attributes:
         model: MuJoCo's `MjModel`, which its users copy.
-        sha256: of the model as one file of XML; None under a MuJoCo that cannot write it.
+        sha256: of the model as one file of XML, which names meshes and does not hold them; None
+            under a MuJoCo that cannot write it.
     """
 
     model: Any
@@ -61,7 +62,7 @@ def _compile(source: Any) -> CompiledModel:
             return CompiledModel(mujoco.MjModel.from_xml_path(source), None)
         spec = mujoco.MjSpec.from_file(source) if is_path else source.copy()
         folder = Path(source).parent if is_path else Path(spec.modelfiledir)
-        left_out = _leave_out_missing(spec, folder)
+        left_out = _leave_out_missing(mujoco, spec, folder)
         model = spec.compile()
     except InputError:
         raise
@@ -77,20 +78,23 @@ def _compile(source: Any) -> CompiledModel:
     return CompiledModel(model, hashlib.sha256(spec.to_xml().encode()).hexdigest())
 
 
-def _leave_out_missing(spec: Any, folder: Path) -> list[str]:
+def _leave_out_missing(mujoco: Any, spec: Any, folder: Path) -> list[str]:
     """Delete what only shows and whose file is missing; names of these files."""
     meshes = {one.name: one for one in spec.meshes if _is_missing(one.file, folder, spec.meshdir)}
     textures = [one for one in spec.textures if _is_missing(one.file, folder, spec.texturedir)]
+    always = int(mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE)
+    from_geoms = int(getattr(spec, "compiler", spec).inertiafromgeom) == always
     paired = {name for pair in spec.pairs for name in (pair.geomname1, pair.geomname2)}
     for geom in [one for one in spec.geoms if one.meshname in meshes]:
         label, body = f"geom {geom.name!r}" if geom.name else "a geom", geom.parent
         of = f"{label} of body {body.name!r}"
         if geom.contype or geom.conaffinity or (geom.name and geom.name in paired):
             raise InputError(f"{of} collides, and {_file_of(meshes, geom)} is missing; add it")
-        if not body.explicitinertial and body.name != "world":
+        if (from_geoms or not body.explicitinertial) and body.name != "world":
             raise InputError(
                 f"the mass of body {body.name!r} is computed from its geoms, and "
-                f"{_file_of(meshes, geom)} is missing; add it, or give the body an <inertial>"
+                f"{_file_of(meshes, geom)} is missing; add it, or give the body an <inertial> and "
+                'leave out inertiafromgeom="true"'
             )
         spec.delete(geom)
     of_textures = {texture.name for texture in textures}

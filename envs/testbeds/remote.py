@@ -20,7 +20,7 @@ from integ_gym.support.isolated import ISOLATED, IsolatedEnvironment, Worker
 
 from ..lanes import DiscretizedVectorEnv
 from ..settings import Discretization
-from .boundaries import ACTUATORS, Boundaries, Named, by_name, numbered
+from .boundaries import ACTUATORS, Boundaries, Named, name_components, number_components
 from .gym_testbed import Applied, GymTestbed, split_period, without_stated
 
 STARTING = 900.0
@@ -145,20 +145,20 @@ class DmControlBoundaries(Boundaries):
 
     def observation(self, state: NDArray[np.float64], seed: int) -> Named:
         """What the task makes of it."""
-        return numbered("obs", self._ask("observation", state=state))
+        return number_components("obs", self._ask("observation", state=state))
 
     def command(self, state: NDArray[np.float64], action: Any) -> Named:
         """What the task tells the actuators, within their limits."""
         told = self._ask("command", state=state, action=np.ravel(action).astype(np.float64))
-        return by_name(self._actuators, told)
+        return name_components(self._actuators, told)
 
     def force(self, state: NDArray[np.float64], command: NDArray[np.float64]) -> Named:
         """`qfrc_actuator`."""
-        return by_name(self.velocities, self._ask("force", state=state, command=command))
+        return name_components(self.velocities, self._ask("force", state=state, command=command))
 
     def acceleration(self, state: NDArray[np.float64], force: NDArray[np.float64]) -> Named:
         """`qacc` with the actuators off and the force applied."""
-        return by_name(self.velocities, self._ask("acceleration", state=state, force=force))
+        return name_components(self.velocities, self._ask("acceleration", state=state, force=force))
 
     def _ask(self, what: str, **given: NDArray[np.float64]) -> Any:
         plain = {name: values.tolist() for name, values in given.items()}

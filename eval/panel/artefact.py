@@ -8,6 +8,7 @@ import math
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
+from itertools import starmap
 from typing import Any, Final
 
 import msgspec
@@ -21,7 +22,17 @@ from .cells import Cell
 from .extrapolation import entry_at_limit
 from .findings import limits, paired_episodes, rankings, remedies, separations
 from .matrix import Matrix, PanelLayout, mean_success
-from .result import FILE_NAME, Failure, OtherVersionError, Panel, Row, Stage, read_panel
+from .result import (
+    FILE_NAME,
+    Entry,
+    Failure,
+    OtherVersionError,
+    Panel,
+    Row,
+    Stage,
+    limits_called,
+    read_panel,
+)
 from .run_directory import RunDirectory
 
 FAILURE_SAMPLE = 40
@@ -49,9 +60,9 @@ def build_artefact(
         stage: see :class:`Panel`; there are no verdicts yet where it is given.
         other: attributes of :class:`Panel` that the outcome does not tell.
     """
-    broken = layout.broken
     losses, at_limit = layout.losses(matrix), limits(layout, matrix)
-    at = {(one.row, one.cell): one for one in at_limit}
+    called = limits_called(at_limit, layout.rows)
+    at = {(one.row, one.cell): one for one in at_limit if one.cell in called}
     places = [(row, cell) for row in layout.rows for cell in layout.cells_of[row.name]]
     failures = [
         failure
@@ -61,6 +72,21 @@ def build_artefact(
     ]
     known = [(p.id, p.hash) for row in layout.rows for p in row.policies if p.hash]
     hashes = dict(sorted(known))
+
+    def entry(row: Row, cell: str) -> Entry:
+        """What a row did in a cell; no loss, gap or class where the contract is not kept."""
+        kept = (row.name, cell) not in layout.broken
+        found = matrix.entry(
+            row.name,
+            cell,
+            layout.native(cell) if kept else None,
+            layout.reference_of(matrix, cell, called) if kept else None,
+            losses.get((row.name, cell)) if kept else None,
+            tuple(dict.fromkeys(file for p in row.policy_ids for file in files[p])),
+            _query(directory, row, cell),
+        )
+        return entry_at_limit(found, at.get((row.name, cell)))
+
     return Panel(
         **other,
         stage=stage,
@@ -71,26 +97,10 @@ def build_artefact(
         weights=hashlib.sha256(json.dumps(hashes).encode()).hexdigest() if hashes else "",
         rows=tuple(_row(row, matrix, training_steps) for row in layout.rows),
         cells=tuple(_cell(cell, layout, matrix) for cell in layout.cells.values()),
-        matrix=tuple(
-            entry_at_limit(
-                matrix.entry(
-                    row.name,
-                    cell,
-                    layout.native(cell),
-                    None
-                    if (row.name, cell) in broken
-                    else layout.reference_of(matrix, cell, at_limit),
-                    None if (row.name, cell) in broken else losses.get((row.name, cell)),
-                    tuple(dict.fromkeys(file for p in row.policy_ids for file in files[p])),
-                    _query(directory, row, cell),
-                ),
-                at.get((row.name, cell)),
-            )
-            for row, cell in places
-        ),
+        matrix=tuple(starmap(entry, places)),
         contracts=tuple(layout.contracts.values()),
         limits=at_limit,
-        paired=paired_episodes(layout, matrix),
+        paired=paired_episodes(layout, matrix, called),
         verdicts=_verdicts(layout, matrix, decided=stage is None),
         policy_comparisons=tuple(_compare(layout, matrix, a, b) for a, b in layout.compare),
         separations=separations(layout, matrix),

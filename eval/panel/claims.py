@@ -20,8 +20,8 @@ class Claim(NamedTuple):
     """That a number is beyond a bound.
 
     Attributes:
-        measure: `loss` of success against home, on the truth where the home is unknown; `success`;
-            or `return`, the mean.
+        measure: `loss` of success against home (where that is unknown, the truth or the limit);
+            `success`; or `return`, the mean.
         above: whether the number is claimed to be above the bound, else below.
         bound: the bound.
         cell: name of the cell; None: the one in which it is most so, of the discretizations and of
@@ -45,7 +45,10 @@ class Claim(NamedTuple):
         if self.measure == "loss":
             found = {one.cell: one.success for one in panel.paired if one.row == row}
         else:
-            own = [entry for entry in panel.matrix if entry.row == row]
+            coarser = {
+                cell.name for cell in panel.cells if cell.kind == "limit" and not cell.column
+            }
+            own = [e for e in panel.matrix if e.row == row and e.cell not in coarser]
             numbers = {e.cell: e.success if self.measure == "success" else e.returns for e in own}
             found = {cell: number for cell, number in numbers.items() if number is not None}
         if not found:

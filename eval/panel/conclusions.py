@@ -116,7 +116,7 @@ def answer_lines(panel: Panel) -> tuple[str, ...]:
     doubt = success_doubt(panel)
     undecided = [] if panel.stage is None else [_stage_words(panel.stage)]
     if not panel.given_alone:
-        others = [*others, *filter(None, (limit_words(panel, _least_converged(panel)),))]
+        others = [*others, *filter(None, (limit_words(panel),))]
     separated = filter(None, (separation_words(panel),))
     headline = f"{doubt} {first}" if doubt else first
     return (*undecided, headline, *others, *separated, *_broken_contracts(panel))
@@ -428,7 +428,7 @@ def _given(panel: Panel, finding: Finding) -> tuple[str, ...]:
     lines = [
         _first(panel, finding, row),
         _about_home(panel, finding, row),
-        limit_words(panel, row.name),
+        limit_words(panel),
         _split(panel.entry(row.name, finding.cell)) if split and finding.cell else "",
         *_compared(panel, finding, row),
         _returns(panel, finding, row),
@@ -553,24 +553,21 @@ def _about_home(panel: Panel, finding: Finding, row: Row) -> str:
     return f"Home is {home}.{remark} {scope}"
 
 
-def _least_converged(panel: Panel) -> str:
-    """The row but a baseline of which most episodes do not converge; empty without a limit."""
+def limit_words(panel: Panel) -> str:
+    """How the row that converges least comes to its limit, or why that is not called one.
+
+    Of rows but baselines, at any of their control periods; empty without a limit.
+    """
     own = [one for one in panel.limits if not panel.row(one.row).baseline]
-    worst = max(own, key=lambda one: one.not_converged / one.episodes, default=None)
-    return worst.row if worst else ""
-
-
-def limit_words(panel: Panel, row: str) -> str:
-    """How a row comes to its limit, or why that is not called one; empty without one."""
-    found = next((one for one in panel.limits if one.row == row), None)
-    if found is None:
+    if not own:
         return ""
+    found = min(own, key=lambda one: (one.converges, -one.not_converged / one.episodes))
     cells = [panel.cell(name) for name in found.steps]
     steps = ", ".join(f"{cell.dt:g}" for cell in cells[:-1]) + f" and {cells[-1].dt:g} s"
     share = f"{found.not_converged} of {plural(found.episodes, 'episode')}"
     told = f"{cells[-1].scheme} at {steps}"
     if not panel.given_alone:
-        share += f" of {panel.in_words(row)}"
+        share += f" of {panel.in_words(found.row)}"
     if found.converges:
         return f"The limit is extrapolated from {told}; {share} do not converge."
     why = f"more than {percent(MOST_CHANGED)}"

@@ -81,7 +81,7 @@ def not_compared(
 def compare_and_note(spec: PanelSpec, directory: RunDirectory, pair: Pair) -> None:
     """Compare a pair, and mark that as finished."""
     start, unit = time.time(), unit_of_pair(spec, pair)
-    facts = marked(pair, contract_of(spec, pair))
+    facts = describe_comparison(pair, contract_of(spec, pair))
     directory.finish(unit, key_of_pair(spec, pair), start, **facts)
 
 
@@ -99,7 +99,7 @@ def contract_of(spec: PanelSpec, pair: Pair) -> Contract | None:
             environments.close()
 
 
-def marked(pair: Pair, contract: Contract | None) -> dict[str, Any]:
+def describe_comparison(pair: Pair, contract: Contract | None) -> dict[str, Any]:
     """What a unit's marker says of a pair, as plain data."""
     told = msgspec.to_builtins(contract)
     return {"home": pair.home.arguments(), "place": pair.place.arguments(), "contract": told}

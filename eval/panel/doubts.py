@@ -14,7 +14,7 @@ from integ_gym.envs.foreign import SURVIVAL
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.support.terminal import percent
 from integ_gym.train.policy_files.reading import STATE_DICT_ENDINGS
-from integ_gym.train.policy_files.sidecar import HOW_TO_STATE
+from integ_gym.train.policy_files.sidecar import how_to_state
 
 from ..statistics import Estimate
 from ..verdict import ALPHA, FAIL_MARGIN, p_text
@@ -46,7 +46,8 @@ def doubts_of(
         *_unscaled(existing),
         *(_overridden(existing) or _limited_otherwise(existing)),
         *_not_finite(existing, spec, records),
-        *_homeless(existing),
+        *_diverged_at_once(existing, records),
+        *_homeless(existing, spec.env_id),
         *_no_better(existing, spec, layout, matrix),
         *_cannot_fail(spec, records),
         *reward_doubts(spec.env_id, records),
@@ -129,17 +130,33 @@ def _not_finite(existing: Existing, spec: PanelSpec, records: EvidenceStore) -> 
     ]
 
 
+def _diverged_at_once(existing: Existing, records: EvidenceStore) -> list[str]:
+    """Doubt where no episode outlives its first decision, which no policy can be blamed for."""
+    name = existing.policy.policy_id
+    found = records.query(
+        "SELECT cell FROM records WHERE phase = 'evaluation' AND length > 0 "
+        f"AND policy_id = '{name}' GROUP BY cell "
+        "HAVING bool_and(length = 1 AND solver_status = 'diverged') ORDER BY cell"
+    ).to_pylist()
+    return [
+        f"every episode diverges at its first decision in {row['cell']}, so its loss there need "
+        "not be the policy's: the simulation may not work with these settings; leave that cell "
+        "out, or give it a shorter step"
+        for row in found
+    ]
+
+
 def _share(share: float) -> str:
     return "less than 1 %" if share < 0.005 else percent(share)
 
 
-def _homeless(existing: Existing) -> list[str]:
+def _homeless(existing: Existing, env_id: str) -> list[str]:
     """What is not known where the home is not."""
     if existing.home is not None:
         return []
     return [
         f"the home of {existing.policy.policy_id} is unknown, so nothing is held against it and "
-        f"no failure is put down to the discretization; {HOW_TO_STATE}"
+        f"no failure is put down to the discretization; {how_to_state(env_id)}"
     ]
 
 

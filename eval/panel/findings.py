@@ -49,7 +49,6 @@ from .result import (
     Row,
     Separation,
     TrainingCost,
-    limits_called,
 )
 from .spec import PanelSpec
 
@@ -174,42 +173,60 @@ def _of_limit(
     return steps, order, RETURN_MARGIN * lead if lead > 0.0 else math.inf
 
 
-def paired_episodes(layout: PanelLayout, matrix: Matrix) -> tuple[PairedEpisodes, ...]:
-    """What every given policy does in each cell, beside home; beside the truth without a home."""
+def paired_episodes(
+    layout: PanelLayout, matrix: Matrix, called: Sequence[str] = ()
+) -> tuple[PairedEpisodes, ...]:
+    """What every given policy does in each cell, beside home; beside the truth without a home.
+
+    Args:
+        layout: rows and cells.
+        matrix: their outcomes.
+        called: cells that are called a limit; the others are taken as they are.
+    """
     given = [row for row in layout.rows if row.kind == "given"]
-    return tuple(found for row in given for found in _paired(layout, matrix, row))
+    return tuple(found for row in given for found in _paired(layout, matrix, row, called))
 
 
-def _paired(layout: PanelLayout, matrix: Matrix, row: Row) -> Iterator[PairedEpisodes]:
+def _paired(
+    layout: PanelLayout, matrix: Matrix, row: Row, called: Sequence[str]
+) -> Iterator[PairedEpisodes]:
     cells = layout.cells_of[row.name]
-    against, shares = _held_against(layout, matrix, row)
+    against, shares = _held_against(layout, matrix, row, called)
     if against is None:
         return
     at = {
         steps[-1]: matrix.at_limit(row.name, *_of_limit(layout, matrix, row.name, steps))
         for steps in layout.limit_steps()
+        if steps[-1] in called
     }
     tested = [
         cell
         for cell in cells
-        if (layout.cells[cell].kind != "limit" or cell in at)
+        if (layout.cells[cell].kind != "limit" or layout.cells[cell].column)
         and (cell not in shares or len(shares) > 1)
         and (row.name, cell) not in layout.broken
     ]
-    success = _mixed(matrix, row.name, "success", shares)
-    earned = _mixed(matrix, row.name, "return", shares)
+    base = at[called[0]] if against == "limit" else None
+    success = base.success[0] if base else _mixed(matrix, row.name, "success", shares)
+    earned = base.returns[0] if base else _mixed(matrix, row.name, "return", shares)
     rates, means = [], []
     for cell in tested:
         found = at.get(cell)
-        if found is None:
-            rates.append(paired_success(success, _of(matrix, row.name, "success", cell)))
-            means.append(_return(earned, _of(matrix, row.name, "return", cell)))
-        else:
-            rates.append(
-                _beyond_slack(*paired_success(success, found.success[0]), found.success_slack)
-            )
-            lost = _return(earned, found.returns[0])
-            means.append(lost and _beyond_slack(*lost, found.return_slack, math.inf))
+        limited = [one for one in (base, found) if one is not None]
+        here = found.success[0] if found else _of(matrix, row.name, "success", cell)
+        rate = paired_success(success, here)
+        if limited:
+            slack = sum(one.success_slack for one in limited)
+            least = paired_success(success, _nearer(success, here, slack))[1]
+            rate = _beyond_slack(*rate, slack, least)
+        rates.append(rate)
+        here = found.returns[0] if found else _of(matrix, row.name, "return", cell)
+        mean = _return(earned, here)
+        if mean and limited:
+            slack = math.copysign(sum(one.return_slack for one in limited), mean[0].estimate)
+            shifted = _return(earned, here + slack)
+            mean = shifted and _beyond_slack(*mean, abs(slack), shifted[1], math.inf)
+        means.append(mean)
     share = share_of_look(max(1, len(layout.looks)))
     adjusted = [adjust_for_look(p, share) for p in holm([p for _, p in rates]).tolist()]
     known = [p for found in means if found for p in found[1:]]
@@ -229,24 +246,40 @@ def _paired(layout: PanelLayout, matrix: Matrix, row: Row) -> Iterator[PairedEpi
         )
 
 
+def _nearer(there: Array, here: Array, share: float) -> Array:
+    """Success here if a share of the episodes ended as there, of those that make the difference."""
+    apart = (there - here) * np.sign(np.sum(there - here))
+    most = np.argsort(-apart, kind="stable")[: round(share * len(apart))]
+    nearer = here.copy()
+    nearer[most] = np.where(apart[most] > 0.0, there[most], here[most])
+    return nearer
+
+
 def _beyond_slack(
-    lost: Estimate, p: float, slack: float, most: float = 1.0
+    lost: Estimate, p: float, slack: float, least: float, most: float = 1.0
 ) -> tuple[Estimate, float]:
-    """A difference with a slack on either side; within it there is nothing to show."""
+    """A difference with a slack on either side; within it there is nothing to show.
+
+    Args:
+        lost: the difference.
+        p: its p-value.
+        slack: by how much it may be another.
+        least: p-value of the difference less the slack.
+        most: bound of the difference.
+    """
     wide: Estimate = widen(lost, slack, -most, most)
-    return wide, 1.0 if wide.ends[0] <= 0.0 <= wide.ends[1] else p
+    return wide, 1.0 if wide.ends[0] <= 0.0 <= wide.ends[1] else max(p, least)
 
 
 def _held_against(
-    layout: PanelLayout, matrix: Matrix, row: Row
+    layout: PanelLayout, matrix: Matrix, row: Row, called: Sequence[str]
 ) -> tuple[Against | None, dict[str, float]]:
     """What a row is held against, as shares of cells; None where there is nothing."""
     if row.shares and all(matrix.has(row.name, cell) for cell in row.shares):
         return "home", row.shares
     if layout.reference is not None:
         return "truth", {layout.reference: 1.0}
-    finest = next(iter(limits_called(limits(layout, matrix), layout.rows)), None)
-    return (None, {}) if finest is None else ("limit", {finest: 1.0})
+    return ("limit", {called[0]: 1.0}) if called else (None, {})
 
 
 def _of(matrix: Matrix, row: str, name: str, cell: str) -> Array:

@@ -15,10 +15,10 @@ from integ_gym.support.errors import InputError
 from integ_gym.support.parameters import texts_of
 from integ_gym.train.policy_files.card import HASH_KEY
 from integ_gym.train.policy_files.sidecar import (
-    HOW_TO_STATE,
     STOCK,
     UNKNOWN,
     Stated,
+    how_to_state,
     stated_arguments,
 )
 
@@ -122,7 +122,7 @@ def provenance(
                 "policy's home with --home and choose cells with --integrator and --dt"
             )
     told = stated_arguments(stated, env_id, given)
-    arguments, origin = told, _origin(stated, told)
+    arguments, origin = told, _origin(stated, told, env_id)
     known = "integrator" in told
     if card is not None:
         arguments = card_arguments(card, env_id, own_code)
@@ -215,12 +215,12 @@ def _defaults(env_id: str, arguments: Mapping[str, Any]) -> dict[str, Any]:
     return {name: x for name, x in setup.arguments().items() if name not in _OF_THE_EPISODE}
 
 
-def _origin(stated: Stated, told: Mapping[str, Any]) -> str:
+def _origin(stated: Stated, told: Mapping[str, Any], env_id: str) -> str:
     if stated == STOCK:
         return "stated: the environment as its library makes it"
     if "integrator" in told:
         return "stated"
-    return f"no side-car says it, and none was stated; {HOW_TO_STATE}"
+    return f"no side-car says it, and none was stated; {how_to_state(env_id)}"
 
 
 def _of_card(card: Mapping[str, Any]) -> str:

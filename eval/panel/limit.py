@@ -32,8 +32,12 @@ _TOLERANCES: Final = ("tolerance", "accuracy", "residual")
 
 
 def order_of(place: Discretization) -> int:
-    """Order of a discretization's one-step map in the step; 1 where it is not known."""
-    name = map_of(place) if is_engine(place.engine) else place.integrator
+    """Order of a discretization's one-step map in the step; 1 where it is not known.
+
+    Integrators of engines that do not tell their maps are known by name, such as dm_control's RK4.
+    """
+    own = place.integrator
+    name = map_of(place) if is_engine(place.engine) else own if ":" in own else own.lower()
     registry = MAPS if name in MAPS.names() else INTEGRATORS
     known = ":" in name or name in registry.names()
     return int(getattr(registry.load(name), "order", 1)) if known else 1
@@ -61,10 +65,10 @@ def steps_of_limit(
         finest = by_period.setdefault(place.control_period, place)
         if place.engine == own[0].engine and place.dt < finest.dt:
             by_period[place.control_period] = place
-    return tuple(step for home in by_period.values() for step in _steps_from(testbed, home))
+    return tuple(step for home in by_period.values() for step in _find_steps(testbed, home))
 
 
-def _steps_from(testbed: Testbed, home: Discretization) -> tuple[dict[str, Any], ...]:
+def _find_steps(testbed: Testbed, home: Discretization) -> tuple[dict[str, Any], ...]:
     """The steps of one home.
 
     Of integrators of one order the home's own is taken, then the testbed's first. One that the
@@ -75,42 +79,42 @@ def _steps_from(testbed: Testbed, home: Discretization) -> tuple[dict[str, Any],
         SpecError: if the testbed makes no integrator at these steps, with what it says.
     """
     fault = "it has no integrator"
-    for integrator in _by_order(testbed, home):
+    for integrator in _sort_by_order(testbed, home):
         places = {part: replace(home, integrator=integrator, dt=home.dt / part) for part in PARTS}
         try:
-            steps = {part: _tightened(testbed, place) for part, place in places.items()}
+            steps = {part: _tighten_solver(testbed, place) for part, place in places.items()}
             return tuple({"part": part, **arguments} for part, arguments in steps.items())
         except (TypeError, ValueError) as error:
             fault = str(error)
     raise SpecError(f"a limit needs a half, a quarter and an eighth of {home.name}: {fault}")
 
 
-def _by_order(testbed: Testbed, home: Discretization) -> list[str]:
+def _sort_by_order(testbed: Testbed, home: Discretization) -> list[str]:
     """Integrators of a home's engine, that of highest order first."""
     names = dict.fromkeys((home.integrator, *testbed.integrators(home.engine)))
     known = [name for name in names if name in testbed.integrators(home.engine)]
     return sorted(known, key=lambda name: -order_of(replace(home, integrator=name)))
 
 
-def _tightened(testbed: Testbed, place: Discretization) -> dict[str, Any]:
+def _tighten_solver(testbed: Testbed, place: Discretization) -> dict[str, Any]:
     """Arguments of a step, with tighter settings of its solver where the testbed tells any."""
-    setup = _setup_in(testbed, Cell.of(place, "limit"))
+    setup = _make_setup(testbed, Cell.of(place, "limit"))
     held = setup.engine.describe().get("solver") or getattr(setup.settings, "solver", None) or {}
-    solver = dict(_tighter(held))
+    solver = dict(_tighter_settings(held))
     if not solver:
         return place.arguments()
-    _setup_in(testbed, Cell.of(place, "limit", environment={"solver": solver}))
+    _make_setup(testbed, Cell.of(place, "limit", environment={"solver": solver}))
     return {**place.arguments(), "solver": solver}
 
 
-def _setup_in(testbed: Testbed, cell: Cell) -> Any:
+def _make_setup(testbed: Testbed, cell: Cell) -> Any:
     """The setup of a cell's environment, which can be made."""
     environments = environments_of(testbed, cell, 1)
     environments.close()
     return environments.setups[0]
 
 
-def _tighter(settings: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+def _tighter_settings(settings: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
     """Those of a solver's settings that say how far it goes, by their names."""
     for name, value in settings.items():
         if any(word in name.lower() for word in _TOLERANCES) and value > LEAST_TOLERANCE:

@@ -46,7 +46,7 @@ from .cells import AppliedDiscretization, Cell, Home, main_home
 from .contracts import Contracts, is_kept
 from .extrapolation import AtLimit, extrapolate, widen
 from .limit import PARTS
-from .result import Entry, Failure, Limit, Look, Measure, Policy, Row, limits_called
+from .result import Entry, Failure, Limit, Look, Measure, Policy, Row
 from .run_directory import Seen, looks_before, spent_by
 from .spec import PanelSpec
 
@@ -401,11 +401,16 @@ class PanelLayout:
         """The row that was trained in a cell alone, if there is one."""
         return next((row.name for row in self.rows if row.home == cell), None)
 
-    def reference_of(self, matrix: Matrix, cell: str, limits: Sequence[Limit]) -> str | None:
+    def reference_of(self, matrix: Matrix, cell: str, called: Sequence[str]) -> str | None:
         """The truth, or without one the limit, at a cell's control period.
 
         None where something is varied in the cell, or it cannot be solved in time, so that failing
         there says nothing.
+
+        Args:
+            matrix: outcomes.
+            cell: name of the cell.
+            called: cells that are called a limit, see :func:`limits_called`.
         """
         own = self.cells[cell]
         if not own.plain or own.kind in ("ladder", "limit"):
@@ -414,7 +419,7 @@ class PanelLayout:
             return None
         if self.reference is not None:
             return self.truth_at(own.control_period)
-        finest = (self.cells[name] for name in limits_called(limits, self.rows))
+        finest = (self.cells[name] for name in called)
         return next((c.name for c in finest if isclose(c.control_period, own.control_period)), None)
 
     def truth_at(self, control_period: float | None) -> str | None:

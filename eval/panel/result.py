@@ -169,7 +169,8 @@ class Entry(Part, frozen=True, kw_only=True):
         tail: share of the seeds that lose more than 0.5 of success; null at home and without one.
         worst_policy: id of the policy that loses most; null likewise.
         worst_loss: what it loses.
-        transfer_gap: success of the policies trained here minus that of these; null without any.
+        transfer_gap: success of the policies trained here minus that of these; null without any,
+            and where the contract of home is not kept.
         reference_class: the cell's pass or fail beside the reference's; null where the reference
             has another plant or control period, and in cells that cannot be solved in time.
         labels: episodes by failure label; `none` are those that succeed.

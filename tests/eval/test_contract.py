@@ -15,7 +15,9 @@ import integ_gym
 from integ_gym.cli import main
 from integ_gym.envs.engines.stepping import NativeEngine, missing_modules
 from integ_gym.envs.registries import ENGINES
-from integ_gym.eval.contract import SIDES, TOLERANCE, compare_contracts
+from integ_gym.envs.testbeds.boundaries import Boundaries
+from integ_gym.envs.testbeds.gym_testbed import Applied
+from integ_gym.eval.contract import SIDES, TOLERANCE, compare_boundaries, compare_contracts
 from integ_gym.eval.power import Comparison, judge_family
 from integ_gym.eval.verdict import Achieved, Attempt, Rates
 
@@ -99,6 +101,31 @@ def test_a_wrapper_of_ones_own_testbed_is_seen() -> None:
     found = compare_contracts("Pendulum-v1", f"{__name__}:Rescaled")
     told = {check.boundary: [one.component for one in check.differing] for check in found.broken}
     assert told == {"observation": ["obs2"], "command": ["action0"]}
+
+
+class Normalized(Rescaled):
+    """A hopper whose observations are normalized by what was seen before."""
+
+    home = integ_gym.Discretization("RK4", 0.002, 0.008, "mujoco")
+    choices = ("RK4",)
+
+    def build(self, discretization, **arguments):
+        return gym.wrappers.NormalizeObservation(gym.make(HOPPER))
+
+    def read(self, env):
+        return Applied(self.home, 4)
+
+
+def test_an_environment_with_running_statistics_is_the_same_as_itself() -> None:
+    assert not compare_contracts(*2 * [f"{__name__}:Normalized"]).broken
+
+
+def test_actions_that_cannot_be_drawn_are_refused() -> None:
+    env = gym.wrappers.TransformAction(
+        gym.make("CartPole-v1"), lambda action: action[0], gym.spaces.MultiDiscrete([2, 3])
+    )
+    with pytest.raises(integ_gym.IntegGymError, match="Box or Discrete"):
+        compare_boundaries(["one", "other"], [Boundaries(env), Boundaries(env)])
 
 
 class Told(Rescaled):

@@ -55,7 +55,15 @@ Stated: TypeAlias = str | Mapping[str, Any] | Discretization | None
 """A home as people state it: ``"integrator=…,dt=…,control_period=…"``, the same as a mapping or a
 `Discretization`, ``"stock"`` or ``"unknown"``; a control period alone leaves the rest unknown."""
 
-HOW_TO_STATE = "state it with --home integrator=…,dt=…,control_period=… or --home stock"
+
+def how_to_state(env_id: str) -> str:
+    """What to type of a home that is not known."""
+    stock = "" if _is_ours_alone(env_id) else " or --home stock"
+    return f"state it with --home integrator=…,dt=…,control_period=…{stock}"
+
+
+def _is_ours_alone(env_id: str) -> bool:
+    return is_integ_environment(env_id) and env_id not in STOCK_ARGUMENTS
 
 
 def stated_arguments(
@@ -78,7 +86,7 @@ def stated_arguments(
         return find_testbed(env_id, environment if ":" in env_id else {})
 
     if stated == STOCK:
-        if is_integ_environment(env_id) and env_id not in STOCK_ARGUMENTS:
+        if _is_ours_alone(env_id):
             raise InputError(
                 f"{env_id} is no environment of Gymnasium's, so --home stock says nothing; give "
                 "--home integrator=…,dt=…,control_period=…"

@@ -29,9 +29,9 @@ from ..contracts import (
     Contracts,
     contract_of,
     contracts_in,
+    describe_comparison,
     engines_of,
     key_parts,
-    marked,
     pairs_of,
 )
 from ..episodes import Successes
@@ -265,7 +265,7 @@ def of_contracts(
             yield _of_marker(unit, "key", marker["key"], key)
         if any(is_engine(one.engine) and missing_modules(one.engine) for one in pair):
             continue
-        for name, made in marked(pair, contract_of(spec, pair)).items():
+        for name, made in describe_comparison(pair, contract_of(spec, pair)).items():
             if not _same(marker.get(name), msgspec.json.decode(msgspec.json.encode(made))):
                 yield _of_marker(unit, name, marker.get(name), made)
 

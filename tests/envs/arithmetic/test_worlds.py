@@ -169,7 +169,6 @@ _TO_THE_BIT = {
     "repeat": lambda ops, x, y: ops.repeat(3, lambda i, c: (c[0] * 0.7 + y,), (x,))[0],
     "foreign": lambda ops, x, y: ops.foreign(lambda z: (z * 0.3,), (x,), (False,))[0],
     "%": lambda ops, x, y: x % 0.7,
-    "the power of `reference`": lambda ops, x, y: abs(x) ** (-1.0 / 8.0),
 }
 """By operation, an expression of it."""
 

@@ -24,6 +24,7 @@ from integ_gym.train.policy_files.sidecar import stated_arguments
 MONOPED = "examples.robots.monoped:Monoped"
 MODEL = """
 <mujoco>
+  <compiler inertiafromgeom="{from_geoms}"/>
   <option timestep="0.005" integrator="implicitfast" iterations="7" cone="elliptic"/>
   <asset><mesh name="shell" file="shell.stl"/></asset>
   <worldbody>
@@ -67,10 +68,12 @@ class Stub(MjcfTestbed):
     control_period = 0.02
     keyframe = "home"
 
-    def model(self, contact=HIDDEN, inertial=HEAVY):
+    def model(self, contact=HIDDEN, inertial=HEAVY, from_geoms="auto"):
         from mujoco import MjSpec
 
-        return MjSpec.from_string(MODEL.format(contact=contact, inertial=inertial))
+        return MjSpec.from_string(
+            MODEL.format(contact=contact, inertial=inertial, from_geoms=from_geoms)
+        )
 
     def observe(self, robot, memory, command):
         return robot.sensor("gyro")
@@ -182,6 +185,7 @@ def test_home_and_actuators_are_those_of_the_file():
     [
         ({"contact": ""}, "'shell'"),
         ({"inertial": ""}, "'trunk'"),
+        ({"from_geoms": "true"}, "'trunk'"),
         ({"contact": "", "inertial": ""}, "shell.stl"),
         ({"friction": 1.0}, "friction"),
         ({"inertial": "<no/>"}, "no"),
@@ -204,6 +208,7 @@ def changed(**members):
         ({"observe": lambda self, robot, memory, command: robot.gravity("im")}, "imu"),
         ({"act": lambda self, action, robot: action[:2]}, "act"),
         ({"control_period": 0.012}, "control_period"),
+        ({"duration": -1.0}, "duration"),
         ({"control_period": property()}, "control_period"),
         ({"model": lambda self: "nowhere.xml"}, "nowhere.xml"),
     ],
@@ -211,6 +216,46 @@ def changed(**members):
 def test_what_a_user_gets_wrong_is_told_in_a_sentence(testbed, named):
     with warnings.catch_warnings(action="ignore"), pytest.raises(IntegGymError, match=named):
         changed(**testbed).environment().step(np.zeros(3, np.float32))
+
+
+@pytest.mark.parametrize(
+    "member",
+    [
+        {"act": lambda self, action, robot: np.add(robot.key_ctrl, action, out=robot.key_ctrl)},
+        {"act": lambda self, action, robot: np.multiply(action, 0.5, out=action)},
+        {"observe": lambda self, robot, memory, command: np.negative(command, out=command)},
+    ],
+)
+def test_what_outlives_a_call_cannot_be_changed_in_it(member):
+    with warnings.catch_warnings(action="ignore"), pytest.raises(ValueError, match="read-only"):
+        changed(commands={"v_x": (0.0, 1.0)}, **member).environment().step(np.ones(3, np.float32))
+
+
+class Scaled(Stub):
+    """It scales what it reads in place, and gives its controls in one array of its own."""
+
+    def observe(self, robot, memory, command):
+        spin = robot.sensor("gyro")
+        spin *= 0.25
+        return spin
+
+    def act(self, action, robot):
+        self.controls = vars(self).setdefault("controls", np.zeros(3))
+        self.controls[:] = action
+        return self.controls
+
+
+@pytest.mark.filterwarnings("ignore:.*shell.stl")
+def test_what_a_users_methods_do_to_their_own_arrays_changes_no_motion():
+    states = []
+    for testbed in (Stub(action_latency=0.02), Scaled(action_latency=0.02)):
+        env = testbed.environment()
+        env.reset(seed=0)
+        for turn in range(5):
+            env.step(np.full(3, (-0.9) ** turn, np.float32))
+        data = env.unwrapped.data
+        states.append(np.concatenate([data.qpos, data.qvel, data.sensordata]))
+    assert (states[0] == states[1]).all()
 
 
 def test_it_is_an_environment_of_gymnasium():
@@ -260,7 +305,7 @@ def test_the_example_of_the_page_takes_a_file(tmp_path, monkeypatch):
     (block,) = [one for one in page_blocks("docs/how-to/testbeds.md", "python") if "Mjcf" in one]
     (tmp_path / "my_robot.py").write_text(block, encoding="utf-8")
     (tmp_path / "scene.xml").write_text(
-        MODEL.format(contact=HIDDEN, inertial=HEAVY), encoding="utf-8"
+        MODEL.format(contact=HIDDEN, inertial=HEAVY, from_geoms="auto"), encoding="utf-8"
     )
     monkeypatch.syspath_prepend(tmp_path)
     testbed = find_testbed("my_robot:Walker", {"folder": str(tmp_path)})

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 
+import msgspec
 import numpy as np
 import pytest
 from engine_cases import needs
@@ -16,6 +17,7 @@ from integ_gym.envs.settings import Discretization
 from integ_gym.envs.testbeds.making import find_testbed
 from integ_gym.eval.panel.artefact import build_artefact
 from integ_gym.eval.panel.cells import Cell, SpecError
+from integ_gym.eval.panel.claims import parse_claim
 from integ_gym.eval.panel.conclusions import answer_lines, finding_of, limit_words
 from integ_gym.eval.panel.extrapolation import extrapolate
 from integ_gym.eval.panel.limit import PARTS, order_of, steps_of_limit
@@ -24,6 +26,7 @@ from integ_gym.eval.panel.plan import planned_spec
 from integ_gym.eval.panel.result import Cost, Panel, Policy, Row, read_panel
 from integ_gym.eval.panel.spec import parse_spec
 from integ_gym.eval.report.matrices import success_matrix
+from integ_gym.eval.statistics import paired_success
 
 HOME = Discretization("symplectic_euler", 0.05, 0.05, "gymnasium")
 STEPS = [replace(HOME, dt=HOME.dt / part) for part in PARTS]
@@ -54,6 +57,8 @@ def test_every_engine_tells_the_order_of_its_integrators():
             order = order_of(Discretization(name, 0.05, 0.05, engine))
             assert order >= 1
             assert order == 4 or one_step_map != "rk4"
+    assert order_of(Discretization("RK4", 0.01, 0.01, "dm_control")) == 4
+    assert order_of(Discretization("Euler", 0.01, 0.01, "dm_control")) == 1
 
 
 def test_a_solver_is_tighter_at_the_limit_than_at_home():
@@ -173,7 +178,7 @@ def judged(rates: dict[float, float], starts: int = 100, known: bool = True) -> 
     return build_artefact(
         PanelLayout(rows, cells, names, None), Matrix(rows, records, starts),
         {"mine": (), "random": ()}, directory="runs/mine", name="evaluate mine", question="?",
-        command="", versions={}, spec={"env_id": "Pendulum-v1"},
+        command="", versions={}, spec={"env_id": "Pendulum-v1", "variations": []},
         cost=Cost(wall_seconds=0.0, workers=1, train_seconds=0.0, evaluate_seconds=0.0),
     )  # fmt: skip
 
@@ -191,7 +196,7 @@ def test_the_limit_takes_the_truths_place_by_its_own_name():
     assert finding is not None
     assert finding.cell == panel.limit.name == STEPS[-1].name
     assert "at the limit" in answer_lines(panel)[0]
-    assert "2 of 100" in limit_words(panel, "mine")
+    assert "2 of 100" in limit_words(panel)
     matrix = success_matrix(panel)
     assert matrix is not None
     assert (matrix.groups[0].label, matrix.groups[0].reference) == ("limit", True)
@@ -209,7 +214,7 @@ def test_intervals_at_the_limit_are_wider_by_the_episodes_that_still_change():
 
 
 def test_nothing_is_shown_where_what_still_changes_could_undo_it():
-    panel = judged(at(0.6, 0.6, 0.62, 0.52))
+    panel = judged(at(0.6, 0.7, 0.62, 0.52))
     lost = next(one for one in panel.paired if one.cell == STEPS[-1].name)
     assert lost.success.estimate == pytest.approx(0.08)
     assert lost.p_success == 1.0
@@ -228,12 +233,49 @@ def test_it_is_not_called_a_limit_where_too_many_or_ever_more_episodes_change(ra
     panel = judged(rates)
     assert (panel.limit is not None) is called
     assert ("at the limit" in panel.headline) is called
-    assert limit_words(panel, "mine").startswith("No limit") is not called
+    assert limit_words(panel).startswith("No limit") is not called
+
+
+def test_what_is_shown_at_the_limit_exceeds_what_still_changes():
+    panel = judged(at(0.8, 0.75, 0.7, 0.6))
+    lost = next(one for one in panel.paired if one.cell == STEPS[-1].name)
+    least = paired_success(np.repeat([1.0, 0.0], [80, 20]), np.repeat([1.0, 0.0], [70, 30]))[1]
+    assert lost.success.ends[0] > 0.0
+    assert lost.p_success == pytest.approx(least)
+
+
+@pytest.mark.parametrize("rate", [0.4, 0.39])
+def test_the_finest_step_is_told_as_it_is_where_it_is_not_called_a_limit(rate):
+    panel = judged(at(rate, 0.6, 0.5, rate))
+    home, finest = (panel.entry("mine", name) for name in (HOME.name, STEPS[-1].name))
+    assert home is not None
+    assert finest is not None
+    assert (finest.success == home.success) is (panel.limit is None)
+    (lost,) = (one for one in panel.paired if one.cell == STEPS[-1].name)
+    assert (lost.success.ends[1] < 0.1) is (panel.limit is None)
+
+
+def test_no_claim_is_shown_in_the_coarser_steps_of_a_limit():
+    panel = judged(at(1.0, 0.2, 1.0, 1.0))
+    assert parse_claim("success < 0.5").shown_in(panel) is None
+    assert parse_claim("success < 0.5").shown_in(judged(at(1.0, 0.2, 0.2, 0.2))) is not None
+
+
+def test_of_several_limits_the_one_that_converges_least_is_told():
+    panel = judged(at(1.0, 0.6, 0.5, 0.48))
+    own, random = panel.limits
+    slower = msgspec.structs.replace(own, not_converged=60)
+    told = msgspec.structs.replace(panel, limits=(own, slower, random))
+    assert told.limit is None
+    assert limit_words(told).startswith("No limit")
 
 
 def test_a_policy_of_unknown_home_is_held_against_the_limit():
-    panel = judged(at(1.0, 0.6, 0.5, 0.48), known=False)
-    assert {one.against for one in panel.paired} == {"limit"}
+    settled, changing = (judged(at(0.8, 0.6, q, 0.5), known=False) for q in (0.5, 0.57))
+    for one, other in zip(settled.paired, changing.paired, strict=True):
+        assert one.against == other.against == "limit"
+        low, high = one.success.ends
+        assert other.success.ends == pytest.approx((low - 0.07, high + 0.07))
 
 
 @pytest.mark.slow

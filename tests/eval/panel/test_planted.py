@@ -9,9 +9,11 @@ import numpy.typing as npt
 import pytest
 
 from integ_gym.envs.settings import Discretization
+from integ_gym.eval.contract import BoundaryCheck, Contract
 from integ_gym.eval.panel.achieve import Tried
 from integ_gym.eval.panel.artefact import build_artefact
 from integ_gym.eval.panel.cells import Cell
+from integ_gym.eval.panel.contracts import Contracts, Pair
 from integ_gym.eval.panel.matrix import Matrix, PanelLayout
 from integ_gym.eval.panel.result import Cost, Panel, Policy, Row
 from integ_gym.eval.verdict import Search
@@ -34,6 +36,7 @@ def planted(
     recovered: Callable[[str, str], Rates] | None = None,
     tried: dict[str, Tried] | None = None,
     family: tuple[tuple[str, str], ...] = FAMILY,
+    contracts: Contracts | None = None,
 ) -> Panel:
     """A panel of three rows and cells with the rates of every seed, by (row, cell)."""
     rows = tuple(
@@ -64,13 +67,15 @@ def planted(
     ]  # fmt: skip
     can = dict.fromkeys(cells, SOLVED) | (tried or {})
     layout = PanelLayout(
-        rows, cells, {row.name: tuple(cells) for row in rows}, TRUTH.name, family, tried=can
-    )
+        rows, cells, {row.name: tuple(cells) for row in rows}, TRUTH.name, family, tried=can,
+        contracts=contracts or {},
+    )  # fmt: skip
     ids = [policy for row in rows for policy in row.policy_ids]
     return build_artefact(
         layout, Matrix(rows, records, EPISODES),
         dict.fromkeys(ids, "evidence/x.parquet"),
-        directory="runs/planted", name="planted", question="?", spec={}, command="", versions={},
+        directory="runs/planted", name="planted", question="?", spec={"control_period": 0.05},
+        command="", versions={},
         cost=Cost(wall_seconds=0.0, workers=1, train_seconds=0.0, evaluate_seconds=0.0),
     )  # fmt: skip
 
@@ -99,6 +104,19 @@ def test_what_holds_and_comes_late_is_told() -> None:
     )
     assert "0.40 comes back in twice the time" in panel.answer
     assert "3 hold (" in panel.answer
+
+
+def test_where_the_contract_of_home_is_not_kept_nothing_is_said_to_be_lost() -> None:
+    differs = BoundaryCheck(boundary="force", sizes=(1, 2), tolerance=1e-6)
+    contract = Contract(
+        first=HERE.name, second=THERE.name, states=1, starts_alone=False, checks=(differs,)
+    )
+    panel = planted(lambda row, cell: PERFECT, contracts={Pair(HERE, THERE): contract})
+    entry, back = panel.entry(HERE.name, THERE.name), panel.entry(THERE.name, HERE.name)
+    assert entry is not None
+    assert back is not None
+    assert entry.home_drop is entry.overfitting is entry.transfer_gap is entry.reference_class
+    assert entry.transfer_gap is None is not back.transfer_gap
 
 
 def test_overfitting_fails() -> None:

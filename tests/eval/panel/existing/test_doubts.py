@@ -45,7 +45,8 @@ class _Records:
 
     def query(self, sql: str) -> pa.Table:
         common = {"phase": "evaluation", "length": 10, "perturbation": None, "record_id": "",
-                  "substeps": 1, "engine_description": "{}"}  # fmt: skip
+                  "cell": HOME, "solver_status": "ok", "substeps": 1,
+                  "engine_description": "{}"}  # fmt: skip
         acted = {"still": self.fallbacks, "random": 10}
         table = pa.Table.from_pylist(
             [{**common, "policy_id": name, "fallback_count": n} for name, n in acted.items()]
@@ -221,3 +222,13 @@ def test_what_has_no_bounds_is_not_told_of_any():
     assert MlpPolicy(layers, "Tanh", DiscreteActions(2)).bounds is None
     assert _limited(float(np.finfo(np.float32).max)).bounds is None
     assert _doubts(_told(WELL)) == ()
+
+
+def test_a_cell_where_nothing_outlives_its_first_decision_is_no_fault_of_the_policys(tmp_path):
+    """The speed passes its bound at such a gravity."""
+    panel = integ_gym.evaluate(
+        still, PENDULUM, tmp_path, home=STATED, integrators=["rk4"], dts=[0.05], episodes=2,
+        varied={"gravity": [10.0, 1e9]}, at=["home"], workers=1, progress=False,
+    )  # fmt: skip
+    (doubt,) = (one for one in panel.warnings if "first decision" in one)
+    assert "gravity=1e+09" in doubt
