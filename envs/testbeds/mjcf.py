@@ -139,11 +139,10 @@ class MjcfTestbed(MujocoTestbed):
     :meth:`observe` and :meth:`act` must be given; the rest may be.
 
     Args:
-        success_return: an episode succeeds if its return reaches this; None: see :attr:`success`.
-        duration: of an episode, s, in place of the class's.
-        solver: settings of MuJoCo's solver in place of the file's.
-        arguments: those of :meth:`model`, JSON-serialisable, and the delays that every testbed
-            takes.
+        arguments: those of :meth:`model`, JSON-serialisable; ``success_return``, from which on an
+            episode succeeds (None: see :attr:`success`); ``duration`` of an episode, s, and
+            ``solver``, MuJoCo's settings, in place of the class's and the file's; the delays that
+            every testbed takes.
 
     Attributes:
         control_period: time between two decisions at home, s.
