@@ -195,7 +195,8 @@ def judged(request, tmp_path_factory):
     panel = integ_gym.evaluate(
         "faulty_hoppers:stand", "faulty_hoppers:TwoHoppers", out, dts=[0.002], episodes=2,
         home="engine=mujoco,integrator=Euler,dt=0.002,control_period=0.008",
-        environment={"success_return": 1000.0, "fault": request.param}, workers=1, progress=False,
+        environment={"success_return": 1000.0, "fault": request.param}, limit=False, workers=1,
+        progress=False,
     )  # fmt: skip
     (boundary,) = (told[0] for kind, told in FAULTS.items() if kind.__name__ == request.param)
     return panel, out, boundary

@@ -382,8 +382,8 @@ if __name__ == "__main__":
     folder, (values, environ) = Path(sys.argv[1]), configured()
     small = dict(n_envs=4, n_steps=32, batch_size=64, n_epochs=1, total_steps=128, net_arch=(8,))
     small["env_arguments"] = {"integrator": "rk4", "dt": 0.05}
-    configs = [PPOConfig.of("IntegPendulum-v0", seed=s, **small) for s in (0, 1)]
-    train_fleet(configs, [folder / str(s) for s in (0, 1)], progress=False, workers=1)
+    config = PPOConfig.of("IntegPendulum-v0", seed=0, **small)
+    train_fleet([config], [folder / "worker"], progress=False, workers=1)
     after, now = configured()
     assert after == values
     assert {k for k in now if now[k] != environ.get(k)} <= {"TORCHINDUCTOR_CACHE_DIR"}
@@ -402,12 +402,12 @@ def test_workers_leave_this_process_as_it_was_and_train_what_the_command_trains_
         [sys.executable, str(script), str(tmp_path)], capture_output=True, text=True, check=False
     )
     assert (done.returncode, done.stderr) == (0, "")
-    names = ("0", "1", "here")
+    names = ("worker", "here")
     weights = [(tmp_path / name / "policy.safetensors").read_bytes() for name in names]
-    assert weights[0] == weights[2] != weights[1]
+    assert weights[0] == weights[1]
     cards = [read_trained(tmp_path / name / "policy.zip")[1] for name in names]
-    assert [card["seed"] for card in cards] == [0, 1, 0]
-    assert set(cards[0]) == set(cards[2])
+    assert [card["seed"] for card in cards] == [0, 0]
+    assert set(cards[0]) == set(cards[1])
 
 
 def test_refusals(tmp_path, capsys):

@@ -325,8 +325,8 @@ def test_the_monoped_hops_at_home_and_is_judged_elsewhere(tmp_path):
     panel = integ_gym.evaluate(
         ROOT / "examples" / "robots" / "monoped_policy" / "policy.safetensors", MONOPED, tmp_path,
         integrators=["Euler", "implicitfast"], dts=[0.004], episodes=10,
-        varied={"solver": [{"iterations": 1}, {"iterations": 100}]}, at=["home"], workers=1,
-        progress=False, on_doubt=lambda doubt: None,
+        varied={"solver": [{"iterations": 1}, {"iterations": 100}]}, at=["home"], limit=False,
+        workers=1, progress=False, on_doubt=lambda doubt: None,
     )  # fmt: skip
     assert {cell.integrator for cell in panel.cells} == {"Euler", "implicitfast"}
     records = [one.fields for _, one in EvidenceStore(tmp_path / "evidence").named_records()]
