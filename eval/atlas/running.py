@@ -96,8 +96,9 @@ def again(
 ) -> Agreement:
     """Run a finished block anew, and note that its outcomes are the same.
 
-    Its first seed tells, where it comes out the same or the processor is the same. Otherwise the
-    whole block is run, and agrees or not by :func:`compare`.
+    Its first two seeds tell, where they come out the same or the processor is the same: a policy
+    that is trained alone may round otherwise than beside others. Otherwise the whole block is run,
+    and agrees or not by :func:`compare`.
 
     Args:
         atlas: what is run.
@@ -114,8 +115,8 @@ def again(
     if not path.exists():
         raise InputError(f"block {block.name} has no summary in {folder}; run it first")
     before, run = read_summary(path), out / f"{block.name}-again"
-    one = replace(block, panel=replace(block.panel, seeds=block.panel.seeds[:1]))
-    for part in (one, block):
+    few = replace(block, panel=replace(block.panel, seeds=block.panel.seeds[:2]))
+    for part in (few, block):
         run_panel(part.panel, run, workers=workers, command="integ-gym atlas --again")
         made = summarize(run, atlas.name, part)
         if not first_difference(before, made) or same_processor(before, made):

@@ -52,8 +52,8 @@ def parser() -> argparse.ArgumentParser:
     add("--only", nargs="+", metavar="BLOCK", help="run these blocks alone")
     add(
         "--again", metavar="BLOCK",
-        help="run a finished block anew, its first seed alone where that is the same to the last "
-        "bit, and note in the summaries' folder that its outcomes are the same",
+        help="run a finished block anew, its first two seeds alone where these are the same to the "
+        "last bit, and note in the summaries' folder that its outcomes are the same",
     )  # fmt: skip
     add(
         "--publish", type=Path, metavar="DIR",

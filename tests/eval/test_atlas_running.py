@@ -78,12 +78,12 @@ def test_what_has_a_summary_is_not_run_again_even_without_its_evidence(run, caps
 def test_a_block_run_again_agrees(run, capsys):
     assert _run(run / "small.toml", run / "runs", "--again", "3-seed3") == 0
     told = capsys.readouterr().out
-    assert "2 policies trained again in 3-seed3: all 4 outcomes are the same." in told
+    assert "4 policies trained again in 3-seed3: all 8 outcomes are the same." in told
     assert (run / "runs" / "summaries" / "agreements.json").exists()
 
 
 @pytest.mark.slow
-def test_where_the_first_seed_differs_the_whole_block_is_run_again(run, tmp_path, capsys):
+def test_where_the_first_seeds_differ_the_whole_block_is_run_again(run, tmp_path, capsys):
     path = tmp_path / "3-seed3.parquet"
     given = (run / "small.toml", run / "runs", "--again", "3-seed3", "--summaries", str(tmp_path))
     summary = read_summary(run / "runs" / "summaries" / path.name)
