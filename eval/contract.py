@@ -19,8 +19,8 @@ from integ_gym.envs.testbeds.boundaries import Boundaries, Named
 from integ_gym.envs.testbeds.gym_testbed import Testbed
 from integ_gym.envs.testbeds.making import find_testbed, make_checked
 from integ_gym.support.errors import InputError
-from integ_gym.support.options import named_value
 from integ_gym.support.terminal import plural
+from integ_gym.train.policy_files.sidecar import read_place
 
 from .statistics import Part
 
@@ -268,7 +268,9 @@ def _resolve_side(
             )
         testbed = find_testbed(side, environment)
         return side, testbed, testbed.home
-    stated = _parse_cell(side)
+    stated = read_place(side)
+    if stated is None:
+        raise InputError(f"the cell {side!r} cannot be read; give NAME=VALUE,NAME=VALUE")
     changed = {name: x for name, x in stated.items() if name not in DISCRETIZATION}
     testbed = find_testbed(env_id, {**environment, **changed})
     steps = {name: x for name, x in stated.items() if name in DISCRETIZATION}
@@ -280,17 +282,6 @@ def _resolve_side(
     place = Discretization(**{**home, **steps})
     others = "".join(f", {name}={x}" for name, x in changed.items())
     return f"{place.name}{others}", testbed, place
-
-
-def _parse_cell(side: Cell) -> dict[str, Any]:
-    if isinstance(side, Discretization):
-        return side.arguments()
-    if isinstance(side, Mapping):
-        return dict(side)
-    words = [word.strip() for word in side.split(",")]
-    if not all("=" in word for word in words):
-        raise InputError(f"the cell {side!r} cannot be read; give NAME=VALUE,NAME=VALUE")
-    return dict(map(named_value, words))
 
 
 def _check_correspondence(names: Sequence[str], first: Boundaries, second: Boundaries) -> None:

@@ -92,7 +92,12 @@ def stated_arguments(
                 "--home integrator=…,dt=…,control_period=…"
             )
         return {**testbed().home.arguments(), **STOCK_ARGUMENTS.get(env_id, {})}
-    parts = _parts(stated)
+    parts = read_place(stated)
+    if parts is None:
+        raise InputError(
+            f"the home {stated!r} cannot be read; give integrator=…,dt=…,control_period=…, or "
+            f"{STOCK!r} for what was trained on the environment as its library makes it"
+        )
     for name in parts:
         if name not in DISCRETIZATION:
             raise InputError(unknown_name("part of a home", name, DISCRETIZATION))
@@ -109,18 +114,14 @@ def stated_arguments(
     return {"engine": testbed().home.engine, "control_period": period, **parts}
 
 
-def _parts(stated: str | Mapping[str, Any] | Discretization) -> dict[str, Any]:
-    if isinstance(stated, Discretization):
-        return stated.arguments()
-    if isinstance(stated, Mapping):
-        return dict(stated)
-    words = [word.strip() for word in stated.split(",")]
-    if not all("=" in word for word in words):
-        raise InputError(
-            f"the home {stated!r} cannot be read; give integrator=…,dt=…,control_period=…, or "
-            f"{STOCK!r} for what was trained on the environment as its library makes it"
-        )
-    return dict(named_value(word) for word in words)
+def read_place(place: str | Mapping[str, Any] | Discretization) -> dict[str, Any] | None:
+    """A home or a cell as people state it, as constructor arguments; None if it cannot be read."""
+    if isinstance(place, Discretization):
+        return place.arguments()
+    if isinstance(place, Mapping):
+        return dict(place)
+    words = [word.strip() for word in place.split(",")]
+    return dict(map(named_value, words)) if all("=" in word for word in words) else None
 
 
 POLICY_FILE = "policy.zip"
