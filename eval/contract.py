@@ -1,7 +1,7 @@
 """Whether two environments mean the same by observation, command, force and acceleration.
 
 From the same states and actions each of the four maps is compared by itself, on the same inputs:
-what differs at one boundary is not told again at the next. Nothing is integrated.
+what differs at one boundary is not reported again at the next. Nothing is integrated.
 """
 
 from __future__ import annotations
@@ -231,12 +231,12 @@ def compare_boundaries(
 
         A boundary without its input is one that nobody can say.
         """
-        told = [_evaluate_boundary(getattr(one, name), places, inputs) for one in made]
+        sides = [_evaluate_boundary(getattr(one, name), places, inputs) for one in made]
         silent = tuple(
-            side for side, own in zip(SIDES, told, strict=True) if own is None or not comparable
+            side for side, own in zip(SIDES, sides, strict=True) if own is None or not comparable
         )
-        found.append(_compare_values(name, told, silent, tolerance))
-        own = told[0] if comparable else None
+        found.append(_compare_values(name, sides, silent, tolerance))
+        own = sides[0] if comparable else None
         return [] if own is None else [np.array([*one.values()]) for one in own]
 
     check("observation", seeds)
@@ -296,14 +296,14 @@ def _check_correspondence(names: Sequence[str], first: Boundaries, second: Bound
             f"{names[0]} takes actions of {spaces_of[0]} and {names[1]} of {spaces_of[1]}, so no "
             "action is the same in both; compare environments whose actions have one shape"
         )
-    told = [(len(one.coordinates), len(one.velocities)) for one in (first, second)]
-    if told[0] == told[1]:
+    sizes = [(len(one.coordinates), len(one.velocities)) for one in (first, second)]
+    if sizes[0] == sizes[1]:
         return
     has = [
         f"{name} has {plural(q, 'position')} and {plural(v, 'velocity', 'velocities')}"
         if q
         else f"{name} cannot be put into a state"
-        for name, (q, v) in zip(names, told, strict=True)
+        for name, (q, v) in zip(names, sizes, strict=True)
     ]
     raise InputError(
         f"{has[0]}, and {has[1]}: states correspond by their order, so compare environments with "
@@ -354,24 +354,24 @@ def _draw_action(space: spaces.Space[Any], rng: np.random.Generator, reach: floa
 
 
 def _evaluate_boundary(
-    tell: Any, places: Sequence[Array], inputs: Sequence[Any]
+    boundary: Any, places: Sequence[Array], inputs: Sequence[Any]
 ) -> list[Named] | None:
     """What an environment says at a boundary in every state; None where it cannot."""
     if len(inputs) < len(places):
         return None
-    told = [tell(place, given) for place, given in zip(places, inputs, strict=True)]
-    known = [one for one in told if one is not None]
-    return known if len(known) == len(told) else None
+    evaluated = [boundary(place, given) for place, given in zip(places, inputs, strict=True)]
+    known = [one for one in evaluated if one is not None]
+    return known if len(known) == len(evaluated) else None
 
 
 def _compare_values(
     name: BoundaryName,
-    told: Sequence[list[Named] | None],
+    sides: Sequence[list[Named] | None],
     silent: tuple[Side, ...],
     tolerance: float,
 ) -> BoundaryCheck:
     """One boundary."""
-    one, other = told
+    one, other = sides
     if silent or one is None or other is None:
         return BoundaryCheck(boundary=name, silent=silent, tolerance=tolerance)
     sizes = len(one[0]), len(other[0])
