@@ -190,7 +190,7 @@ NUMBERS = {
     "the plan": (lambda panel: panel["spec"].update(episodes=50), "`spec.episodes` is recorded as"),
     "a look": (lambda panel: panel.update(looks=[]), "`len(looks)` is recorded as 0, and comes"),
     "a version": (lambda panel: panel["versions"].update(numpy="1.0"), "`versions.numpy` is"),
-    "the cost": (lambda panel: panel["cost"].update(train_seconds=0.1), "`cost.train_seconds` is"),
+    "the cost": (lambda panel: panel["cost"].update(train_seconds=1e6), "`cost.train_seconds` is"),
     "processes": (lambda panel: panel["cost"].update(workers=64), "`cost.workers` is recorded as"),
     "the command": (lambda panel: panel.update(command="rm -r ~"), "`command` is recorded as"),
     "a gap": (
