@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from math import ceil, nan
-from typing import Any, Final, Literal, cast
+from typing import Any, Final, Literal, NamedTuple, cast
 
 import gymnasium as gym
 import numpy as np
@@ -38,6 +38,18 @@ from .transition import AWAY, NOT_REPORTED
 _SECONDS = ("dt", "control_period", "duration")
 
 
+class Further(NamedTuple):
+    """A number that evidence tells of every control step: its name, SI unit and meaning."""
+
+    name: str
+    unit: str
+    meaning: str
+
+
+FURTHER = "further"
+"""Entry of `info` that holds them, in the order of the plant."""
+
+
 @dataclass(frozen=True)
 class ForeignPlant:
     """Names and units of controls and state, which is empty where it is not known."""
@@ -50,6 +62,8 @@ class ForeignPlant:
     velocities: tuple[str, ...] = ()
     velocity_units: tuple[str, ...] = ()
     frame: str = "not known"
+    further: tuple[Further, ...] = ()
+    """What is told of every control step besides."""
 
 
 @dataclass(frozen=True)

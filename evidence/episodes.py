@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from integ_gym.envs.environment import environment_setup
+from integ_gym.envs.foreign import FURTHER
 from integ_gym.envs.ops.ops import SCALAR
 from integ_gym.envs.plants.interface import state_names
 from integ_gym.envs.registries import TRUTH
@@ -23,6 +24,7 @@ from .fields import (
     CONTACT_TRACE,
     SUMMARY_FIELDS,
     Field,
+    further_of,
     record_fields,
 )
 from .labels import EpisodeContext
@@ -40,6 +42,9 @@ _FOR_SUMMARIES = ("goal_since", "saturated", "fallback_used", "success")
 
 _PERHAPS_UNKNOWN = dict.fromkeys(("dissipated", "energy_residual"), nan)
 """What an environment leaves out of `info` where it is not known."""
+
+COMMANDED, MEASURED = "command_", "measured_"
+"""How names of what is commanded begin among what is told besides, and of the same measured."""
 
 _STARTING = ("energy", "goal_since")
 """What of ``info`` is not 0 at a reset."""
@@ -61,15 +66,18 @@ class Layout:
         fields: all columns of the records.
         info: entries taken from ``info``: what the trace columns and the summaries need.
         state: entries of the true state, in state order.
+        further: entries that ``info`` has in one array, see
+            :data:`integ_gym.envs.foreign.FURTHER`.
         names: all entries: ``info``, then solver status, reward, terminated and truncated, then
-            ``state`` and the observation.
+            ``state``, the observation and ``further``.
     """
 
     def __init__(self, plant: Any, task: Any, info: Mapping[str, Any] | None = None) -> None:
         self.fields: tuple[Field, ...] = record_fields(plant, task)
         self.state = state_names(plant)
         sensed = tuple(f"sensed_{name}" for name in task.observation_names)
-        others = (STATUS, *_ENDING, *self.state, *sensed)
+        self.further = tuple(told.name for told in further_of(plant))
+        others = (STATUS, *_ENDING, *self.state, *sensed, *self.further)
         absent = {field.source for field in CONTACT_TRACE} - set(info or ())
         sources = (field.source for field in self.fields if field.at)
         told = dict.fromkeys((*sources, *_FOR_SUMMARIES))
@@ -110,7 +118,8 @@ class Layout:
             told = self._told(info)
         except KeyError:
             told = self._told({**_PERHAPS_UNKNOWN, **info})
-        return (*told, status, *ending, *state, *sensed)
+        further = info[FURTHER].T if self.further else ()
+        return (*told, status, *ending, *state, *sensed, *further)
 
     def start(
         self, info: Mapping[str, Any], state: Iterable[Any], sensed: Iterable[Any]
@@ -249,6 +258,19 @@ class EpisodeRows:
             return np.full(len(self.steps), np.nan)
         until = self._each(np.add, np.where(before, self._column(entry), 0.0))
         return np.where(arrival < self._ends, until, np.nan)
+
+    def command_error(self) -> Array:
+        """Root mean square of what is commanded minus what is measured; NaN if it is not told."""
+        measured = [name for name in self._layout.further if name.startswith(MEASURED)]
+        if not measured:
+            return np.full(len(self.steps), np.nan)
+        squares = np.zeros(self._ends[-1])
+        for name in measured:
+            wanted = self._column(COMMANDED + name.removeprefix(MEASURED))
+            squares += (self._column(name) - wanted) ** 2
+        squares[self._starts] = 0.0  # what a reset told is not recorded
+        error: Array = np.sqrt(self._each(np.add, squares) / self.steps)
+        return error
 
     def goal_left(self) -> Array:
         """Last time of leaving the goal, s; NaN if never."""

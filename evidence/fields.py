@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from integ_gym.envs import numerics
+from integ_gym.envs.foreign import Further
 from integ_gym.envs.plants.interface import state_names, state_units
 from integ_gym.envs.settings import DRAWN, NATIVE, Setup
 from integ_gym.envs.transition import STATUS_NAMES
@@ -176,7 +177,7 @@ def last(entry: str) -> Origin:
     return rows(lambda episodes: episodes.last(entry))
 
 
-SCHEMA_VERSION = 6
+SCHEMA_VERSION = 7
 
 FIRST_WRITTEN = 4
 """Earliest schema version that this version of integ-gym wrote; as much is asked of its files."""
@@ -370,6 +371,9 @@ _OUTCOME = _group(
     _real("constraint_violation_max?", "m",
         "largest constraint violation; null: not reported, or none to violate",
         most("constraint_violation")),
+    _real("command_error?", "SI",
+        "root mean square over control steps of what is commanded minus what is measured, as a "
+        "vector; null: not told", rows(lambda episodes: episodes.command_error()), since=7),
     _text("failure_label", "first failure rule that fits", None, choices=LABELS),
     _text("failure_reason", "code of the reason; its sentence in schema version 4 and before",
         None),
@@ -524,6 +528,11 @@ def contact_units(plant: Any) -> dict[str, str]:
     return {"penetration": unit, "penetration_max": unit, "contact_force": force}
 
 
+def further_of(plant: Any) -> tuple[Further, ...]:
+    """What a plant tells of every control step besides; ours tell nothing."""
+    return tuple(getattr(plant, "further", ()))
+
+
 def trace_fields(plant: Any, task: Any) -> tuple[Field, ...]:
     """Trace columns of one environment.
 
@@ -547,6 +556,10 @@ def trace_fields(plant: Any, task: Any) -> tuple[Field, ...]:
         *(
             replace(field, frame=plant.frame, unit=units.get(field.name, field.unit))
             for field in CONTACT_TRACE
+        ),
+        *(
+            _column(told.name, "float64", told.unit, told.meaning, "step")
+            for told in further_of(plant)
         ),
     )
 

@@ -120,10 +120,9 @@ def drawn_again(record: EvidenceRecord) -> bool:
     return record.first_of_seed and record.fields["phase"] != "training"
 
 
-def _of_those_told(arguments: str, recorded: str) -> str:
-    """Arguments, JSON, without those that a record of an earlier version did not have yet."""
-    known = argument_values(recorded)
-    made = parse_field("arguments", arguments)
+def _of_those_told(name: str, text: str, recorded: str) -> str:
+    """A field of JSON without the entries that a record of an earlier version did not have yet."""
+    known, made = (parse_field(name, own) for own in (recorded, text))
     return json_text({name: value for name, value in made.items() if name in known})
 
 
@@ -149,12 +148,13 @@ def differences(
     left_out = _NOT_REPLAYED if decided_here else _NOT_REPLAYED | _OF_ACTIONS
     if fields["engine"] == NATIVE:
         left_out = left_out | {"engine_version"}  # integ-gym's own, which follows from the record
+    is_older = fields["schema_version"] < SCHEMA_VERSION
     for own in SUMMARY_FIELDS:
         if own.name in left_out or own.since > fields["schema_version"]:
             continue
         recorded, computed = fields[own.name], again.fields[own.name]
-        if own.name == "arguments" and fields["schema_version"] < SCHEMA_VERSION:
-            computed = _of_those_told(computed, recorded)
+        if own.name in ("arguments", "engine_description") and is_older:
+            computed = _of_those_told(own.name, computed, recorded)
         moved = computed if nudged is None else nudged.fields[own.name]
         slack = 1.0 if tolerance and own.name.startswith(_ITERATIONS) else 0.0
         if not _alike(recorded, computed, moved, tolerance, slack):
@@ -166,6 +166,8 @@ def differences(
         if noisy and noise_source(record) is None:
             continue
         values, other = record.trace.get(column), again.trace.get(column)
+        if values is None and is_older:
+            continue
         if values is None:
             yield column, None, f"{len(again.trace[column])} values"
             continue
@@ -362,7 +364,7 @@ def _derive_fields(fields: Any) -> dict[str, Any]:
     narrow = fields["float_width"] != 64
     own = {k: x for k, x in columns.items() if not (narrow and k == "engine_description")}
     if fields["schema_version"] < SCHEMA_VERSION:
-        own["arguments"] = _of_those_told(own["arguments"], fields["arguments"])
+        own["arguments"] = _of_those_told("arguments", own["arguments"], fields["arguments"])
     return expected | own
 
 

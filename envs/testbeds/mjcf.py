@@ -207,6 +207,10 @@ class MjcfTestbed(MujocoTestbed):
         """What an episode is commanded, drawn evenly between the bounds of :attr:`commands`."""
         return np.array([rng.uniform(low, high) for low, high in self.commands.values()])
 
+    def measure(self, robot: Robot) -> Any:
+        """What is commanded, as it is now, in the order of :attr:`commands`; None: not told."""
+        return None
+
     def remember(self, memory: Memory, robot: Robot, command: Array) -> None:
         """Keep something of a decision, of which ``memory.last_action`` is the action."""
 

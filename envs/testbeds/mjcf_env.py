@@ -17,10 +17,12 @@ from gymnasium.envs.mujoco import MujocoEnv
 from integ_gym.support.errors import InputError
 
 from ..environment import at_bounds
-from ..foreign import ForeignPlant, ReturnGoal
+from ..foreign import FURTHER, ForeignPlant, ReturnGoal
 from ..rediscretized import RediscretizedEnv
 from .mjcf import Memory, Robot, read_only
+from .mjcf_figures import Figures
 from .mjcf_model import describe_actuators
+from .mjcf_skeleton import describe_skeleton
 
 if TYPE_CHECKING:
     from .mjcf import MjcfTestbed
@@ -91,6 +93,19 @@ class MjcfTask(MujocoEnv):
         """What the testbed says of an episode that lasts."""
         return bool(self.testbed.achieves(self.robot, self.memory, self.command))
 
+    def measure(self) -> Array:
+        """What is commanded as it is measured; empty where the testbed does not tell it."""
+        measured = self.testbed.measure(self.robot)
+        if measured is None:
+            return np.zeros(0)
+        told = np.array(measured, dtype=np.float64)
+        if told.shape != self.command.shape:
+            raise InputError(
+                f"`measure` of {self.testbed.title} must give a number for each of the "
+                f"{len(self.command)} commands, got shape {told.shape}"
+            )
+        return told
+
     def _begin(self, rng: np.random.Generator) -> None:
         testbed, robot = self.testbed, self.robot
         robot.to_keyframe()
@@ -146,17 +161,28 @@ class MjcfEnv(RediscretizedEnv):
 
     def _describe_plant(self) -> ForeignPlant:
         plant, size = super()._describe_plant(), len(self._command_low)
-        names = [name.removesuffix("_control") for name, _ in plant.controls]
+        names = actuators = [name.removesuffix("_control") for name, _ in plant.controls]
         if size != len(names):
             names = [f"action{index}" for index in range(size)]
         controls = tuple((f"{name}_action", "1") for name in names)
-        return replace(plant, name=self._inner.testbed.title, controls=controls)
+        testbed, is_measured = self._inner.testbed, self._inner.measure().size > 0
+        self._figures = Figures(self._mujoco, self._model, testbed.commands, is_measured, actuators)
+        further = self._figures.columns
+        return replace(plant, name=testbed.title, controls=controls, further=further)
 
     def _describe_model(self) -> dict[str, Any]:
         return {
             "model_sha256": self._inner.testbed.compiled.sha256,
             "actuators": describe_actuators(self._mujoco, self._model),
+            "skeleton": describe_skeleton(
+                self._mujoco, self._model, super()._describe_plant().coordinates
+            ),
         }
+
+    def _info(self, *told: Any) -> dict[str, Any]:
+        inner = self._inner
+        figures = self._figures.read(self._data, inner.command, inner.measure())
+        return {**super()._info(*told), FURTHER: figures}
 
     def _command_bounds(self) -> tuple[Array, Array]:
         space: Any = self.action_space

@@ -38,6 +38,9 @@ class Go1(MjcfTestbed):
     def falls(self, robot):
         return robot.gravity("imu")[2] > -0.5
 
+    def measure(self, robot):
+        return np.append(robot.sensor("local_linvel")[:2], robot.sensor("gyro")[2])
+
     def reward(self, robot, memory, command):
-        error = np.append(robot.sensor("local_linvel")[:2], robot.sensor("gyro")[2]) - command
+        error = self.measure(robot) - command
         return np.exp(-4.0 * (error @ error))

@@ -44,7 +44,9 @@ class Humanoid(MjcfTestbed):
     def falls(self, robot):
         return robot.gravity(self.unit)[2] > -0.5
 
+    def measure(self, robot):
+        return np.append(robot.sensor(self.velocimeter)[:2], robot.sensor(self.gyro)[2])
+
     def reward(self, robot, memory, command):
-        velocity, spin = robot.sensor(self.velocimeter), robot.sensor(self.gyro)
-        error = np.append(velocity[:2], spin[2]) - command
+        error = self.measure(robot) - command
         return np.exp(-4.0 * (error @ error))

@@ -207,6 +207,7 @@ def changed(**members):
         ({"observe": lambda self, robot, memory, command: robot.sensor("gyr")}, "gyro"),
         ({"observe": lambda self, robot, memory, command: robot.gravity("im")}, "imu"),
         ({"act": lambda self, action, robot: action[:2]}, "act"),
+        ({"measure": lambda self, robot: [1.0]}, "measure"),
         ({"control_period": 0.012}, "control_period"),
         ({"duration": -1.0}, "duration"),
         ({"control_period": property()}, "control_period"),
@@ -280,6 +281,28 @@ def test_it_is_an_environment_of_gymnasium():
     assert (seen[0] == again).all()
 
 
+def test_who_stands_presses_with_the_weight_and_does_not_slip():
+    env = find_testbed(MONOPED, {}).environment()
+    env.reset(seed=0)
+    names = [told.name for told in env.setup.plant.further]
+    env.unwrapped.data.qpos[1] += 0.5
+    *_, info = env.step(np.zeros(3, np.float32))
+    flying = dict(zip(names, info["further"], strict=True))
+    assert flying["foot_normal_force"] == flying["contact_normal_force"] == 0.0
+    env.reset(seed=0)
+    for _ in range(90):
+        *_, fallen, _, info = env.step(np.zeros(3, np.float32))
+    told = dict(zip(names, info["further"], strict=True))
+    model, data = env.unwrapped.model, env.unwrapped.data
+    assert not fallen
+    assert told["foot_normal_force"] == told["contact_normal_force"]
+    assert told["foot_normal_force"] == pytest.approx(9.81 * model.body_subtreemass[0], rel=0.02)
+    assert told["foot_tangential_force"] <= 0.9 * told["foot_normal_force"]
+    assert told["foot_slip_speed"] < 1e-3
+    assert told["knee_force"] == data.actuator_force[1]
+    assert (told["command_v_x"], told["measured_v_x"]) == (info["command"][0], data.qvel[0])
+
+
 @pytest.mark.parametrize(
     "different", [{}, {"solver": {"iterations": 100}, "latency_jitter": 0.008}]
 )
@@ -294,6 +317,9 @@ def test_a_record_comes_out_to_the_last_bit(different, tmp_path):
     ((file, record),) = EvidenceStore(tmp_path).named_records()
     assert record.fields["env_id"] == MONOPED
     assert record.fields["engine_description"].count("position") == 3
+    errors = record.trace["command_v_x"] - record.trace["measured_v_x"]
+    assert record["command_error"] == pytest.approx(np.sqrt(np.nanmean(errors**2)))
+    assert np.nanmax(record.trace["foot_normal_force"]) > 0.0
     done = replay([(file, record)], exact=True, own_code=True).settle()
     assert (done.findings, done.skipped, done.exact) == ([], {}, 1)
     assert replay([(file, record)]).settle().skipped
