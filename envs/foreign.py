@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import ceil, nan
+from operator import attrgetter
 from typing import Any, Final, Literal, NamedTuple, cast
 
 import gymnasium as gym
@@ -33,6 +34,7 @@ from .settings import (
     delays_in,
     whole_multiple,
 )
+from .starts import MEMBER, stream_of_episode
 from .transition import AWAY, NOT_REPORTED
 
 _SECONDS = ("dt", "control_period", "duration")
@@ -611,6 +613,75 @@ class StatedEnv(ForeignWrapper):
         return self._common_info(self._control, acting, saturated, fell_back, success)
 
 
+class MixedEnv(gym.Wrapper[Any, Any, Any, Any]):
+    """One lane of a mixture: every episode runs on the member that it draws at its reset.
+
+    Members are drawn as in integ-gym's own environments. The first episode after a seed is that of
+    its member alone with this seed. Every later one has a seed of its own, made of the lane's seed
+    and the episode's number: so starts depend neither on the members drawn nor on how long earlier
+    episodes were. ``info["mixture_index"]`` tells which member it is.
+
+    Args:
+        members: an environment for each, as :class:`SequentialVectorEnv` takes them.
+        mixture: their setups and shares.
+
+    Attributes:
+        setup: of the member that the episode runs on; the others of :class:`SequentialVectorEnv`
+            likewise.
+    """
+
+    setup = property(attrgetter("env.setup"))
+    state_components = property(attrgetter("env.state_components"))
+    status_code = property(attrgetter("env.status_code"))
+    fresh = property(attrgetter("env.fresh"))
+
+    def __init__(self, members: Sequence[Any], mixture: Mixture) -> None:
+        super().__init__(members[0])
+        for kind in ("observation_space", "action_space"):
+            first, *others = (getattr(member, kind) for member in members)
+            for other in others:
+                if other != first:
+                    raise InputError(
+                        f"members of `mixture` must have the same `{kind}`, got {first} and "
+                        f"{other}; leave one out"
+                    )
+        self.mixture, self._members = mixture, members
+        self._seeded: np.random.Generator | None = None
+        self._episode = self._member = 0
+
+    @property
+    def np_random_seed(self) -> Any:
+        """The lane's seed, of which each episode's is made; None before the first."""
+        seeds: Any = None if self._seeded is None else self._seeded.bit_generator.seed_seq
+        return None if seeds is None else seeds.entropy
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Start an episode on a member."""
+        self.final_state, self.final_status = self.state_components, self.status_code
+        if seed is not None or self._seeded is None:
+            self._seeded, self._episode = np.random.default_rng(seed), 0
+        else:
+            self._episode += 1
+        stream = stream_of_episode(self._seeded, MEMBER, self._episode)
+        self._member = self.mixture.member(stream.random())
+        self.env = self._members[self._member]
+        own = int(stream.integers(2**31)) if seed is None else seed
+        observation, info = self.env.reset(seed=own, options=options)
+        return observation, {**info, "mixture_index": self._member}
+
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+        """Advance one control period of the member's."""
+        observation, reward, terminated, truncated, info = self.env.step(action)
+        return observation, reward, terminated, truncated, {**info, "mixture_index": self._member}
+
+    def close(self) -> None:
+        """Close all members."""
+        for member in self._members:
+            member.close()
+
+
 _MAYBE_UNKNOWN = (
     *("energy", "actuator_work", "dissipated", "clip_loss", "energy_residual"),
     *("solver_iterations", "solver_residual"),
@@ -641,7 +712,8 @@ class SequentialVectorEnv(SyncVectorEnv[Any, Any], DiscretizedVectorEnv):
         super().__init__([make] * num_envs, autoreset_mode=autoreset_mode)
         self._tasks: list[Any] = list(self.envs)
         self.spec = self.envs[0].spec
-        self.mixture = Mixture((self._tasks[0].setup,))
+        one = self._tasks[0]
+        self.mixture = one.mixture if isinstance(one, MixedEnv) else Mixture((one.setup,))
         self.setups = self.mixture.setups
         self.setup = self.setups[0]
 

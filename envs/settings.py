@@ -616,23 +616,12 @@ def make_mixture(
     """
     if members is None:
         return Mixture((make_setup(arguments),))
-    checked = _checked_members(members)
-    for name in DISCRETIZATION:
-        if name in arguments and all(name in member for member in checked):
-            raise InputError(
-                f"`{name}`={arguments[name]!r} acts nowhere: each member of `mixture` has its own; "
-                "leave one of them out"
-            )
-    setups = tuple(
-        make_setup({**arguments, **{k: x for k, x in member.items() if k != WEIGHT}})
-        for member in checked
-    )
+    places, shares = parse_mixture(arguments, members)
+    setups = tuple(make_setup(place) for place in places)
     memory, samples = (max(getattr(s.timing, n) for s in setups) for n in ("memory", "samples"))
     kept = replace(setups[0].timing, memory=memory, samples=samples)
-    weights = [Fraction(str(member.get(WEIGHT, 1))) for member in checked]
-    shares = tuple(weight / sum(weights) for weight in weights)
     mixture = Mixture(tuple(setup.keeping(kept) for setup in setups), shares)
-    stated = all({**arguments, **m}.get("control_period") is not None for m in checked)
+    stated = all(place.get("control_period") is not None for place in places)
     if mixture.several_periods and not stated:
         raise InputError(
             f"members of `mixture` decide every {sorted(set(mixture.periods))} s, for without a "
@@ -640,6 +629,30 @@ def make_mixture(
             "in each member"
         )
     return mixture
+
+
+def parse_mixture(
+    arguments: Mapping[str, Any], members: Any
+) -> tuple[list[dict[str, Any]], tuple[Fraction, ...]]:
+    """The constructor arguments of each member of a mixture, and the members' shares.
+
+    Args:
+        arguments: of all members.
+        members: see :func:`make_mixture`.
+
+    Raises:
+        ValueError: for what is no list of members, and for an argument that each has of its own.
+    """
+    checked = _checked_members(members)
+    for name in DISCRETIZATION:
+        if name in arguments and all(name in member for member in checked):
+            raise InputError(
+                f"`{name}`={arguments[name]!r} acts nowhere: each member of `mixture` has its own; "
+                "leave one of them out"
+            )
+    weights = [Fraction(str(member.get(WEIGHT, 1))) for member in checked]
+    places = [{**arguments, **{k: x for k, x in m.items() if k != WEIGHT}} for m in checked]
+    return places, tuple(weight / sum(weights) for weight in weights)
 
 
 def _checked_members(members: Any) -> Sequence[Mapping[str, Any]]:

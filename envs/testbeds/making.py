@@ -25,10 +25,19 @@ from integ_gym.support.parameters import suggestion
 
 from ..engines.stepping import without_idle_solver
 from ..environment import OTHER_TESTBEDS, environment_class, environment_setup, is_integ_environment
+from ..foreign import MixedEnv, SequentialVectorEnv
 from ..lanes import DiscretizedVectorEnv
 from ..rediscretized import RediscretizedEnv, integrator_numbers, rediscretize
 from ..registries import ENGINES, ENVIRONMENTS, TESTBEDS, TRUTH
-from ..settings import DELAYS, DISCRETIZATION, Discretization, agrees, dividing_step
+from ..settings import (
+    DELAYS,
+    DISCRETIZATION,
+    Discretization,
+    Mixture,
+    agrees,
+    dividing_step,
+    parse_mixture,
+)
 from .boundaries import IntegBoundaries
 from .gym_testbed import (
     CLASSIC,
@@ -339,17 +348,32 @@ def _check(asked: Discretization, applied: Applied) -> None:
                 )
 
 
-def check_mixture(env_id: str) -> None:
-    """Refuse a mixture of an environment that makes one discretization at a time.
+def _make_mixed(
+    testbed: Testbed, stated: Mapping[str, Any], members: Any, lanes: int, mode: str
+) -> DiscretizedVectorEnv:
+    """Environments of others whose episodes draw from a mixture.
 
-    Raises:
-        ValueError: for an environment that is none of integ-gym's, nor a user's :class:`IntegEnv`.
+    Args:
+        testbed: makes them, one of each discretization for every lane.
+        stated: what members have in common; what they leave out is the home's.
+        members: see :func:`~integ_gym.envs.settings.make_mixture`.
+        lanes: number of environments.
+        mode: when they are reset.
     """
-    if not is_integ_environment(env_id):
-        raise InputError(
-            f"{env_id} has no `mixture`, for its environments are made in one discretization; "
-            "train on one, or take an environment of integ-gym's or your own IntegEnv"
-        )
+    given, shares = parse_mixture(stated, members)
+    places = [Discretization(**{**testbed.home.arguments(), **place}) for place in given]
+    made: dict[Discretization, Any] = {}
+    for place in places:
+        environments = made[place] = make_checked(testbed, place, lanes)
+        if not isinstance(environments, SequentialVectorEnv):
+            raise InputError(
+                f"lanes of {type(testbed).__name__} advance together, each in one discretization, "
+                "so it has no `mixture`; train on one"
+            )
+        environments.closed = True  # another has its lanes
+    mixture = Mixture(tuple(made[place].setup for place in places), shares)
+    rows = zip(*(made[place].envs for place in places), strict=True)
+    return SequentialVectorEnv(lambda: MixedEnv(next(rows), mixture), lanes, mode)
 
 
 def make_training_environments(
@@ -371,10 +395,11 @@ def make_training_environments(
         return gym.make_vec(  # type: ignore[return-value]
             env_id, lanes, vectorization_mode="vector_entry_point", autoreset_mode=mode, **arguments
         )
-    if arguments.get("mixture") is not None:
-        check_mixture(env_id)
-    common = {name: x for name, x in arguments.items() if name not in DISCRETIZATION}
+    varied = (*DISCRETIZATION, "mixture")
+    common = {name: x for name, x in arguments.items() if name not in varied}
     stated = {n: x for n, x in arguments.items() if n in DISCRETIZATION and x is not None}
     testbed = find_testbed(env_id, common)
+    if arguments.get("mixture") is not None:
+        return _make_mixed(testbed, stated, arguments["mixture"], lanes, mode)
     asked = Discretization(**{**testbed.home.arguments(), **stated})
     return make_checked(testbed, asked, lanes, autoreset_mode=mode)

@@ -20,7 +20,7 @@ from integ_gym.envs.engines.stepping import has_solver
 from integ_gym.envs.registries import INTEGRATORS, TRUTH
 from integ_gym.envs.settings import DELAYS, DISCRETIZATION, WEIGHT, Discretization
 from integ_gym.envs.testbeds.gym_testbed import Testbed
-from integ_gym.envs.testbeds.making import check_mixture, find_testbed
+from integ_gym.envs.testbeds.making import find_testbed
 from integ_gym.evidence.schema import published_text, schema_head
 from integ_gym.support.errors import InputError
 from integ_gym.support.files import read_bounded
@@ -600,7 +600,6 @@ def _check_mixture_names(spec: PanelSpec, columns: set[str]) -> None:
     for home in spec.train:
         if isinstance(home, Discretization):
             continue
-        check_mixture(spec.env_id)
         if home.name in columns or files.count(file_name(home.name)) > 1:
             raise SpecError(
                 f"mixture {home.name!r} is named like another row or cell; give it another name"
