@@ -27,7 +27,7 @@ from integ_gym.support.parameters import unknown_name
 from .lanes import Array
 from .ops.ops import SCALAR, Components, split_state
 from .registries import ENVIRONMENTS, PLANTS, TASKS
-from .settings import Mixture, Setup, build_setup, make_mixture
+from .settings import NO_LIMIT, Mixture, Setup, build_setup, make_mixture
 from .starts import (
     ARRIVAL,
     MEMBER,
@@ -365,12 +365,16 @@ def make_setup(env: type[Any], arguments: Mapping[str, Any]) -> Setup:
 def with_horizon(spec: EnvSpec | None, mixture: Mixture) -> EnvSpec | None:
     """A copy of what Gymnasium says of an environment, with the decisions of an episode.
 
-    Of a mixture, those of its longest episode: the environment truncates the others itself.
+    Of a mixture, those of its longest episode: the environment truncates the others itself. None
+    where there is no limit, which `duration` says then.
     """
     if spec is None:
         return None
     spec = copy(spec)
     spec.max_episode_steps = mixture.horizon
+    if mixture.horizon == NO_LIMIT:
+        spec.max_episode_steps = None
+        spec.kwargs = {**spec.kwargs, "duration": mixture.setups[0].settings.duration}
     return spec
 
 
@@ -400,21 +404,22 @@ def is_own_horizon(
 ) -> bool:
     """Whether a limit is only what the spec of a made environment says, and nobody asked for it.
 
-    It is if it is the horizon of the arguments in that spec, and the id is not registered with it.
+    It is if it is the horizon of the arguments in that spec, and no id of somebody else's is
+    registered with it.
 
     Args:
         limit: decisions that the spec says.
         makers: see :func:`running_makers`.
         horizon_of: gives the horizon of those arguments of a spec that determine it.
     """
-    given = [maker.f_locals.get("id") for maker in makers]
-    specs = [spec for spec in given if isinstance(spec, EnvSpec)]
-    if limit is None or not specs or not isinstance(given[0], EnvSpec):
+    given = [maker.f_locals["id"] for maker in makers if "id" in maker.f_locals]
+    specs = [x if isinstance(x, EnvSpec) else gym.spec(x) for x in given]
+    if limit is None or not specs:
         return False
     # make_vec gives make the arguments of the spec apart from it
     spec = [spec for spec in specs if spec.id == specs[0].id][-1]
     registered = gym.registry.get(spec.id)
-    if registered is not None and registered.max_episode_steps == limit:
+    if spec.id not in ENVIRONMENTS and registered and registered.max_episode_steps == limit:
         return False
     names = ("dt", "control_period", "duration", "mixture")
     return limit == horizon_of({n: spec.kwargs[n] for n in names if n in spec.kwargs})

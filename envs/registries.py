@@ -113,9 +113,22 @@ ENVIRONMENTS: Final = {
 }
 """Environment id to module and common stem of its `Env` and `VectorEnv` class."""
 
+DEFAULT_DECISIONS: Final = {
+    "IntegCartPole-v0": 500,
+    "IntegCartPoleSwingUp-v0": 500,
+    "IntegElasticPendulum-v0": 500,
+    "IntegPendulum-v0": 200,
+}
+"""Decisions of an episode with the default arguments, which the registered specs say."""
+
 
 def register_environments() -> None:
     """Register every id once; a second call changes nothing."""
     for env_id, stem in ENVIRONMENTS.items():
         if env_id not in gym.registry:
-            gym.register(env_id, entry_point=f"{stem}Env", vector_entry_point=f"{stem}VectorEnv")
+            gym.register(
+                env_id,
+                entry_point=f"{stem}Env",
+                vector_entry_point=f"{stem}VectorEnv",
+                max_episode_steps=DEFAULT_DECISIONS[env_id],
+            )

@@ -135,6 +135,8 @@ TOLERANCE = 1e-9
 MOST = 1e9
 """No time is a larger multiple of another."""
 
+NO_LIMIT = 10**8
+"""Decisions of an episode without a limit."""
 
 FINEST_DIVISION = 1000
 """Parts of the reference's step that are tried to fit latencies and sensor periods."""
@@ -417,23 +419,27 @@ class Setup:
     def limited(self, max_episode_steps: int | None) -> Setup:
         """The same setup with episodes of at most so many decisions, which shortens `duration`.
 
+        -1 is for no limit, as in Gymnasium: `duration` is the longest that there is.
+
         Raises:
             ValueError: for more than `duration` has, or less than one.
         """
         settings, horizon = self.settings, self.timing.horizon
         if max_episode_steps is None:
             return self
+        if max_episode_steps == -1:
+            horizon = max_episode_steps = NO_LIMIT
         whole = isinstance(max_episode_steps, (int, np.integer))
         if not (whole and 1 <= max_episode_steps <= horizon):
             raise InputError(
                 f"`max_episode_steps` must be from 1 to {horizon}, the decisions in "
                 f"`duration`={settings.duration:g} s, got {max_episode_steps!r}; for longer "
-                "episodes give a longer `duration`"
+                "episodes give a longer `duration`, or -1 for no limit"
             )
-        if max_episode_steps == horizon:
+        if max_episode_steps == self.timing.horizon:
             return self
-        shorter = replace(settings, duration=int(max_episode_steps) * self.timing.control_period)
-        return replace(self, settings=shorter, timing=_timing(shorter)).keeping(self.timing)
+        other = replace(settings, duration=int(max_episode_steps) * self.timing.control_period)
+        return replace(self, settings=other, timing=_timing(other)).keeping(self.timing)
 
     def keeping(self, other: Timing) -> Setup:
         """The same setup, which keeps as many commands and observations as another timing."""
@@ -587,8 +593,10 @@ class Mixture:
         """
         if max_episode_steps is None:
             return self
-        longest = max(self.setups, key=lambda setup: setup.timing.horizon)
-        most = longest.limited(max_episode_steps).timing.horizon
+        most = -1
+        if max_episode_steps != -1:
+            longest = max(self.setups, key=lambda setup: setup.timing.horizon)
+            most = longest.limited(max_episode_steps).timing.horizon
         setups = (setup.limited(min(most, setup.timing.horizon)) for setup in self.setups)
         return replace(self, setups=tuple(setups))
 

@@ -23,7 +23,7 @@ from gymnasium.envs.registration import EnvSpec
 from integ_gym.envs.environment import IntegEnv
 from integ_gym.envs.foreign import time_limit
 from integ_gym.envs.rediscretized import RediscretizedEnv
-from integ_gym.envs.settings import Setup
+from integ_gym.envs.settings import NO_LIMIT, Setup
 from integ_gym.envs.transition import quiet_status
 from integ_gym.support.errors import InputError, InputTypeError
 
@@ -87,6 +87,10 @@ class Recorder:
         self._commit_on_close = commit_on_close
         self._commit_every = commit_every if commit_on_close else None
         self._horizon = max(setup.timing.horizon for setup, _ in setups)
+        if self._horizon == NO_LIMIT:
+            raise InputError(
+                "episodes without a limit have no records; leave `max_episode_steps` out"
+            )
         self._quiet = np.array([quiet_status(setup) for setup, _ in setups])
         self._lay_out()
         self._reservation: Reservation | None = None

@@ -51,6 +51,23 @@ def test_specs_say_after_how_many_decisions_an_episode_ends(env_id):
     assert again.spec == single.spec == single.spec.make().spec
     assert gym.make(single.spec, max_episode_steps=5).spec.max_episode_steps == 5
     assert gym.make_vec(many.spec).spec == many.spec
+    default = type(single.unwrapped)().setup.timing.horizon
+    assert gym.make(env_id).spec.max_episode_steps == gym.spec(env_id).max_episode_steps == default
+
+
+@pytest.mark.parametrize("make", [gym.make, gym.make_vec])
+def test_an_episode_may_have_no_limit(make, tmp_path):
+    env = make("IntegPendulum-v0", max_episode_steps=-1)
+    assert env.spec.max_episode_steps is None
+    assert (
+        make(env.spec).unwrapped.setup.timing.horizon == env.unwrapped.setup.timing.horizon == 10**8
+    )
+    env.reset(seed=0)
+    ends = [env.step(env.action_space.sample())[2:4] for _ in range(300)]
+    assert not np.any(ends)
+    if make is gym.make:
+        with pytest.raises(ValueError, match="without a limit have no records"):
+            RecordEvidence(env, tmp_path, EpisodeContext(run_id="r", cell="c"))
 
 
 def test_a_shorter_limit_is_a_shorter_duration():
@@ -73,7 +90,7 @@ def test_a_shorter_limit_is_a_shorter_duration():
     assert adapted.get_attr("spec")[0].max_episode_steps == 50
 
 
-@pytest.mark.parametrize("asked", [201, 1000, 0, -1])
+@pytest.mark.parametrize("asked", [201, 1000, 0, -2])
 @pytest.mark.parametrize("make", [gym.make, gym.make_vec])
 def test_a_longer_limit_is_refused_with_the_remedy(make, asked):
     with pytest.raises(ValueError, match=r"from 1 to 200, .* give a longer `duration`") as caught:
