@@ -53,7 +53,7 @@ class Figures:
             ("tangential_force", "N", "sum of the magnitudes of the tangential ones"),
             ("slip_speed", "m/s", "fastest slip of a contact"),
         )
-        feet = [f"{model.body(body).name or f'body{body}'}_" for body in self._feet]
+        feet = [f"{name}_" for name in foot_names(model)]
         self.columns: tuple[Further, ...] = (
             *wanted,
             *(shown if measured else ()),
@@ -106,6 +106,11 @@ class Figures:
         counts, kept = data.solver_niter[: max(1, data.nisland)].tolist(), self._kept
         last = [kept * island + min(n, kept) - 1 for island, n in enumerate(counts) if n]
         return max((float(data.solver[place].gradient) for place in last), default=nan)
+
+
+def foot_names(model: Any) -> list[str]:
+    """Their names; of one without, its number."""
+    return [model.body(body).name or f"body{body}" for body in feet_of(model)]
 
 
 def feet_of(model: Any) -> list[int]:

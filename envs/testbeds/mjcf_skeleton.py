@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
+from .mjcf_figures import feet_of, foot_names
+
 _GEOMS = ("sphere", "capsule", "ellipsoid", "cylinder", "box")
 _JOINTS = ("free", "ball", "slide", "hinge")
 
@@ -18,16 +20,21 @@ def describe_skeleton(mujoco: Any, model: Any, coordinates: Iterable[str]) -> di
         coordinates: name of each joint position.
 
     Returns:
-        ``coordinates``; ``floor``, height of the first plane, m, or None; ``bodies``, but for the
-        world, as [parent, position, quaternion], with parent −1 for the world; ``joints`` as
-        [body, kind, place among the coordinates, axis, position, reference]; ``geoms`` as
-        [body, kind, sizes, position, quaternion]. In m and the frame of the body or parent.
+        ``coordinates``; ``weight``, N; ``feet``, their bodies by name; ``floor``, height of the
+        first plane, m, or None; ``bodies``, but for the world, as [parent, position, quaternion],
+        with parent −1 for the world; ``joints`` as [body, kind, place among the coordinates, axis,
+        position, reference]; ``geoms`` as [body, kind, sizes, position, quaternion]. In m and the
+        frame of the body or parent.
     """
     geoms = {int(getattr(mujoco.mjtGeom, f"mjGEOM_{kind.upper()}")): kind for kind in _GEOMS}
     joints = {int(getattr(mujoco.mjtJoint, f"mjJNT_{kind.upper()}")): kind for kind in _JOINTS}
     planes = [g for g, kind in enumerate(model.geom_type) if kind == mujoco.mjtGeom.mjGEOM_PLANE]
     return {
         "coordinates": list(coordinates),
+        "weight": round(float(model.body_subtreemass[0] * -model.opt.gravity[2]), 2),
+        "feet": {
+            name: body - 1 for name, body in zip(foot_names(model), feet_of(model), strict=True)
+        },
         "floor": round(float(model.geom_pos[planes[0], 2]), 4) if planes else None,
         "bodies": [
             [int(model.body_parentid[k]) - 1, *_rounded(model.body_pos[k], model.body_quat[k])]

@@ -6,7 +6,7 @@ import itertools
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
 from typing import Any, Final, Literal, TypeAlias
@@ -19,7 +19,9 @@ from integ_gym.envs.ops.ops import SCALAR
 from integ_gym.envs.registries import ENVIRONMENTS, INTEGRATORS
 from integ_gym.envs.settings import NATIVE, Setup
 from integ_gym.envs.steps import Script, script_of
+from integ_gym.evidence.episodes import COMMANDED, MEASURED
 from integ_gym.evidence.labels import SENTENCE_COLUMNS
+from integ_gym.evidence.schema import parse_field
 from integ_gym.evidence.store import EvidenceStore, sql_literal
 from integ_gym.train.policy import MlpPolicy
 from integ_gym.train.policy_files.card import PolicyFileError
@@ -39,6 +41,12 @@ LEDGER: Final = ("motor", "numerics", "losses")
 
 MOST_TRACES: Final = 150
 """Traces that a page carries."""
+
+MOST_OF_SKELETONS: Final = 400_000
+"""Numbers in the traces that a page carries of a robot, which has many joints."""
+
+SKELETON_PERIOD: Final = 0.04
+"""Time between two samples of a robot's motion, at least, s."""
 
 MOST_SAMPLES: Final = 480
 """Of a trace; of a longer one every n-th is taken."""
@@ -68,7 +76,8 @@ _FIELDS: Final = (
     "record_id", "policy_id", "cell", "episode_index", "success", "failure_label",
     "time_to_success", "return", "energy_start", "energy_end", "length",
     "work_total", "energy_residual_total", "dissipated_total", "contact_loss_total",
-    "clip_loss_total", "initial_state", *SENTENCE_COLUMNS,
+    "clip_loss_total", "initial_state", "terminated", "solver_status",
+    "command_error", *SENTENCE_COLUMNS,
 )  # fmt: skip
 _SUMS: Final = ("work", "energy_residual", "dissipated", "contact_loss", "clip_loss")
 
@@ -133,8 +142,9 @@ class Trace:
         key: which one.
         fields: its record's fields by name.
         period: time between two samples, s.
-        motion: coordinates by name, shape (samples,).
-        control: in force from each sample on, by name, shape (samples,).
+        motion: coordinates by name, shape (samples,); of a robot also what is measured of its
+            command, and the force on its feet.
+        control: in force from each sample on, by name, shape (samples,); none of a robot.
         ledger: work of the motor, of the numerics, and losses since the start, J, shape
             (3, samples).
     """
@@ -145,6 +155,8 @@ class Trace:
     motion: Mapping[str, Array]
     control: Mapping[str, Array]
     ledger: Array
+    command: Mapping[str, float] = field(default_factory=dict)
+    """What the episode is commanded, by name."""
 
 
 @dataclass(frozen=True)
@@ -175,12 +187,15 @@ class Episodes:
         leads: what is worth watching, the most informative first.
         traces: of the leads.
         live: what can be simulated anew; None where nothing can.
+        skeleton: of which a robot is drawn, see
+            :func:`integ_gym.envs.testbeds.mjcf_skeleton.describe_skeleton`; None: no robot.
     """
 
     outcomes: AllOutcomes
     leads: Sequence[Lead]
     traces: Sequence[Trace]
     live: Live | None = None
+    skeleton: Mapping[str, Any] | None = None
 
 
 def read_episodes(panel: Panel, directory: str | PathLike[str]) -> Episodes | None:
@@ -193,8 +208,14 @@ def read_episodes(panel: Panel, directory: str | PathLike[str]) -> Episodes | No
     if not store.files():
         return None
     outcomes = _read_outcomes(panel, store)
-    leads = choose_episodes(panel, outcomes)
-    traces = _read_traces(panel, store, leads)
+    skeleton = _read_skeleton(store)
+    most = MOST_TRACES
+    if skeleton is not None:
+        duration = max(1.0, float(panel.spec.get("environment", {}).get("duration") or 10.0))
+        numbers = len(_robot_columns(skeleton, ())) * duration / SKELETON_PERIOD
+        most = min(most, max(4, int(MOST_OF_SKELETONS / numbers)))
+    leads = choose_episodes(panel, outcomes, most)
+    traces = _read_traces(panel, store, leads, skeleton)
     there = {trace.key for trace in traces}
     shown = [lead for lead in leads if (lead.row, lead.cell, lead.seed, lead.episode) in there]
     policies: dict[tuple[str, int], MlpPolicy] = {}
@@ -202,7 +223,23 @@ def read_episodes(panel: Panel, directory: str | PathLike[str]) -> Episodes | No
         if len(policies) < MOST_POLICIES:
             policy = read_network(panel.row(row).policies[seed], Path(directory))
             policies |= {} if policy is None else {(row, seed): policy}
-    return Episodes(outcomes, shown, traces, live_of(panel, shown, policies))
+    return Episodes(outcomes, shown, traces, live_of(panel, shown, policies), skeleton)
+
+
+def _read_skeleton(store: EvidenceStore) -> Mapping[str, Any] | None:
+    texts = store.query(
+        "SELECT engine_description FROM records WHERE phase = 'evaluation' LIMIT 1"
+    ).column("engine_description")
+    described = parse_field("engine_description", texts[0].as_py()) if len(texts) else {}
+    skeleton: Mapping[str, Any] | None = described.get("skeleton")
+    return skeleton
+
+
+def _robot_columns(skeleton: Mapping[str, Any], names: Iterable[str]) -> list[str]:
+    """Trace columns that a robot is drawn from: of these names, what is measured, too."""
+    measured = (name for name in names if name.startswith(MEASURED))
+    forces = (f"{foot}_normal_force" for foot in skeleton["feet"])
+    return [*skeleton["coordinates"], *measured, *forces]
 
 
 def _read_outcomes(panel: Panel, store: EvidenceStore) -> dict[tuple[str, str], Outcomes]:
@@ -231,17 +268,17 @@ def _read_outcomes(panel: Panel, store: EvidenceStore) -> dict[tuple[str, str], 
     return outcomes
 
 
-def choose_episodes(panel: Panel, outcomes: AllOutcomes) -> list[Lead]:
+def choose_episodes(panel: Panel, outcomes: AllOutcomes, most: int = MOST_TRACES) -> list[Lead]:
     """Leads, that of the answer's first line before all others, then the most informative.
 
-    They have at most :data:`MOST_TRACES` traces in all.
+    They have at most ``most`` traces in all.
     """
     leads: list[Lead] = []
     keys: set[Key] = set()
     per_pair = [list(_leads(panel, pair, outcomes)) for pair in _pairs(panel, outcomes)]
     for depth in range(3):
         for lead in (own[depth] for own in per_pair if len(own) > depth):
-            if len(keys.union(lead.keys)) <= MOST_TRACES:
+            if len(keys.union(lead.keys)) <= most:
                 keys.update(lead.keys)
                 leads.append(lead)
     pairs = list(dict.fromkeys((lead.row, lead.cell) for lead in leads))
@@ -273,21 +310,22 @@ def _pairs(panel: Panel, outcomes: AllOutcomes) -> list[tuple[str, str]]:
         lost = panel.exploratory or _largest_drops(panel)
         pairs = [*((entry.row, entry.cell) for entry in lost), *pairs]
     finding = finding_of(panel)
-    if finding is not None and finding.cell is not None:
+    if finding is not None and finding.cell not in (None, _home(panel, finding.row)):
         pairs = [(finding.row, finding.cell), *pairs]
     return [pair for pair in dict.fromkeys(pairs) if pair in outcomes][:_MOST_PAIRS]
 
 
 def _largest_drops(panel: Panel) -> list[Entry]:
     """From home or the truth, whichever is higher, where somebody succeeds in time first."""
-    columns = {cell.name for cell in panel.columns}
+    varied = (cell for cell in panel.cells if cell.kind == "varied")
+    shown = {cell.name for cell in (*panel.columns, *varied)}
 
     def order(entry: Entry) -> tuple[bool, float]:
         home = panel.entry(entry.row, _home(panel, entry.row) or "")
         best = [e.success.estimate for e in (home, panel.on_yardstick(entry.row)) if e is not None]
         return _is_unsolvable(panel, entry.cell), entry.success.estimate - max(best, default=0.0)
 
-    entries = [e for e in panel.matrix if e.cell in columns and not panel.row(e.row).baseline]
+    entries = [e for e in panel.matrix if e.cell in shown and not panel.row(e.row).baseline]
     return sorted(entries, key=order)[:3]
 
 
@@ -366,7 +404,12 @@ def _cells_of_lead(
     return (first, *sorted(others, key=order))
 
 
-def _read_traces(panel: Panel, store: EvidenceStore, leads: Iterable[Lead]) -> list[Trace]:
+def _read_traces(
+    panel: Panel,
+    store: EvidenceStore,
+    leads: Iterable[Lead],
+    skeleton: Mapping[str, Any] | None,
+) -> list[Trace]:
     """The traces that the leads ask for, in their order; without those that were not kept."""
     keys = list(dict.fromkeys(key for lead in leads for key in lead.keys))
     if not keys:
@@ -377,9 +420,13 @@ def _read_traces(panel: Panel, store: EvidenceStore, leads: Iterable[Lead]) -> l
     states = itertools.takewhile(lambda name: not name.startswith("sensed_"), after)
     motion = [name for name in states if not name.endswith("_dot")][:4]
     control = [name for name in after if name.endswith("_applied")][:2]
+    commands: list[str] = []
+    if skeleton is not None:
+        motion, control = _robot_columns(skeleton, after), []
+        commands = [name for name in after if name.startswith(COMMANDED)]
     columns = ", ".join(
         '"' + name.replace('"', '""') + '"'
-        for name in (*_FIELDS, "time", *motion, *control, *_SUMS)
+        for name in (*_FIELDS, "time", *motion, *control, *commands, *_SUMS)
     )
     where = " AND ".join(
         f"{name} IN ({', '.join(sorted({sql_literal(key[place]) for key in wanted}))})"
@@ -390,13 +437,23 @@ def _read_traces(panel: Panel, store: EvidenceStore, leads: Iterable[Lead]) -> l
     for record in table.to_pylist():
         key = wanted.get((record["policy_id"], record["cell"], record["episode_index"]))
         if key is not None and record["time"] and record["length"]:
-            traces[key] = _trace(key, record, motion, control)
+            traces[key] = _trace(key, record, motion, control, commands, skeleton)
     return [traces[key] for key in keys if key in traces]
 
 
-def _trace(key: Key, record: Mapping[str, Any], motion: list[str], control: list[str]) -> Trace:
+def _trace(
+    key: Key,
+    record: Mapping[str, Any],
+    motion: list[str],
+    control: list[str],
+    commands: list[str],
+    skeleton: Mapping[str, Any] | None,
+) -> Trace:
     length = record["length"]
     every = -(-(length + 1) // MOST_SAMPLES)
+    if skeleton is not None:
+        every = max(every, round(SKELETON_PERIOD / record["control_period"]))
+    instants = skeleton["coordinates"] if skeleton is not None else motion
     shown = np.arange(0, length + 1, every)
 
     def samples(name: str, count: int) -> Array:
@@ -415,10 +472,16 @@ def _trace(key: Key, record: Mapping[str, Any], motion: list[str], control: list
         key,
         {name: record[name] for name in _FIELDS},
         record["control_period"] * every,
-        {name: samples(name, length + 1)[shown] for name in motion},
+        {
+            name: samples(name, length + 1)[shown]
+            if name in instants
+            else samples(name, length)[np.maximum(shown - 1, 0)]  # at the end of a step
+            for name in motion
+        },
         # The last one stays in force at the end.
         {name: samples(name, length)[np.minimum(shown, length - 1)] for name in control},
         np.stack((sums[0], sums[1], sums[2] + sums[3] + sums[4]))[:, shown],
+        {name.removeprefix(COMMANDED): record[name][0] for name in commands},
     )
 
 

@@ -45,6 +45,9 @@ UNKNOWN: Final = -32768
 MOST_LEDGERS: Final = 250_000
 """Episodes whose ledger a page carries; of more, only those of the declared family's cells."""
 
+ROBOT_STEP: Final = 5e-4
+"""Between two numbers of a robot's motion, m or rad: finer ones are not seen, and deflate badly."""
+
 LABEL_WORDS: Final = {
     "evaluation_error": "simulator or metric broke",
     "contract_error": "differs from home before any integration",
@@ -238,13 +241,15 @@ def _episodes(panel: Panel, episodes: Episodes, numbers: bytearray) -> dict[str,
             multiples = np.round(np.where(known, own.ledger, 0.0) / unit).clip(-32767, 32767)
             ledger = np.where(known, multiples, UNKNOWN).astype(np.int16)
             entries[pair]["ledger"] = [_add(numbers, values) for values in ledger]
+    finest = 0.0 if episodes.skeleton is None else ROBOT_STEP
     traces = [
-        {"at": [rows[row], cells[cell], seed, episode], **_trace(panel, trace, numbers)}
+        {"at": [rows[row], cells[cell], seed, episode], **_trace(trace, numbers, finest)}
         for trace in episodes.traces
         for row, cell, seed, episode in [trace.key]
     ]
     return {
         "labels": names,
+        "skeleton": episodes.skeleton,
         "unit": unit,
         "outcomes": {f"{rows[row]}/{cells[cell]}": own for (row, cell), own in entries.items()},
         "traces": traces,
@@ -295,7 +300,7 @@ def _network(policy: MlpPolicy, numbers: bytearray) -> dict[str, Any]:
     return {"layers": layers, "activation": policy.activation, "statistics": statistics, **bounds}
 
 
-def _trace(panel: Panel, trace: Trace, numbers: bytearray) -> dict[str, Any]:
+def _trace(trace: Trace, numbers: bytearray, finest: float) -> dict[str, Any]:
     fields = trace.fields
     parts = ("contact_loss_total", "clip_loss_total", "dissipated_total")
     lost = None if fields["dissipated_total"] is None else sum(fields[p] or 0.0 for p in parts)
@@ -304,7 +309,7 @@ def _trace(panel: Panel, trace: Trace, numbers: bytearray) -> dict[str, Any]:
     def column(values: Array) -> list[float]:
         """[least value, step, place] of samples that are stored as steps from the least."""
         low, high = float(values.min()), float(values.max())
-        size = (high - low) / _LEVELS or 1.0
+        size = max((high - low) / _LEVELS, finest) or 1.0
         levels = np.round((values - low) / size).astype(np.int64)
         differences = np.diff(levels, prepend=0) & 0xFFFF
         return [low, size, _add(numbers, differences.astype(np.uint16))]
@@ -317,6 +322,10 @@ def _trace(panel: Panel, trace: Trace, numbers: bytearray) -> dict[str, Any]:
         "success": fields["success"],
         "label": fields["failure_label"],
         "reason": nonbreaking(failure_sentence(fields)),
+        "ended": fields["terminated"],
+        "diverged": fields["solver_status"] == "diverged",
+        "command": trace.command,
+        "error": fields["command_error"],
         "since": fields["time_to_success"],
         "return": _finite(fields["return"]),
         "state": fields["initial_state"],

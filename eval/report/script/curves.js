@@ -23,7 +23,8 @@ class Curves {
 
   lanes(scene) {
     const [first] = this.traces;
-    const motion = Object.keys(first.motion).map((name) => {
+    const shown = (name) => !this.carried.skeleton || name.startsWith("measured_");
+    const motion = Object.keys(first.motion).filter(shown).map((name) => {
       const unit = scene ? scene.units[scene.coordinates.indexOf(name)] : "";
       const turns = unit === "rad";
       return { title: unit ? `${spaced(name)}, ${unit}${turns ? ", wrapped" : ""}` : spaced(name),

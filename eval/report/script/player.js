@@ -36,16 +36,25 @@ class Player {
 
   pane(trace, place, scene, amounts, mark) {
     const children = [];
+    const { skeleton } = this.carried;
     if (scene) {
       const stage = new Stage(this.carried, scene, trace);
       this.parts.push(stage);
       children.push(stage.svg);
+    } else if (skeleton) {
+      const robot = new Robot(this.carried, trace);
+      this.parts.push(robot);
+      children.push(robot.canvas);
     } else if (!this.curves) {
       const curves = new Curves(this.carried, [trace], null);
       this.parts.push(curves);
       children.push(curves.svg);
     }
-    if (trace.totals.every(known)) {
+    if (skeleton) {
+      const told = new Followed(this.carried, trace, this.traces);
+      this.parts.push(told);
+      children.push(told.element);
+    } else if (trace.totals.every(known)) {
       const bars = new Bars(this.carried, trace, amounts, mark);
       this.parts.push(bars);
       children.push(bars.element);
@@ -60,9 +69,14 @@ class Player {
     return make("figure", { class: `pane ${won ? "won" : "lost"}` },
       make("figcaption", {}, this.curves ? make("b", { class: `dash line-${place}` }) : null,
         make("span", { class: "name" }, cell.shown),
-        make("span", { class: "end" }, won ? "✓ succeeds" : trace.diverged ? "✕ diverges" : "✕ fails"),
+        make("span", { class: "end" }, won ? "✓ succeeds" : this.endOf(trace)),
         role ? make("small", {}, role) : null),
       ...children);
+  }
+
+  endOf(trace) {
+    if (trace.diverged) return "✕ diverges";
+    return this.carried.skeleton && trace.ended ? `✕ falls at ${trace.seconds.toFixed(1)} s` : "✕ fails";
   }
 
   show(time) {

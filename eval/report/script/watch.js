@@ -3,6 +3,7 @@ const KINDS = { held: "a start from which it holds", worst: "its worst start", f
 const MOST_PANES = 4;
 const BARS_SAY = "Bars add up to the energy there is, J";
 const TICK_SAYS = "; a tick marks rest at the goal";
+const FOLLOWED_SAY = "Bars: what is measured; a tick marks what is commanded. Arrows: the force on each foot.";
 const STRIPS_SAY = "Strips: from which starts it succeeds, all simulated in this browser.";
 
 class Watch {
@@ -206,7 +207,8 @@ class Watch {
     const missing = this.shown.filter((c) => !traces.some((trace) => trace.at[1] === c))
       .map((c) => this.carried.cells[c].shown);
     this.stage.replaceChildren(this.player.element, make("p", { class: "legend" },
-      traces.some((trace) => trace.totals.every(known)) ? make("span", {}, BARS_SAY, this.ticked ? TICK_SAYS : "", ".") : null,
+      this.carried.skeleton ? make("span", {}, FOLLOWED_SAY)
+        : traces.some((trace) => trace.totals.every(known)) ? make("span", {}, BARS_SAY, this.ticked ? TICK_SAYS : "", ".") : null,
       this.value === null ? null : make("span", {}, STRIPS_SAY),
       missing.length ? make("span", {}, `Recorded only, so not from this start: ${missing.join(", ")}.`) : null,
       make("span", {}, episode)));

@@ -1,0 +1,71 @@
+"""Pages of robots: the skeleton is drawn where the model has it, and what is commanded is told."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from driving import Browser
+from engine_cases import needs
+from house import ROOT
+from report_pages import pixels
+
+import integ_gym
+from integ_gym.envs.testbeds.making import find_testbed
+
+pytestmark = pytest.mark.slow
+
+MONOPED = "examples.robots.monoped:Monoped"
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    needs("mujoco")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(ROOT))
+        directory = tmp_path_factory.mktemp("robot")
+        integ_gym.evaluate(
+            ROOT / "examples" / "robots" / "monoped_policy" / "policy.safetensors",
+            MONOPED, directory, integrators=["Euler", "implicitfast"], dts=[0.004], episodes=2,
+            environment={"duration": 2.0}, limit=False, workers=1, progress=False,
+            on_doubt=lambda doubt: None,
+        )  # fmt: skip
+    return directory / "report.html"
+
+
+MADE = "const watch = watched && carried.leads.length ? new Watch(carried, watched) : null;"
+POSE = """(() => {
+  const { carried, trace, ...robot } = watch.player.parts.find((part) => part.canvas);
+  const { places, spins } = watch.player.parts.find((part) => part.canvas).pose(1.0);
+  return { places, spins, q: robot.coordinates.map((n) => carried.at(trace, "motion", n, 1.0)) };
+})()"""
+
+
+def test_a_robot_is_drawn_where_its_model_has_it(
+    report: Path, browser: Browser, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import mujoco
+
+    monkeypatch.syspath_prepend(str(ROOT))
+    html = report.read_text("utf-8")
+    assert MADE in html
+    html = re.sub(r"<meta http-equiv[^>]*>", "", html)
+    html = html.replace(MADE, f"{MADE} globalThis.watch = watch;")
+    (tmp_path / "shown.html").write_text(html, "utf-8")
+    browser.open_report((tmp_path / "shown.html").as_uri())
+    found = browser.value(POSE)
+    model = find_testbed(MONOPED, {}).compiled.model
+    data = mujoco.MjData(model)
+    data.qpos[:] = found["q"]
+    mujoco.mj_kinematics(model, data)
+    np.testing.assert_allclose(found["places"], data.xpos[1:], atol=1e-3)
+    np.testing.assert_allclose(np.abs(found["spins"]), np.abs(data.xquat[1:]), atol=1e-3)
+    browser.value("document.querySelector('#watch-card').scrollIntoView()")
+    browser.picture(tmp_path / "shot.png")
+    image = pixels(tmp_path / "shot.png")
+    blue = (image[..., 2] - image[..., 0] > 0.2).mean()
+    assert blue > 0.005
+    assert browser.value("document.querySelector('.pane .bars').textContent").startswith("v x")
+    assert browser.said == []
