@@ -1093,7 +1093,11 @@ def _next_of_given(panel: Panel, finding: Finding) -> NextStep | None:
     if finding.status == "undecided":
         more = 4 * _starts(panel, row)
         return NextStep("Try more starts", _again(panel, "--episodes", more))
-    if finding.status == "home_decides" and panel.yardstick is None:
+    if (
+        finding.status == "home_decides"
+        and panel.yardstick is None
+        and "--spec" not in _words(panel.command)
+    ):
         steps = sorted({cell.dt for cell in panel.columns}, reverse=True)
         return NextStep("Try a finer step", _again(panel, "--dt", *steps, steps[-1] / 2.0))
     if finding.status == "contract_error" and finding.home and finding.cell:

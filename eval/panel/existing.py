@@ -9,13 +9,14 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Annotated, Any
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from integ_gym.envs.settings import Discretization
+from integ_gym.envs.testbeds.gym_testbed import Testbed
 from integ_gym.envs.testbeds.making import find_testbed
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.support.errors import InputError, InputTypeError
@@ -30,7 +31,7 @@ from integ_gym.train.baselines import possible_baselines
 from integ_gym.train.policy_files.reading import unscaled
 from integ_gym.train.policy_files.sidecar import Stated
 
-from .cells import SpecError, environments_of, main_home, many
+from .cells import Count, Name, SpecError, Variation, convert, environments_of, main_home, many
 from .checking.plan import check_records
 from .doubts import doubts_of
 from .elsewhere import make_interpreters
@@ -62,8 +63,8 @@ from .result import Panel
 from .result import Policy as PanelPolicy
 from .run import as_there, resources_for
 from .run_directory import GIVEN, MANIFEST, RunDirectory, Seen
-from .spec import TRAINERS, PanelSpec, check_variations
-from .tables import fitting, standard_variations, vary
+from .spec import TRAINERS, PanelSpec, check_variations, read_toml
+from .tables import evaluation_cells, fitting, standard_variations, vary
 from .units import baseline_of
 
 
@@ -215,15 +216,36 @@ def _kept(spec: PanelSpec, directory: RunDirectory) -> Existing:
     )
 
 
+class Evaluation(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+    """A file of cells to evaluate a policy in, `evaluate --spec`; see docs/reference/panel.md.
+
+    Attributes:
+        evaluate: tables of cells, as a panel has them.
+        question: for the page.
+        environment: constructor arguments common to all cells.
+        episodes: paired starts.
+        episode_seed: that of the first start.
+        limit: whether a limit is extrapolated; None: where there is no truth and its steps fit.
+    """
+
+    evaluate: Annotated[list[dict[str, Any]], msgspec.Meta(min_length=1)]
+    question: Name | None = None
+    environment: dict[str, Any] = {}
+    episodes: Count = 50
+    episode_seed: Count = PanelSpec.episode_seed
+    limit: bool | None = None
+
+
 def plan(
     existing: Existing,
     env_id: str,
     integrators: Sequence[str] = (),
     dts: Sequence[float] = (),
-    episodes: int = 50,
+    episodes: int | None = None,
     varied: Mapping[str, Any] = MappingProxyType({}),
     at: Sequence[str] = (),
     limit: bool | None = None,
+    given: Evaluation | None = None,
 ) -> PanelSpec:
     """The evaluation as a panel without training, all its cells checked.
 
@@ -235,10 +257,11 @@ def plan(
         env_id: environment.
         integrators: names; by default all that the testbed offers but the truth.
         dts: steps, s; by default the testbed's.
-        episodes: paired starts.
+        episodes: paired starts; by default 50, or those of `given`.
         varied: constructor arguments with the values that they take, every combination of them.
         at: `home` or `truth`: these are varied; by default every discretization is.
         limit: whether a limit is extrapolated; None: where there is no truth and its steps fit.
+        given: cells, starts and limit of a file, in place of these; `episodes` goes before its.
 
     Raises:
         TypeError, ValueError: for a cell that cannot be made.
@@ -254,7 +277,67 @@ def plan(
     testbed = find_testbed(env_id, environment)
     period, name = existing.provenance.control_period, existing.policy.policy_id
     own = () if existing.home is None else tuple(existing.home.shares)
-    around = main_home(existing.home) or replace(testbed.home, control_period=period)
+    around = _around(existing, testbed)
+    if given is not None:
+        columns, asked, unmade = evaluation_cells(given.evaluate, around)
+        limit = given.limit
+    else:
+        columns, asked, unmade = _every_combination(existing, testbed, integrators, dts, varied, at)
+    if "home" in at and not own:
+        raise InputError("the home is unknown, so nothing can be varied there; give --home")
+    if "truth" in at and testbed.truth(period) is None:
+        raise InputError(f"{env_id} has no truth, so nothing can be varied there; give `home`")
+    steps: tuple[dict[str, Any], ...] = ()
+    if limit or (limit is None and testbed.truth(period) is None):
+        try:
+            steps = steps_of_limit(testbed, [existing.home] if existing.home else [], around)
+        except SpecError as error:
+            if limit:
+                raise
+            unmade = (*unmade, f"No limit is extrapolated: {error}.")
+    spec = PanelSpec(
+        name=f"evaluate {name}",
+        env_id=env_id,
+        control_period=period,
+        train=(),
+        grid=tuple(dict.fromkeys([*columns, *own])),
+        seeds=(),
+        environment=environment,
+        limit=steps,
+        ladder=False,
+        episodes=episodes or (50 if given is None else given.episodes),
+        episode_seed=PanelSpec.episode_seed if given is None else given.episode_seed,
+        question=(given and given.question)
+        or f"Does {name} survive another integrator or timestep?",
+        unmade=unmade,
+    )
+    whole = replace(
+        spec,
+        variations=(*standard_variations(spec.nominal), *asked),
+        baselines=possible_baselines(spec.nominal, testbed.controller),
+    )
+    check_variations(whole, own)
+    for cell in whole.cells_of(existing.home):
+        environments_of(testbed, cell, 1).close()
+    return whole
+
+
+def _around(existing: Existing, testbed: Testbed) -> Discretization:
+    """The home of a policy, or where it is not known the testbed's at the policy's period."""
+    period = existing.provenance.control_period
+    return main_home(existing.home) or replace(testbed.home, control_period=period)
+
+
+def _every_combination(
+    existing: Existing,
+    testbed: Testbed,
+    integrators: Sequence[str],
+    dts: Sequence[float],
+    varied: Mapping[str, Any],
+    at: Sequence[str],
+) -> tuple[tuple[Discretization, ...], tuple[Variation, ...], tuple[str, ...]]:
+    """As :func:`~.tables.evaluation_cells`, of lists that are multiplied."""
+    period, around = existing.provenance.control_period, _around(existing, testbed)
     engine = around.engine if integrators else testbed.home.engine
     periods = [period] if at else many(varied.get("control_period", period))
     columns, unmade = fitting(
@@ -266,10 +349,6 @@ def plan(
         ),
         dts or (),
     )
-    if "home" in at and not own:
-        raise InputError("the home is unknown, so nothing can be varied there; give --home")
-    if "truth" in at and testbed.truth(period) is None:
-        raise InputError(f"{env_id} has no truth, so nothing can be varied there; give `home`")
     rest = {name: x for name, x in varied.items() if at or name != "control_period"}
     if PACKAGES in rest:
         rest[PACKAGES] = [
@@ -277,38 +356,7 @@ def plan(
             for one in many(rest[PACKAGES])
         ]
     places: Any = tuple(at) or (*columns, "home", "truth")
-    asked = tuple(vary(None, rest, places)) if rest else ()
-    steps: tuple[dict[str, Any], ...] = ()
-    if limit or (limit is None and testbed.truth(period) is None):
-        try:
-            steps = steps_of_limit(testbed, [existing.home] if existing.home else [], around)
-        except SpecError as error:
-            if limit:
-                raise
-            unmade.append(f"No limit is extrapolated: {error}.")
-    spec = PanelSpec(
-        name=f"evaluate {name}",
-        env_id=env_id,
-        control_period=period,
-        train=(),
-        grid=tuple(dict.fromkeys([*columns, *own])),
-        seeds=(),
-        environment=environment,
-        limit=steps,
-        ladder=False,
-        episodes=episodes,
-        question=f"Does {name} survive another integrator or timestep?",
-        unmade=tuple(unmade),
-    )
-    whole = replace(
-        spec,
-        variations=(*standard_variations(spec.nominal), *asked),
-        baselines=possible_baselines(spec.nominal, testbed.controller),
-    )
-    check_variations(whole, own)
-    for cell in whole.cells_of(existing.home):
-        environments_of(testbed, cell, 1).close()
-    return whole
+    return tuple(columns), tuple(vary(None, rest, places)) if rest else (), tuple(unmade)
 
 
 _BY_THEMSELVES = {
@@ -412,6 +460,19 @@ def _processes(workers: int | None, seconds: float) -> int:
     return 0 if workers == 1 else workers
 
 
+def _read_cells(path: Path) -> Evaluation:
+    """An evaluation's specification.
+
+    Raises:
+        SpecError: if the file cannot be read, or has another form.
+    """
+    try:
+        found: Evaluation = convert("", read_toml(path), Evaluation)
+    except SpecError as error:
+        raise SpecError(f"{path}: {error}") from None
+    return found
+
+
 def tell_doubt(doubt: str) -> None:
     """Say a sentence that casts doubt on a result on stderr."""
     print_wrapped(f"warning: {doubt}", sys.stderr)
@@ -425,10 +486,11 @@ def evaluate(
     home: Stated = None,
     integrators: Sequence[str] = (),
     dts: Sequence[float] = (),
-    episodes: int = 50,
+    episodes: int | None = None,
     varied: Mapping[str, Any] | None = None,
     at: Sequence[str] = (),
     limit: bool | None = None,
+    spec: str | os.PathLike[str] | None = None,
     environment: Mapping[str, Any] | None = None,
     obs_stats: str | os.PathLike[str] | None = None,
     own_code: bool = False,
@@ -456,7 +518,7 @@ def evaluate(
             evidence.
         integrators: to judge on; by default all.
         dts: integration steps, s; by default the coarsest, half and a quarter of it.
-        episodes: paired starts.
+        episodes: paired starts; by default 50, or those of `spec`.
         varied: constructor arguments with a value or a list of them, such as
             ``{"control_period": [0.02, 0.1], "action_latency": [0.0, 0.02]}``: every combination
             is evaluated. ``packages`` takes versions such as ``["mujoco==3.1.0",
@@ -465,6 +527,8 @@ def evaluate(
         at: where: ``"home"``, ``"truth"``, or both; by default in every discretization.
         limit: whether a limit is extrapolated from the best integrator's finer steps; by default
             where there is no truth and these steps fit.
+        spec: a TOML file of cells, starts and limit, in place of these; docs/reference/panel.md has
+            the form.
         environment: constructor arguments, without the discretization.
         obs_stats: VecNormalize's statistics, as its ``vecnormalize.pkl`` or as JSON.
         own_code: whether classes that the side-car names as ``"module:Class"`` may be loaded.
@@ -489,7 +553,10 @@ def evaluate(
         ModuleNotFoundError: if an extra is missing, with the command that installs it.
     """
     require("report", "evidence")
-    given = environment or {}
+    cells = None if spec is None else _read_cells(Path(spec))
+    if cells is not None and (integrators or dts or varied or at or limit is not None):
+        raise InputError(f"{spec} says in which cells; give no others, or leave the file out")
+    given = {**({} if cells is None else cells.environment), **(environment or {})}
     if isinstance(policy, os.PathLike) and not Path(policy).exists():
         policy = os.fspath(policy)
     if is_reference(policy) or not isinstance(policy, str | os.PathLike):
@@ -512,13 +579,13 @@ def evaluate(
             )
         statistics = None if obs_stats is None else Path(obs_stats)
         existing = read_existing(Path(policy), env_id, given, statistics, own_code, home)
-    spec = plan(existing, env_id, integrators, dts, episodes, varied or {}, at, limit)
+    whole = plan(existing, env_id, integrators, dts, episodes, varied or {}, at, limit, cells)
     on_home(str(existing.provenance))
     asked = resources_for(resources, workers, None)
     with open_cluster(executor, address, asked) as cluster, open_storage(out) as place:
         return evaluate_existing(
             existing,
-            spec,
+            whole,
             place,
             command,
             workers=workers,

@@ -107,6 +107,11 @@ def parser() -> argparse.ArgumentParser:
         "and hold the policy against it (default: where there is no truth and these steps fit)",
     )  # fmt: skip
     add(
+        "--spec", type=Path, metavar="FILE",
+        help="a TOML file of cells, starts and limit in place of --integrator, --dt, --vary, "
+        "--at and --limit; see docs/reference/panel.md",
+    )  # fmt: skip
+    add(
         "--fail-if", metavar="CLAIM",
         help='end with exit code 3 if a claim is shown, such as "loss > 0.1" or "success < 0.9 in '
         'rk4 dt=0.01": loss, success or return, in the worst cell or a named one, by the end of '
@@ -132,7 +137,12 @@ def parser() -> argparse.ArgumentParser:
         "--own-code", action="store_true",
         help="load the classes that the side-car names as module:Class",
     )  # fmt: skip
-    add("--episodes", type=whole_number, default=50, metavar="N", help="starts (default: 50)")
+    add(
+        "--episodes",
+        type=whole_number,
+        metavar="N",
+        help="starts (default: 50, or those of --spec)",
+    )
     add_work(made, "1: this one")
     add_engine(made)
     return made
@@ -147,7 +157,7 @@ def main(argv: Sequence[str]) -> int:
         raise InputError("--own-code is for what a side-car names, and --policy has none; omit it")
     if given.policy is not None and ":" not in given.policy:
         raise InputError(f"--policy must be MODULE:FUNCTION, got {given.policy!r}")
-    if given.episodes < 1:
+    if given.episodes is not None and given.episodes < 1:
         raise InputError(f"--episodes must be 1 or above, got {given.episodes}")
     if given.success_return is not None and is_integ_environment(given.env):
         raise InputError(
@@ -165,6 +175,7 @@ def main(argv: Sequence[str]) -> int:
         integrators=given.integrator,
         dts=given.dt,
         episodes=given.episodes,
+        spec=given.spec,
         varied=by_name(given.vary, "--vary", {}),
         at=given.at,
         limit=given.limit,

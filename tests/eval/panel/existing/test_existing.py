@@ -200,3 +200,30 @@ def test_a_file_that_is_no_policy_is_refused(tmp_path, capsys):
     assert main([*command, "--out", str(tmp_path / "out")]) == 2
     assert capsys.readouterr().err.startswith("integ-gym evaluate: ")
     assert not (tmp_path / "out").exists()
+
+
+def test_cells_come_from_a_file_as_they_do_from_options(untrained_policy, tmp_path, capsys):
+    command = ["evaluate", str(untrained_policy), "--env", "IntegCartPole-v0", "--no-progress"]
+    command += ["--home", "integrator=rk4,dt=0.02,control_period=0.02", "--workers", "1"]
+    options = ["--integrator", "rk4", "--dt", "0.02", "--dt", "0.01", "--episodes", "3"]
+    options += ["--env-arg", "duration=1", "--at", "home", "--vary", "control_period=0.02,0.04"]
+    assert main([*command, *options, "--out", str(tmp_path / "options")]) == 0
+    spec = tmp_path / "cells.toml"
+    spec.write_text(
+        "episodes = 3\n[environment]\nduration = 1\n"
+        '[[evaluate]]\nintegrator = "rk4"\ndt = [0.02, 0.01]\n'
+        '[[evaluate]]\nat = "home"\ncontrol_period = [0.02, 0.04]\n'
+    )
+    assert main([*command, "--spec", str(spec), "--out", str(tmp_path / "file")]) == 0
+    query = "SELECT record_id, content_hash FROM records ORDER BY ALL"
+    one, other = (EvidenceStore(tmp_path / name / "evidence") for name in ("options", "file"))
+    assert one.query(query).to_pydict() == other.query(query).to_pydict()
+    spec.write_text(spec.read_text().replace("episodes = 3", "episodes = 3\nepisode_seed = 7"))
+    assert main([*command, "--spec", str(spec), "--out", str(tmp_path / "starts")]) == 0
+    assert EvidenceStore(tmp_path / "starts" / "evidence").query(query).num_rows > 20
+    capsys.readouterr()
+    again = [*command, "--spec", str(spec), "--out", str(tmp_path / "starts")]
+    assert main([*again, "--dt", "0.02"]) == 2
+    spec.write_text("[[evaluate]]\nintegrator = 'rk4'\n")
+    assert main([*command, "--spec", str(spec), "--out", str(tmp_path / "no")]) == 2
+    assert "evaluate[0]" in capsys.readouterr().err
