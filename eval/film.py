@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from time import perf_counter
+from types import SimpleNamespace
 from typing import Any, TypeAlias, overload
 
 import gymnasium as gym
@@ -22,6 +23,8 @@ from integ_gym.envs.plants.interface import state_names
 from integ_gym.envs.registries import ENVIRONMENTS, TRUTH
 from integ_gym.envs.rendering.canvas import load_pygame, open_screen
 from integ_gym.envs.rendering.cockpit import Moment, Pane, Panes
+from integ_gym.envs.rendering.plants import ROBOT
+from integ_gym.envs.rendering.skeletons import Skeleton
 from integ_gym.envs.settings import (
     DISCRETIZATION,
     NATIVE,
@@ -33,6 +36,7 @@ from integ_gym.envs.settings import (
 from integ_gym.envs.testbeds.making import find_testbed
 from integ_gym.envs.transition import LOSSES
 from integ_gym.evidence.record import EvidenceRecord
+from integ_gym.evidence.schema import parse_field
 from integ_gym.support.errors import InputError
 from integ_gym.support.optional import load, require
 from integ_gym.train.policy import Policy
@@ -234,6 +238,53 @@ def episode_of_record(record: EvidenceRecord) -> Episode:
     )
 
 
+@dataclass(frozen=True)
+class RobotEpisode(Episode):
+    """A robot's episode: its states are joint positions, heading and the forces on its feet."""
+
+    cell: Discretization
+
+    @property
+    def discretization(self) -> Discretization:
+        """What it ran on."""
+        return self.cell
+
+    def ledger(self) -> dict[str, Array]:
+        """Nothing: what contact takes is not known."""
+        return {}
+
+
+def skeleton_of(record: EvidenceRecord) -> Mapping[str, Any] | None:
+    """What a robot is drawn from; None of a record of no robot."""
+    described = parse_field("engine_description", record["engine_description"]) or {}
+    skeleton: Mapping[str, Any] | None = described.get("skeleton")
+    return skeleton
+
+
+def episode_of_robot(record: EvidenceRecord, described: Mapping[str, Any]) -> RobotEpisode:
+    """The episode of a record that has a trace.
+
+    Args:
+        record: of a robot.
+        described: see :func:`skeleton_of`.
+    """
+    trace, cell = record.trace, Discretization(**{name: record[name] for name in DISCRETIZATION})
+    q = np.stack([trace[name] for name in described["coordinates"]], axis=1)
+    skeleton = Skeleton(described, q[0])
+    forces = [trace[f"{foot}_normal_force"] / described["weight"] for foot in described["feet"]]
+    shares = np.vstack([np.zeros(len(forces)), np.reshape(forces, (len(forces), -1)).T])
+    headings = skeleton.headings(q, round(0.5 / cell.control_period))
+    nothing = np.zeros(len(q))
+    return RobotEpisode(
+        SimpleNamespace(plant=SimpleNamespace(name=ROBOT), skeleton=skeleton),  # type: ignore[arg-type]
+        trace["time"],
+        np.hstack([q, headings, shares]),
+        *(nothing, nothing, nothing, nothing, nothing),
+        success=bool(record["success"]),
+        cell=cell,
+    )
+
+
 Frame = npt.NDArray[np.uint8]
 
 FORMATS = (".gif", ".mp4")
@@ -409,7 +460,9 @@ class Film(Sequence[Frame]):
             for episode in self.episodes
         ]
         ledgers = [episode.ledger() for episode in self.episodes]
-        amounts = np.concatenate([own[name] for own in ledgers for name in self._shown])
+        amounts = np.concatenate(
+            [np.zeros(1), *(own[name] for own in ledgers for name in self._shown)]
+        )
         reach = float(np.nanmin(amounts)), float(np.nanmax(amounts))
         return Panes(panes, self._heading(), self._note, len(self._shown), reach)
 

@@ -13,6 +13,7 @@ import numpy as np
 from integ_gym.envs.environment import environment_setup
 from integ_gym.envs.registries import TRUTH
 from integ_gym.envs.settings import DISCRETIZATION, Discretization, unlike_names
+from integ_gym.evidence.episodes import COMMANDED
 from integ_gym.evidence.record import EvidenceRecord
 from integ_gym.evidence.schema import parse_field
 from integ_gym.evidence.store import EvidenceStore, open_run, sql_literal
@@ -22,14 +23,17 @@ from integ_gym.train.policy import Policy
 from integ_gym.train.policy_files.sidecar import read_trained, readable_file
 
 from .film import (
+    TRUE_NAMES,
     Asked,
     Episode,
     Film,
     arguments_on,
     check_filmed,
     episode_of_record,
+    episode_of_robot,
     parse_discretization,
     play_episode,
+    skeleton_of,
 )
 from .panel.policies import policy_of, read_existing
 
@@ -165,6 +169,8 @@ def watch(
     require("render", "evidence")
     store = open_run(Path(run))
     record = store.find(record_id)
+    if (skeleton := skeleton_of(record)) is not None:
+        return _watch_robot(record, skeleton, on, store)
     _check_code(record, own_code)
     check_filmed(record["env_id"])
     own = Discretization(**{name: record[name] for name in DISCRETIZATION})
@@ -188,6 +194,38 @@ def watch(
     seed = record["training_seed"]
     note = describe_episodes(record["policy_id"], homes, seed, episodes, ", ".join(start))
     return Film(episodes, homes, note)
+
+
+def _watch_robot(
+    record: EvidenceRecord, skeleton: Mapping[str, Any], on: Sequence[Asked], store: EvidenceStore
+) -> Film:
+    """Recorded episodes of a robot, of which no code is loaded: home, the record's, the finest."""
+    own = Discretization(**{name: record[name] for name in DISCRETIZATION})
+    twins = {
+        cell: twin
+        for cell, twin in _twins(record, own, store).items()
+        if isinstance(twin, EvidenceRecord)
+    }
+    trained = parse_field("training_discretization", record["training_discretization"]) or []
+    homes = [Discretization(**one) for one in ([trained] if isinstance(trained, dict) else trained)]
+    if any(name in TRUE_NAMES for name in on):
+        raise InputError("robots have no truth; leave it out")
+    cells = [parse_discretization(asked, own, record["env_id"]) for asked in on]
+    if not twins or not set(cells) <= set(twins):
+        known = ", ".join(cell.name for cell in twins)
+        raise InputError(
+            f"films of robots show what has a trace from this start, which is {known or 'nothing'}"
+        )
+    finest = min(twins, key=lambda cell: cell.dt)
+    shown = [cell for cell in dict.fromkeys(cells or (*homes, own, finest)) if cell in twins]
+    episodes = [episode_of_robot(twins[cell], skeleton) for cell in shown]
+    title = record["env_id"].rpartition(":")[2]
+    command = [
+        f"{name.removeprefix(COMMANDED).replace('_', ' ')} {values[0]:.2f}"
+        for name, values in record.trace.items()
+        if name.startswith(COMMANDED)
+    ]
+    return Film(episodes, homes, ", ".join([title, f"start {record['episode_index']}", *command]))
 
 
 _CANDIDATES = """

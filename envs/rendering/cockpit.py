@@ -105,6 +105,8 @@ def _scale_of(course: Course) -> tuple[float, float, float]:
 _WIDTH = 300
 """Width of a pane, pixels."""
 _HEADER, _TITLE, _GAP = 74, 58, 14
+_CLOCK = 80
+"""Width of what tells the time, pixels."""
 _MOST_COLUMNS = 4
 
 
@@ -178,7 +180,8 @@ class Panes:
         canvas.clear()
         width, height = canvas.size
         canvas.box((width / 2, height / 2), (width, height), 0.0, PAGE)
-        canvas.text(self._heading, (_GAP + 4, 26.0), 33, INK)
+        beside = canvas.part((0.0, 0.0), (width - _CLOCK, _HEADER), 1.0)
+        beside.text(self._heading, (_GAP + 4, 26.0), 33, INK)
         canvas.text(self._note, (_GAP + 4, 54.0), 21, MUTED)
         canvas.text(f"{time:.1f} s", (width - _GAP - 4, 28.0), 33, INK, align=1.0)
         for place, (pane, moment) in enumerate(zip(self._panes, moments, strict=True)):

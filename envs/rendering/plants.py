@@ -13,6 +13,7 @@ from ..plants.interface import state_names, state_units
 from ..settings import Setup
 from ..tasks import NEAR_PLUMB, NEAR_UPRIGHT, wrap_angle
 from .canvas import BLUE, FAINT, GREEN, INK, MUTED, VERMILION, WHITE, Canvas, Point, polar, tint
+from .skeletons import SIZE
 
 _TRAIL = 0.1
 """How much of the past motion the trail behind a moving tip shows, s."""
@@ -103,7 +104,16 @@ def draw_state_in_words(
         canvas.text(f"{format_signed(value, 4)} {unit}", (310.0, y), 0.7 * step, INK)
 
 
+def draw_robot(canvas: Canvas, setup: Any, state: Sequence[float], _: float) -> None:
+    """A robot's skeleton; see :class:`.skeletons.Skeleton`."""
+    setup.skeleton.draw(canvas, state)
+
+
+ROBOT = "robot's skeleton"
+"""Name of the plant that stands for any robot."""
+
 DRAWINGS: dict[str, Drawing] = {
+    ROBOT: Drawing(SIZE, draw_robot),
     "pendulum": Drawing((500, 500), draw_pendulum),
     "cart_pole": Drawing((600, 400), draw_cart_pole),
     "elastic_pendulum": Drawing((600, 400), draw_elastic_pendulum),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,12 @@ from house import ROOT
 from report_pages import pixels
 
 import integ_gym
+from integ_gym.envs.rendering.skeletons import Skeleton
 from integ_gym.envs.testbeds.making import find_testbed
+from integ_gym.eval.film import skeleton_of
+from integ_gym.eval.watch import watch
+from integ_gym.evidence.store import EvidenceStore
+from integ_gym.support.errors import InputError
 
 pytestmark = pytest.mark.slow
 
@@ -69,3 +75,35 @@ def test_a_robot_is_drawn_where_its_model_has_it(
     assert blue > 0.005
     assert browser.value("document.querySelector('.pane .bars').textContent").startswith("v x")
     assert browser.said == []
+
+
+def test_its_film_is_drawn_from_the_record_alone(
+    report: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import mujoco
+
+    store = EvidenceStore(report.parent / "evidence")
+    record = next(one for _, one in store.named_records() if one["policy_id"].startswith("ppo"))
+    with monkeypatch.context() as patch:
+        patch.setitem(sys.modules, "examples.robots.monoped", None)  # none of its code is loaded
+        film = watch(report.parent, record["record_id"], ["Euler", "implicitfast"])
+        with pytest.raises(InputError, match="truth"):
+            watch(report.parent, record["record_id"], ["truth"])
+        with pytest.raises(InputError, match="implicitfast"):
+            watch(report.parent, record["record_id"], ["RK4"])
+    assert list(film.success) == ["mujoco Euler dt=0.004", "mujoco implicitfast dt=0.004"]
+    first, later = film[0].astype(int), film[15].astype(int)
+    for frame in (first, later):
+        assert 0.005 < (frame[..., 2] - frame[..., 0] > 50).mean() < 0.5
+    assert (first != later).mean() > 0.01
+    monkeypatch.syspath_prepend(str(ROOT))
+    model = find_testbed(MONOPED, {}).compiled.model
+    data = mujoco.MjData(model)
+    described = skeleton_of(record)
+    assert described is not None
+    for q in np.stack([record.trace[name] for name in described["coordinates"]], axis=1)[::20]:
+        data.qpos[:] = q
+        mujoco.mj_kinematics(model, data)
+        places, turns = Skeleton(described, q).pose(q)
+        np.testing.assert_allclose(places, data.xpos[1:], atol=1e-3)
+        np.testing.assert_allclose(turns.reshape(-1, 9), data.xmat[1:], atol=1e-3)
