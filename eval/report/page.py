@@ -259,7 +259,9 @@ def _headline(panel: Panel) -> tuple[str, str]:
 def _watch_title(episodes: Episodes | None) -> str:
     """Whether a policy is seen to hold first, or to fail elsewhere from a start of its success."""
     if episodes and episodes.leads and episodes.leads[0].kind == "held":
-        return "Watch it hold"
+        keys = episodes.leads[0].keys if episodes.skeleton else ()
+        won = [t.fields["failure_label"] == "none" for t in episodes.traces if t.key in keys]
+        return "Watch it hold" if all(won) else "Watch it hold, and fall"
     ends = defaultdict(set)
     for trace in episodes.traces if episodes else ():
         row, _, seed, episode = trace.key

@@ -266,8 +266,8 @@ class Followed {
         make("span", {}, spaced(name)), make("span", { class: "rail" }, bar, tick), value) };
     });
     const error = known(trace.error) ? make("p", { class: "about" },
-      `off its command by ${trace.error.toFixed(2)} (root mean square)`) : null;
-    this.element = make("div", { class: "bars" }, this.lines.map((line) => line.row), error);
+      `off by ${trace.error.toFixed(2)} (root mean square)`) : null;
+    this.element = make("div", { class: "bars followed" }, this.lines.map((line) => line.row), error);
   }
 
   show(time) {

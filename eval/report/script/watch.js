@@ -125,8 +125,17 @@ class Watch {
 
   // Home and the judged cell first, then whatever else there is room for; where it holds, these two.
   usual(lead) {
+    if (this.carried.skeleton) return this.usualOfRobots(this.available(lead));
     const wide = innerWidth >= 1000 && lead.kind !== "held" ? MOST_PANES : 2;
     return this.available(lead).slice(0, Math.min(wide, 3));
+  }
+
+  // Home, where it ends otherwise, and what the lead is about, in their order.
+  usualOfRobots(there) {
+    const won = (c) => this.recorded(c).label === "none";
+    const other = there.find((c) => won(c) !== won(there[0]));
+    const chosen = [there[0], other ?? there[1], ...there.slice(1)].slice(0, innerWidth >= 1000 ? 3 : 2);
+    return there.filter((c) => chosen.includes(c));
   }
 
   open(place, on, time, value = null) {
