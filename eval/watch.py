@@ -225,7 +225,9 @@ def _watch_robot(
         for name, values in record.trace.items()
         if name.startswith(COMMANDED)
     ]
-    return Film(episodes, homes, ", ".join([title, f"start {record['episode_index']}", *command]))
+    changed = parse_field("perturbation", record["perturbation"]) or {}
+    told = [f"start {record['episode_index']}", *(f"{k} {value}" for k, value in changed.items())]
+    return Film(episodes, homes, ", ".join([title, *told, *command]))
 
 
 _CANDIDATES = """

@@ -381,14 +381,17 @@ def _median(wanted: Array, by: Array) -> tuple[int, int] | None:
 def _cells_of_lead(
     panel: Panel, pair: tuple[str, str], outcomes: AllOutcomes, place: tuple[int, int]
 ) -> tuple[str, ...]:
-    """Home, the cell itself, the truth, and every integrator at its coarsest step.
+    """Home, the cell, the truth, every integrator at its coarsest step, the worst varied cell.
 
     Behind the first two, what differs from both comes first: another ending than home's, and among
     those what the numerics gave or took most. Where nobody succeeds in time comes last.
     """
     row, cell = pair
     truth = panel.yardstick.name if panel.yardstick else None
-    wanted = (_home(panel, row), cell, truth, *(group.cells[0].name for group in panel.groups))
+    varied = [e for e in panel.matrix if e.row == row and panel.cell(e.cell).kind == "varied"]
+    worst = min(varied, key=lambda entry: entry.success.estimate, default=None)
+    coarsest = (group.cells[0].name for group in panel.groups)
+    wanted = (_home(panel, row), cell, truth, *coarsest, worst and worst.cell)
     first, *others = dict.fromkeys(
         name for name in wanted if name and panel.entry(row, name) is not None
     )
