@@ -51,17 +51,20 @@ from .transition import (
 )
 
 
-def at_bounds(control: Array, low: Array, high: Array) -> bool:
+def within_rounding(low: Array, high: Array) -> tuple[Array, Array]:
+    """Bounds of controls, infinite where there are none, drawn in by the rounding of float32."""
+    sizes = [np.where(np.isfinite(end), np.abs(end), 0.0) for end in (low, high)]
+    return low + FLOAT32_ROUNDING * sizes[0], high - FLOAT32_ROUNDING * sizes[1]
+
+
+def at_bounds(control: Array, ends: tuple[Array, Array]) -> bool:
     """Whether some control is at a bound or beyond it, as where a policy clips to it in float32.
 
     Args:
         control: asked for, any shape.
-        low: least of each, infinite without a bound.
-        high: most of each.
+        ends: see :func:`within_rounding`.
     """
-    sizes = [np.where(np.isfinite(end), np.abs(end), 0.0) for end in (low, high)]
-    below, above = low + FLOAT32_ROUNDING * sizes[0], high - FLOAT32_ROUNDING * sizes[1]
-    return bool(((control <= below) | (control >= above)).any())
+    return bool(((control <= ends[0]) | (control >= ends[1])).any())
 
 
 Observation = npt.NDArray[np.float32]

@@ -133,12 +133,13 @@ Info = dict[str, Array]
 
 _WORDS = np.array(STATUS_NAMES, dtype=object)
 _UNTOLD = np.array(None, dtype=object)
-_DTYPES: dict[type, npt.DTypeLike] = {
+DTYPES: dict[type, npt.DTypeLike] = {
     float: np.float64,
     bool: np.bool_,
     int: np.int64,
     str: np.object_,
 }
+"""By the type of what one lane tells, what an array of all lanes holds."""
 
 
 class LaneInfo:
@@ -171,7 +172,7 @@ class LaneInfo:
 
     def nothing(self) -> Info:
         """Arrays to be filled in, in which nothing is told."""
-        return {n: np.zeros(self._lanes, _DTYPES[type(value)]) for n, value in self._blank.items()}
+        return {n: np.zeros(self._lanes, DTYPES[type(value)]) for n, value in self._blank.items()}
 
     def of_step(self, step_values: dict[str, Any], alike: Mapping[str, Any]) -> Info:
         """`info` of what a step has told, and of what is alike; see :class:`.steps.LanesStep`."""
@@ -237,8 +238,8 @@ class LaneInfo:
         return {**info, "solver_status": words, **self._masks_of_everyone[names]}
 
     def _one_for_all(self, name: str, value: Any, kind: type) -> Array:
-        dtype = _DTYPES[kind]
-        if type(value) not in _DTYPES:
+        dtype = DTYPES[kind]
+        if type(value) not in DTYPES:
             return np.full(self._lanes, value, dtype)
         if (name, value) not in self._constants:
             array = np.full(self._lanes, value, dtype)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass
 from math import nan
 from typing import Any, NamedTuple
@@ -30,7 +29,7 @@ from integ_gym.support.parameters import (
 from .delayed import CommandQueue
 from .engines.mujoco import silencer
 from .engines.mujoco_solver import NO_RESET, read_solver, was_reset, write_solver
-from .environment import at_bounds
+from .environment import at_bounds, within_rounding
 from .foreign import (
     ForeignPlant,
     ForeignSetup,
@@ -215,24 +214,34 @@ class Ledger:
     def __init__(self, mujoco: Any, model: Any, integrator: str) -> None:
         self._mujoco, self._model = mujoco, model
         self._scratch = mujoco.MjData(model)
-        self._displacement = np.zeros(model.nv)
+        self._before, self._displacement = np.zeros(model.nq), np.zeros(model.nv)
+        self._resets = not hasattr(mujoco.mjtDisableBit, NO_RESET)
         self._damping = np.array(model.dof_damping).reshape(model.nv, -1)[:, 0]
         self.accounted = _accounted(model, integrator)
         self._staged = self.accounted and integrator == "RK4"
 
-    def energy(self, data: Any) -> float:
-        """Kinetic plus potential energy, J, zero where MuJoCo has it."""
+    def energy(self, data: Any, computed: bool = False) -> float:
+        """Kinetic plus potential energy, J, zero where MuJoCo has it.
+
+        Args:
+            data: of a state.
+            computed: whether `mj_forward` has been called of this state.
+        """
         scratch, model, mujoco = self._scratch, self._model, self._mujoco
-        scratch.qpos[:], scratch.qvel[:] = data.qpos, data.qvel
         if not hasattr(mujoco, "mj_makeM"):
+            scratch.qpos[:], scratch.qvel[:] = data.qpos, data.qvel
             return self._energy_by_forward()
-        mujoco.mj_kinematics(model, scratch)
-        mujoco.mj_comPos(model, scratch)
-        mujoco.mj_tendon(model, scratch)
-        mujoco.mj_makeM(model, scratch)
-        mujoco.mj_energyPos(model, scratch)
-        mujoco.mj_energyVel(model, scratch)
-        return float(scratch.energy.sum())
+        if not computed:
+            scratch.qpos[:], scratch.qvel[:] = data.qpos, data.qvel
+            data = scratch
+            mujoco.mj_kinematics(model, data)
+            mujoco.mj_comPos(model, data)
+            mujoco.mj_tendon(model, data)
+            mujoco.mj_makeM(model, data)
+        mujoco.mj_energyPos(model, data)
+        mujoco.mj_energyVel(model, data)
+        potential, kinetic = data.energy.tolist()
+        return float(potential + kinetic)
 
     def _energy_by_forward(self) -> float:
         """The same of the scratch data, where MuJoCo has no `mj_makeM`, as before 3.3.
@@ -252,30 +261,34 @@ class Ledger:
         """Take ``count`` steps, or as many as there are until the motion has diverged."""
         work = lost = depth = violation = 0.0
         constrained, iterations = False, 0
+        q, v, force, used = data.qpos, data.qvel, data.qfrc_actuator, data.solver_niter
+        before, moved, differ = self._before, self._displacement, self._mujoco.mj_differentiatePos
         for _ in range(count):
-            before = data.qpos.copy()
+            before[:] = q
             constrained |= self._taken(data)
             if self.is_lost(data):
                 break
-            moved = self._displacement
-            self._mujoco.mj_differentiatePos(self._model, moved, 1.0, before, data.qpos)
-            work += float(data.qfrc_actuator @ moved)
-            lost += float((self._damping * data.qvel) @ moved)
-            if data.nefc:
-                iterations = max(iterations, int(np.maximum.reduce(data.solver_niter)))
-                violation = max(violation, -float(np.minimum.reduce(data.efc_pos)))
+            differ(self._model, moved, 1.0, before, q)
+            work += float(force.dot(moved))
+            if self.accounted:
+                lost += float((self._damping * v).dot(moved))
+            if data.nefc:  # by the methods that take a fraction of a microsecond
+                iterations = max(iterations, *used.tolist())
+                positions = data.efc_pos
+                violation = max(violation, -float(positions[positions.argmin()]))
             if data.ncon:
-                depth = max(depth, -float(np.minimum.reduce(data.contact.dist)))
+                distances = data.contact.dist
+                depth = max(depth, -float(distances[distances.argmin()]))
         lost = lost if self.accounted else nan
         return Booked(work, lost, constrained, iterations, depth, violation)
 
     def is_lost(self, data: Any) -> bool:
         """Whether the motion has diverged, or MuJoCo reset it, which before 3.2 it always does."""
         q, v = data.qpos, data.qvel
-        sound = v @ v <= FASTEST**2 and math.isfinite(np.add.reduce(q))
+        sound = v.dot(v) <= FASTEST**2 and q.dot(q) < math.inf
         if not sound:  # a sum may overflow, and many components exceed what each may have
             sound = np.isfinite(q).all() and (np.abs(v) <= FASTEST).all()
-        return not sound or was_reset(self._mujoco, data)
+        return not sound or (self._resets and was_reset(self._mujoco, data))
 
     def put_back(self, booked: Booked) -> Booked:
         """What is booked of a control period whose motion was taken back."""
@@ -424,6 +437,8 @@ class RediscretizedEnv(ForeignWrapper):
         low, high = self._model.actuator_ctrlrange.T
         self._low, self._high = np.where(limited, low, -np.inf), np.where(limited, high, np.inf)
         self._command_low, self._command_high = self._command_bounds()
+        self._ends = within_rounding(self._low, self._high)
+        self._command_ends = within_rounding(self._command_low, self._command_high)
         self.setup = self._discretized(choice)
         self._silence = silencer(self._mujoco, self._data)
         self._ledger = Ledger(self._mujoco, self._model, self.setup.settings.integrator)
@@ -432,7 +447,8 @@ class RediscretizedEnv(ForeignWrapper):
         self._none = np.zeros(len(self._command_low))
         self._queue = CommandQueue(timing, self._idle_command())
         self._seen_late = any(timing.sight)
-        if timing.latency or timing.drawn or self._seen_late:
+        self._split = bool(timing.latency or timing.drawn or self._seen_late)
+        if self._split:
             self._delay()
         self._booked = NOTHING
         self._saturated = False
@@ -498,10 +514,13 @@ class RediscretizedEnv(ForeignWrapper):
         asked = as_floats(action)
         valid = bool(np.isfinite(asked).all())
         command = asked if valid else self._control
-        with self._timed(*self._stock):
+        self._set_steps(*self._stock)  # a task reads its own: `HumanoidStandup` divides by it
+        try:
             observation, reward, terminated, truncated, info = self.env.step(
                 command.astype(self._inner.action_space.dtype)
             )
+        finally:
+            self._set_steps(self.setup.timing.dt, self.setup.timing.substeps)
         self._steps += 1
         if self._stretch != 1.0:
             reward = self._stretch * float(reward)
@@ -511,10 +530,10 @@ class RediscretizedEnv(ForeignWrapper):
             left = self.setup.timing.horizon - self._steps + 1
             reward = self._least * left - max(0.0, self._earned)
         self._observation = observation
-        self._control = np.clip(command, self._command_low, self._command_high)
+        self._control = np.minimum(np.maximum(command, self._command_low), self._command_high)
         self._least = min(self._least, float(reward))
         self._earned += float(reward)
-        self._energy = before if self._diverged else self._ledger.energy(self._data)
+        self._energy = before if self._diverged else self._compute_energy()
         booked = self._booked
         residual = self._energy - before - booked.work + booked.dissipated
         residual = math.nan if booked.constrained else residual
@@ -556,6 +575,12 @@ class RediscretizedEnv(ForeignWrapper):
             return self._low, self._high
         return space.low.astype(np.float64), space.high.astype(np.float64)
 
+    def close(self) -> None:
+        """Close the task, which then holds this no more, so that its model is freed at once."""
+        super().close()
+        for name in ("do_simulation", "step"):
+            self._inner.__dict__.pop(name, None)
+
     def render(self) -> Any:
         """As the task draws itself.
 
@@ -571,19 +596,13 @@ class RediscretizedEnv(ForeignWrapper):
                 raise
             raise SetupError(no_context(os.environ.get("MUJOCO_GL"))) from error
 
-    @contextmanager
-    def _timed(self, timestep: float, frame_skip: int) -> Iterator[None]:
-        """Another timestep, s, and number of them in a control period, for as long as it lasts.
+    def _set_steps(self, timestep: float, frame_skip: int) -> None:
+        """Put a timestep, s, and the number of them in a control period."""
+        self._model.opt.timestep, self._inner.frame_skip = timestep, frame_skip
 
-        A task reads its own: `HumanoidStandup` divides its reward by the timestep.
-        """
-        option, inner = self._model.opt, self._inner
-        kept = option.timestep, inner.frame_skip
-        option.timestep, inner.frame_skip = timestep, frame_skip
-        try:
-            yield
-        finally:
-            option.timestep, inner.frame_skip = kept
+    def _compute_energy(self) -> float:
+        """Energy of the state at the end of a control period, J."""
+        return self._ledger.energy(self._data)
 
     def _simulate(self, control: Any, count: int) -> None:
         """What the task calls to advance its model; stands in for Gymnasium's ``do_simulation``.
@@ -605,19 +624,20 @@ class RediscretizedEnv(ForeignWrapper):
         q, v = data.qpos.copy(), data.qvel.copy()
         self._take_command(control)
         self._silence()
-        with self._timed(timing.dt, timing.substeps):
-            self._booked = self._advance(control)
-            self._diverged = self._ledger.is_lost(data)
-            if self._diverged:
-                data.qpos[:], data.qvel[:] = q, v
-                self._mujoco.mj_forward(model, data)
-                self._booked = self._ledger.put_back(self._booked)
-            self._finish_period()
+        self._set_steps(timing.dt, timing.substeps)
+        self._booked = self._advance(control)
+        self._diverged = self._ledger.is_lost(data)
+        if self._diverged:
+            data.qpos[:], data.qvel[:] = q, v
+            self._mujoco.mj_forward(model, data)
+            self._booked = self._ledger.put_back(self._booked)
+        self._finish_period()
+        self._set_steps(*self._stock)
 
     def _take_command(self, control: Array) -> None:
         """Note what the task made of an action."""
         self._applied = np.clip(control, self._low, self._high)
-        self._saturated = at_bounds(control, self._low, self._high)
+        self._saturated = at_bounds(control, self._ends)
 
     def _finish_period(self) -> None:
         """Compute what a task may read at the end of a control period."""
@@ -632,6 +652,10 @@ class RediscretizedEnv(ForeignWrapper):
             control: what the task made of the last of them.
         """
         timing, data, booked = self.setup.timing, self._data, NOTHING
+        if not self._split:
+            ((acting, steps),) = self._segments(control)
+            data.ctrl[:] = acting
+            return self._ledger.step(data, steps)
         seen, begin = timing.substeps - timing.sight[1], 0
         for acting, steps in self._segments(control):
             data.ctrl[:], end = acting, begin + steps

@@ -505,10 +505,17 @@ class PolicyStack:
 
     Args:
         policies: at least one, all for the same kind of actions.
+        batched: whether all of a policy's observations are given to it together, which may show in
+            the last bits of its actions; else they are given one by one to a policy that does not
+            say by ``any_batch`` that this changes nothing.
+
+    Attributes:
+        count: of policies.
     """
 
-    def __init__(self, policies: Sequence[Policy]) -> None:
-        self._count = len(policies)
+    def __init__(self, policies: Sequence[Policy], batched: bool = True) -> None:
+        self.count, self.batched = len(policies), batched
+        self._together = batched or all(getattr(own, "any_batch", False) for own in policies)
         self._parts = [_part(policies, places) for places in _alike(policies)]
 
     def act(self, observations: Array) -> NDArray[np.float64]:
@@ -524,8 +531,11 @@ class PolicyStack:
         Raises:
             ValueError: as `Policy.act` does.
         """
+        if not self._together and observations.shape[1] > 1:
+            alone = np.split(observations, observations.shape[1], axis=1)
+            return np.concatenate([self.act(np.ascontiguousarray(own)) for own in alone], axis=1)
         taken = [(places, act(observations[places])) for places, act in self._parts]
-        actions = np.empty((self._count, *taken[0][1].shape[1:]))
+        actions = np.empty((self.count, *taken[0][1].shape[1:]))
         for places, values in taken:
             actions[places] = values
         return actions

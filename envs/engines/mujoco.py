@@ -158,6 +158,7 @@ def silencer(mujoco: Any, data: Any) -> Callable[[], None]:
     kinds = [int(getattr(mujoco.mjtWarning, f"mjWARN_{kind}")) for kind in _TOLD_OF]
 
     def silence() -> None:
-        numbers[kinds] += numbers[kinds] == 0
+        for kind in kinds:
+            numbers[kind] = numbers[kind] or 1
 
     return silence

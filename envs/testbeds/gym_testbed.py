@@ -164,6 +164,8 @@ class SequentialTestbed:
     """
 
     batched = False
+    side_by_side = 1
+    """Most lanes that are evaluated at once."""
     horizon = None
     controller = None
     home: Any

@@ -61,6 +61,7 @@ class MujocoTestbed(SequentialTestbed):
     """
 
     engine = ENGINE
+    side_by_side = 16
 
     def __init__(self, env_id: str, **arguments: Any) -> None:
         super().__init__(arguments)

@@ -75,19 +75,19 @@ class Robot:
     @property
     def joint_angles(self) -> Array:
         """Positions of the joints that have actuators, in the model's order, rad or m."""
-        angles: Array = self.data.qpos[self._positions]
+        angles: Array = self.data.qpos.take(self._positions)
         return angles
 
     @property
     def home_angles(self) -> Array:
         """The same in the keyframe."""
-        angles: Array = self.key_qpos[self._positions]
+        angles: Array = self.key_qpos.take(self._positions)
         return angles
 
     @property
     def joint_velocities(self) -> Array:
         """Velocities of these joints, rad/s or m/s."""
-        velocities: Array = self.data.qvel[self._velocities]
+        velocities: Array = self.data.qvel.take(self._velocities)
         return velocities
 
     def sensor(self, name: str) -> Array:

@@ -65,8 +65,8 @@ class MjcfTask(MujocoEnv):
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         """Advance one control period."""
         testbed, robot, memory, command = self.testbed, self.robot, self.memory, self.command
-        space = self.action_space
-        taken = read_only(np.clip(np.asarray(action, np.float64), space.low, space.high))
+        low, high = self._bounds
+        taken = read_only(np.minimum(np.maximum(np.asarray(action, np.float64), low), high))
         control = np.array(testbed.act(taken, robot), dtype=np.float64)  # may act much later
         if control.shape != (self.model.nu,):
             raise InputError(
@@ -140,7 +140,8 @@ class MjcfTask(MujocoEnv):
         own = self.testbed
         size = self.model.nu if own.actions is None else own.actions
         low, high = own.action_bounds
-        self.action_space = spaces.Box(low, high, (size,), np.float32)
+        self.action_space = space = spaces.Box(low, high, (size,), np.float32)
+        self._bounds = [bound.astype(np.float64) for bound in (space.low, space.high)]
         return self.action_space
 
 
@@ -194,7 +195,7 @@ class MjcfEnv(RediscretizedEnv):
         late = timing.latency or timing.drawn
         self._orders = self._queue.give(order) if late else [(order, timing.substeps)]
         (self._applied, _), _ = self._orders[-1]
-        self._saturated = at_bounds(action, self._command_low, self._command_high)
+        self._saturated = at_bounds(action, self._command_ends)
 
     def _segments(self, control: Array) -> list[tuple[Array, int]]:
         return [(acting, steps) for (_, acting), steps in self._orders]
@@ -204,6 +205,9 @@ class MjcfEnv(RediscretizedEnv):
 
     def _finish_period(self) -> None:
         self._mujoco.mj_forward(self._model, self._data)
+
+    def _compute_energy(self) -> float:
+        return self._ledger.energy(self._data, computed=True)
 
 
 class RobotGoal(ReturnGoal):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -9,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from gymnasium.vector import VectorEnv
+from gymnasium.vector import AutoresetMode, VectorEnv
 
 from integ_gym.envs.lanes import DiscretizedVectorEnv
 from integ_gym.envs.settings import DELAYS, Discretization, Settings
@@ -394,6 +395,8 @@ def _recorded(
         changed: arguments that differ from the cell's.
     """
     lanes = len(subjects) * _together(spec, episodes)
+    if not spec.testbed.batched:
+        changed = {**changed, "autoreset_mode": AutoresetMode.DISABLED}
     recorder = RecordVectorEvidence(
         environments_of(spec.testbed, cell, lanes, **changed),
         store,
@@ -407,8 +410,12 @@ def _recorded(
 
 
 def _together(spec: PanelSpec, episodes: range) -> int:
-    """How many starts of a policy have lanes at once: all, or one where each lane costs its own."""
-    return len(episodes) if spec.testbed.batched else 1
+    """How many starts of a policy have lanes at once: all, or as many as its testbed has room for.
+
+    These are divided evenly.
+    """
+    room = len(episodes) if spec.testbed.batched else getattr(spec.testbed, "side_by_side", 1)
+    return math.ceil(len(episodes) / math.ceil(len(episodes) / room))
 
 
 def roll_out(
@@ -423,30 +430,40 @@ def roll_out(
     As many starts are run side by side as there are lanes for each policy, the rest after them.
     """
     together = environments.num_envs // len(subjects)
-    stack = PolicyStack([subject.policy for subject in subjects])
+    stack = PolicyStack([subject.policy for subject in subjects], spec.testbed.batched)
     rounds = []
     for done in range(0, len(episodes), together):
         part = episodes[done : done + together]
+        lanes = [*part, *episodes[: together - len(part)]]  # the latter are not run
         if isinstance(environments, RecordVectorEvidence):
-            own = [(place, k) for place in range(len(subjects)) for k in part]
+            own = [(place, k) for place in range(len(subjects)) for k in lanes]
             environments.assign([k if numbers is None else numbers(place, k) for place, k in own])
-        seeds = [spec.start_seed(subject.starts, k) for subject in subjects for k in part]
-        rounds.append(_round(environments, stack, seeds, len(subjects)))
+        seeds = [spec.start_seed(subject.starts, k) for subject in subjects for k in lanes]
+        running = np.tile(np.arange(together) < len(part), len(subjects))
+        rounds.append(_round(environments, stack, seeds, running)[:, : len(part)])
     return np.concatenate(rounds, axis=1)
 
 
 def _round(
-    environments: VectorEnv[Any, Any, Any], stack: PolicyStack, seeds: list[int], policies: int
+    environments: VectorEnv[Any, Any, Any], stack: PolicyStack, seeds: list[int], running: Flags
 ) -> Flags:
-    """One episode per lane, for each policy as many; whether it succeeds."""
-    observation, _ = environments.reset(seed=seeds)  # type: ignore[arg-type]
-    running = np.ones(len(seeds), dtype=bool)
+    """One episode in each of some lanes, for each policy as many; whether it succeeds.
+
+    A policy that is asked about every observation alone is not asked about lanes that rest.
+    """
+    options = None if running.all() else {"reset_mask": running.copy()}
+    observation, _ = environments.reset(seed=seeds, options=options)  # type: ignore[arg-type]
     success = np.zeros(len(seeds), dtype=bool)
+    policies, shape = stack.count, environments.action_space.shape or ()
+    actions = np.zeros((policies, len(seeds) // policies, *shape[1:]))
     while running.any():
-        actions = stack.act(observation.reshape(policies, len(seeds) // policies, -1))
-        observation, _, terminated, truncated, info = environments.step(
-            actions.reshape(environments.action_space.shape)
-        )
+        seen = observation.reshape(*actions.shape[:2], -1)
+        asked = stack.batched | running.reshape(policies, -1).any(axis=0)
+        if asked.all():
+            actions = stack.act(seen)
+        else:
+            actions[:, asked] = stack.act(np.ascontiguousarray(seen[:, asked]))
+        observation, _, terminated, truncated, info = environments.step(actions.reshape(shape))
         ended = running & (terminated | truncated)
         success[ended] = info["success"][ended]
         running &= ~ended

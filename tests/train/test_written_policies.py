@@ -146,6 +146,7 @@ def test_what_torch_exports_is_judged(module, batches, dynamo, tmp_path):
     np.testing.assert_array_equal(again.act(observations), policy.act(observations))
     alone = np.concatenate([policy.act(one[None]) for one in observations])
     np.testing.assert_array_equal(policy.act(observations), alone)
+    assert policy._of_batches is not None  # a graph for one observation is widened
 
 
 @pytest.mark.filterwarnings("ignore")  # of torch's exporter

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from gymnasium import spaces
@@ -30,7 +30,8 @@ FORMAT = "integ-gym ONNX 1"
 MAX_BYTES = 512 * 2**20
 """Largest file that is read."""
 
-_PROBES = 16
+_PROBES = 32
+"""Observations by which it is found out whether a batch of up to so many changes a bit."""
 
 
 def onnx() -> Any:
@@ -46,8 +47,8 @@ def onnx() -> Any:
 class OnnxPolicy:
     """A graph from observations to actions, or to the values of discrete ones.
 
-    An action does not depend on how many observations are given: a graph for which onnxruntime's
-    numbers would depend on that gets them one by one.
+    An action does not depend on how many observations are given: a graph that takes one at a time
+    is widened, and one for which onnxruntime's numbers would depend on that gets them one by one.
 
     Attributes:
         content: the file's.
@@ -60,6 +61,7 @@ class OnnxPolicy:
     discrete: bool = False
     policy_id: str = "onnx"
     statistics: ObservationStatistics | None = None
+    any_batch: ClassVar[bool] = True
 
     @cached_property
     def content_hash(self) -> str:
@@ -71,18 +73,19 @@ class OnnxPolicy:
 
     def __getstate__(self) -> dict[str, Any]:
         """Without what runs it, which another process makes anew."""
-        return {k: v for k, v in self.__dict__.items() if k not in ("_session", "_takes_batches")}
+        return {k: v for k, v in self.__dict__.items() if k not in ("_session", "_of_batches")}
 
     @cached_property
     def _session(self) -> Any:
+        return self._open_session(self.content)
+
+    def _open_session(self, content: bytes) -> Any:
         runtime = load("onnxruntime", "onnx")
         options = runtime.SessionOptions()
         options.intra_op_num_threads = options.inter_op_num_threads = 1
         options.log_severity_level = 3
         try:
-            return runtime.InferenceSession(
-                self.content, options, providers=["CPUExecutionProvider"]
-            )
+            return runtime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
         except Exception as error:  # onnxruntime's errors have no common class
             text = " ".join(str(error).split())[:200]
             raise PolicyFileError(f"onnxruntime cannot run it ({text}); export it again") from error
@@ -96,26 +99,31 @@ class OnnxPolicy:
         shape = self.observation_shape
         if shape is not None and math.prod(shape) == math.prod(given.shape[1:]):
             given = given.reshape(len(given), *shape)
-        return self._run(given) if self._takes_batches else self._run_one_by_one(given)
+        if len(given) == 1 or self._of_batches is None:
+            return np.concatenate([self._run(self._session, row[None])[:1] for row in given])
+        return self._run(self._of_batches, given)
 
     @cached_property
-    def _takes_batches(self) -> bool:
-        """Whether a batch gives the numbers, to the last bit, that its observations give alone."""
+    def _of_batches(self) -> Any:
+        """A session whose batches give the numbers, to the last bit, that their observations give
+        alone; None where there is none."""
         shape = self.observation_shape
-        if shape is None or isinstance(self._input.shape[0], int):
-            return False
+        if shape is None:
+            return None
         dtype = np.float64 if "double" in self._input.type else np.float32
         probes = np.random.default_rng(0).normal(size=(_PROBES, *shape)).astype(dtype)
+        alone = np.concatenate([self._run(self._session, row[None])[:1] for row in probes])
         try:
-            return np.array_equal(self._run(probes), self._run_one_by_one(probes))
-        except Exception:  # onnxruntime's errors have no common class
-            return False
+            fixed = isinstance(self._input.shape[0], int)
+            session = self._open_session(_widen(self.content)) if fixed else self._session
+            batches = [self._run(session, probes[:count]) for count in range(1, _PROBES + 1)]
+        except Exception:  # onnxruntime's and protobuf's errors have no common class
+            return None
+        every = enumerate(batches, 1)
+        return session if all(np.array_equal(own, alone[:n]) for n, own in every) else None
 
-    def _run(self, given: NDArray[Any]) -> NDArray[Any]:
-        return np.asarray(self._session.run(None, {self._input.name: given})[0])
-
-    def _run_one_by_one(self, given: NDArray[Any]) -> NDArray[Any]:
-        return np.concatenate([self._run(row[None])[:1] for row in given])
+    def _run(self, session: Any, given: NDArray[Any]) -> NDArray[Any]:
+        return np.asarray(session.run(None, {self._input.name: given})[0])
 
     @property
     def _input(self) -> Any:
@@ -170,6 +178,16 @@ class OnnxPolicy:
                 f"environment takes {action_space}; evaluate it in the kind of environment it was "
                 "trained in"
             )
+
+
+def _widen(content: bytes) -> bytes:
+    """A graph that takes one observation, made one that takes any number."""
+    model = onnx().load_model_from_string(content)
+    for value in (*model.graph.input, *model.graph.output):
+        value.type.tensor_type.shape.dim[0].dim_param = "n"
+    del model.graph.value_info[:]
+    widened: bytes = model.SerializeToString()
+    return widened
 
 
 def read_onnx(path: Path) -> OnnxPolicy:

@@ -209,6 +209,34 @@ def test_what_is_not_known_is_left_out(task):
             break
 
 
+def test_lanes_that_are_not_reset_tell_the_same_and_rest_when_they_have_ended():
+    def make():
+        return integ_gym.rediscretize(gym.make("InvertedPendulum-v5"), action_latency=0.02)
+
+    resting, usual = (SequentialVectorEnv(make, 3, mode) for mode in ("Disabled", "NextStep"))
+    for lanes in (resting, usual):
+        lanes.reset(seed=[0, 1, 2])
+    ended, last = np.zeros(3, dtype=bool), None
+    for _ in range(100):
+        actions = np.array([[3.0], [0.0], [-3.0]], np.float32)
+        *of_resting, told = resting.step(actions)
+        *of_usual, expected = usual.step(actions)
+        for one, other in zip(of_resting, of_usual, strict=True):
+            np.testing.assert_array_equal(one[~ended], other[~ended])
+        assert told.keys() == expected.keys()
+        for name, values in told.items():
+            assert values.dtype == expected[name].dtype
+            np.testing.assert_array_equal(values[~ended], expected[name][~ended])
+        if ended.any():
+            assert not of_resting[1][ended].any()
+            np.testing.assert_array_equal(told["time"][ended], last[ended])
+        ended, last = of_resting[2] | of_resting[3], told["time"]
+        if ended.all():
+            break
+    assert ended.all()
+    assert len(set(last)) > 1
+
+
 def test_an_action_wrapper_stays_and_the_fallback_holds_what_it_takes():
     """Bounds are those of the wrapper: ±1 here, where the motor has ±3."""
     stock = RescaleAction(gym.make("InvertedPendulum-v5"), np.float32(-1.0), np.float32(1.0))

@@ -7,6 +7,7 @@ import warnings
 
 import gymnasium as gym
 import numpy as np
+import onnx
 import pytest
 from engine_cases import needs
 from gymnasium.utils.env_checker import check_env
@@ -15,10 +16,17 @@ from house import ROOT, page_blocks
 import integ_gym
 from integ_gym import Discretization, IntegGymError, MjcfTestbed
 from integ_gym.envs.testbeds.making import find_testbed, make_checked
+from integ_gym.eval.panel.cells import Cell
+from integ_gym.eval.panel.episodes import Subject, evaluate
+from integ_gym.eval.panel.spec import PanelSpec
+from integ_gym.evidence.fields import VOLATILE_NAMES
 from integ_gym.evidence.labels import EpisodeContext
 from integ_gym.evidence.replaying import replay
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.evidence.vector_recorder import RecordVectorEvidence
+from integ_gym.train.baselines import make_baseline
+from integ_gym.train.policy_files.onnx import OnnxPolicy, onnx_bytes
+from integ_gym.train.policy_files.safetensors_file import read_safetensors
 from integ_gym.train.policy_files.sidecar import stated_arguments
 
 MONOPED = "examples.robots.monoped:Monoped"
@@ -325,6 +333,37 @@ def test_a_record_comes_out_to_the_last_bit(different, tmp_path):
     assert replay([(file, record)]).settle().skipped
     record.trace["reward"] = record.trace["reward"] + 1e-9
     assert replay([(file, record)], exact=True, own_code=True).settle().findings
+
+
+@pytest.mark.parametrize(
+    "different",
+    [{}, {"action_latency": 0.004, "observation_latency": 0.024, "hold_probability": 0.2}],
+)
+@pytest.mark.parametrize("kind", ["network", "graph", "random"])
+def test_a_record_is_the_same_whoever_runs_beside(kind, different, tmp_path, monkeypatch):
+    spec = PanelSpec(
+        name="together", env_id=MONOPED, environment={"duration": 2.0, **different}, train=(),
+        control_period=0.02, grid=(find_testbed(MONOPED, {}).home,), seeds=(), episodes=5,
+        ladder=False,
+    )  # fmt: skip
+    policy = make_baseline("random", spec.nominal)
+    if kind != "random":
+        policy = read_safetensors(
+            ROOT / "examples" / "robots" / "monoped_policy" / "policy.safetensors"
+        )
+    if kind == "graph":
+        graph = onnx.load_model_from_string(onnx_bytes(policy, {}))
+        graph.graph.input[0].type.tensor_type.shape.dim[0].dim_value = 1
+        policy = OnnxPolicy(graph.SerializeToString())
+    subject = Subject(policy, (Cell.of(*spec.grid, "grid"),))
+    tables = []
+    for together in (1, 3):
+        monkeypatch.setattr(MjcfTestbed, "side_by_side", together)
+        (table,) = evaluate(spec, [subject], range(5), EvidenceStore(tmp_path), {})
+        tables.append(table.drop_columns([*VOLATILE_NAMES]).sort_by("episode_index"))
+    assert tables[0].equals(tables[1])
+    assert tables[0]["seed"].to_pylist() == [1000, 1001, 1002, 1003, 1004]
+    assert kind != "random" or len(set(tables[0]["length"].to_pylist())) > 1
 
 
 def test_the_example_of_the_page_takes_a_file(tmp_path, monkeypatch):

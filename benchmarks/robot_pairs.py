@@ -1,0 +1,84 @@
+"""How long a robot's episode takes, evaluated and recorded, beside `robot_loop.py`'s plain loop.
+
+``python benchmarks/robot_pairs.py go1:Go1 DIR``: the policy at its file's settings, from the same
+starts, in pairs: the loop on one core, then the evaluation with its traces written on several.
+"""
+
+import argparse
+import resource
+import statistics
+import sys
+import tempfile
+import time
+import warnings
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+
+import onnxruntime
+from robot_loop import load_model, plain_episode
+
+from integ_gym.envs.testbeds.making import find_testbed
+from integ_gym.eval.panel.cells import Cell
+from integ_gym.eval.panel.episodes import Subject, divided, evaluate
+from integ_gym.eval.panel.spec import PanelSpec
+from integ_gym.evidence.store import EvidenceStore
+from integ_gym.train.policy_files.onnx import read_onnx
+
+
+def record(spec, episodes, out):
+    """Evaluate the policy and write its records; time spent, s, and most memory so far, MB."""
+    warnings.simplefilter("ignore")  # about meshes that only show
+    policy, store = read_onnx(Path(spec.environment["folder"], "policy.onnx")), EvidenceStore(out)
+    _, begin = spec.testbed.compiled, time.perf_counter()
+    subjects = [Subject(policy, (Cell.of(*spec.grid, "grid"),))]
+    store.commit_all(f"from-{episodes.start}", evaluate(spec, subjects, episodes, store, {}))
+    spent = time.perf_counter() - begin
+    return spent, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
+
+
+def main():
+    made = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    made.add_argument("robot", help="module and class in examples/robots, as go1:Go1")
+    made.add_argument("folder", help="of its files, the policy among them")
+    made.add_argument("--episodes", type=int, default=20)
+    made.add_argument("--workers", type=int, default=2)
+    made.add_argument("--pairs", type=int, default=5)
+    given = made.parse_args()
+    warnings.simplefilter("ignore")
+    sys.path.append(str(Path(__file__).parents[1]))
+    path, arguments = f"examples.robots.{given.robot}", {"folder": given.folder}
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = 1
+    session = onnxruntime.InferenceSession(f"{given.folder}/policy.onnx", options)
+    testbed, name = find_testbed(path, arguments), given.robot.partition(":")[0]
+    model, home = load_model(testbed.model(given.folder)), testbed.home
+    spec = PanelSpec(
+        name="pair", env_id=path, environment=arguments, control_period=home.control_period,
+        train=(), grid=(home,), seeds=(), ladder=False, episodes=given.episodes,
+    )  # fmt: skip
+    (env,), starts = testbed.make(home, 1).envs, []
+    for episode in range(given.episodes):
+        _, info = env.reset(seed=spec.start_seed(0, episode))
+        state = env.state
+        starts.append((state[: model.nq], state[model.nq :], info["command"]))
+    parts, ratios = divided(spec, given.workers), []
+    with ProcessPoolExecutor(given.workers, get_context("spawn")) as pool:
+        for pair in range(-1, given.pairs):  # the first is not counted
+            begin = time.perf_counter()
+            for start in starts:
+                plain_episode(name, model, session, *start)
+            plain = time.perf_counter() - begin
+            with tempfile.TemporaryDirectory() as out:
+                told = pool.map(record, [spec] * len(parts), parts, [out] * len(parts))
+                spent, memory = zip(*told, strict=True)
+            each = [1e3 * one / given.episodes for one in (plain, max(spent))]
+            words = "{:.0f} ms an episode by the loop, {:.0f} ms evaluated".format(*each)
+            if pair >= 0:
+                ratios.append(plain / max(spent))
+                print(f"{words}: {ratios[-1]:.2f} times as fast, {sum(memory):.0f} MB", flush=True)
+    print(f"median {statistics.median(ratios):.2f} times as fast")
+
+
+if __name__ == "__main__":
+    main()
