@@ -132,9 +132,10 @@ class SplitDelayed(Delayed):
     Commands act by these steps, observations are shown by decisions.
 
     Args:
-        env: whose steps are decisions; it has ``late``: for how many integration steps of the next
-            one the control before still acts.
-        timing: delays in integration steps; commands arrive at one step of a decision alone.
+        env: whose steps are decisions; it has ``earlier``: the actions that act in the next one
+            before its own, oldest first, None for the one that acts already, and for how many
+            integration steps each does.
+        timing: delays in integration steps.
     """
 
     def __init__(self, env: gym.Env[Any, Any], timing: Timing) -> None:
@@ -142,7 +143,8 @@ class SplitDelayed(Delayed):
         self._late = timing.sight[0]
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
-        """Take a decision, under the control before until the action arrives."""
-        *before, (self.acting, _) = self._queue.give(action)
-        self.env.unwrapped.late = sum(steps for _, steps in before)  # type: ignore[attr-defined]
+        """Take a decision, in which the actions act that have arrived."""
+        *before, (last, _) = self._queue.give(action)
+        earlier = [(None if one is self.acting else one, steps) for one, steps in before]
+        self.env.unwrapped.earlier, self.acting = earlier, last  # type: ignore[attr-defined]
         return self._take()

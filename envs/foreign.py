@@ -420,8 +420,8 @@ def with_delays(env: gym.Env[Any, Any], setup: ForeignSetup) -> gym.Env[Any, Any
     """An environment with the delays of its setup; it may be changed.
 
     They are counted in integration steps where a decision's steps are taken one by one, by
-    :class:`Repeated`, and else in decisions. An environment that has ``late``, see
-    :class:`~.delayed.SplitDelayed`, takes an `action_latency` by integration steps.
+    :class:`Repeated`, and else in decisions. An environment that has ``earlier``, see
+    :class:`~.delayed.SplitDelayed`, is given its commands by integration steps.
 
     Args:
         env: one step is one decision.
@@ -438,8 +438,9 @@ def with_delays(env: gym.Env[Any, Any], setup: ForeignSetup) -> gym.Env[Any, Any
         inner.env = Delayed(inner.env, setup.timing)
         return env
     period, duration = setup.timing.control_period, setup.settings.duration
-    split = bool(setup.timing.delay[1]) and hasattr(env.unwrapped, "late")
-    for name in LATENCIES[split:]:
+    within = bool(setup.timing.delay[1] or setup.timing.jitter)
+    split = within and hasattr(env.unwrapped, "earlier")
+    for name in ("observation_latency",) if split else LATENCIES:
         whole_multiple(name, delays[name], "control_period", period, least=0)
     if split:
         return SplitDelayed(env, setup.timing)

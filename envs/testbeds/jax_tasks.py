@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from functools import lru_cache
 from importlib import import_module
 from typing import Any, ClassVar
@@ -121,27 +122,37 @@ INTEGRATORS = {"Euler": 0, "RK4": 1, "implicitfast": 3}
 
 
 class PlaygroundEnv(StatePassing):
-    """A task of Playground's, which may begin a decision with the control of the one before.
+    """A task of Playground's, in whose decisions other actions may act before their own.
 
     Attributes:
-        late: for how many of the next decision's integration steps that acts; until a first
-            decision it is that of the reset.
+        earlier: these in the next decision, see :class:`~integ_gym.envs.delayed.SplitDelayed`;
+            until a first decision the control of the reset acts.
     """
 
-    late = 0
+    earlier: Sequence[tuple[NDArray[np.float32] | None, int]] = ()
 
     def _advance(self, action: NDArray[np.float32]) -> Any:
-        if not self.late:
+        if not self.earlier:
             return self._step(self._state, action)
-        return _late_step(self.inner)(self._state, action, self.late)
+        count, begin, several = self.inner.n_substeps, 0, False
+        actions, held = np.tile(action, (count, 1)), np.zeros(count, bool)
+        for one, steps in self.earlier:
+            end = begin + steps
+            held[begin:end] = one is None
+            if one is not None:
+                actions[begin:end], several = one, True
+            begin = end
+        others = actions if several else None
+        return _split_step(self.inner)(self._state, action, held, begin, others)
 
 
 @lru_cache(maxsize=32)
-def _late_step(inner: Any) -> Any:
-    """The step of a task, compiled, whose control of the decision before acts at first.
+def _split_step(inner: Any) -> Any:
+    """The step of a task, compiled, in which other actions act before its own.
 
     Tasks advance their physics by one function of Playground's, which is given the control; another
-    stands in for it while the step is traced.
+    stands in for it while the step is traced. What the task makes of the other actions is taken
+    from there as well.
 
     Raises:
         ValueError: at the first call, for a task that does not call it once.
@@ -149,15 +160,21 @@ def _late_step(inner: Any) -> Any:
     jax = load("jax", "fleet")
     module: Any = import_module("mujoco_playground._src.mjx_env")
 
-    def step(state: Any, action: Any, late: Any) -> Any:
+    def step(state: Any, action: Any, held: Any, own: Any, others: Any) -> Any:
         calls, whole = [], module.step
+
+        def control_of(action: Any) -> Any:
+            return intercept(lambda: inner.step(state, action), module, "step", argument=2)
+
+        controls = None if others is None else jax.vmap(control_of)(others)
 
         def split(model: Any, data: Any, control: Any, count: int = 1) -> Any:
             calls.append(count)
-            before = data.ctrl
+            before, where = data.ctrl, jax.numpy.where
 
             def one(k: Any, data: Any) -> Any:
-                return whole(model, data, jax.numpy.where(k < late, before, control))
+                other = before if controls is None else where(held[k], before, controls[k])
+                return whole(model, data, where(k < own, other, control))
 
             return jax.lax.fori_loop(0, count, one, data)
 
@@ -168,8 +185,8 @@ def _late_step(inner: Any) -> Any:
             module.step = whole
         if len(calls) != 1:
             raise InputError(
-                f"{type(inner).__name__} does not advance its physics by one call, so its "
-                "`action_latency` must be a whole multiple of `control_period`"
+                f"{type(inner).__name__} does not advance its physics by one call, so it has no "
+                "`latency_jitter` and an `action_latency` in whole control periods alone"
             )
         return after
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -21,7 +22,10 @@ SCRIPT = """
 import json, sys
 from dataclasses import replace
 import numpy as np
-from integ_gym.envs.testbeds.making import find_testbed, make_checked
+from integ_gym.envs.testbeds.making import (
+    find_testbed, make_checked, make_training_environments
+)
+from wire import Wire
 
 testbed = find_testbed(sys.argv[1], {})
 home = testbed.home
@@ -69,19 +73,44 @@ else:
     if sys.argv[1].startswith("playground"):
         import jax
         from mujoco_playground._src import mjx_env
-        split.reset(seed=[3])
-        lane = split.unwrapped.envs[0].unwrapped
-        model = lane.inner.mjx_model
-        advance = jax.jit(lambda data, control: mjx_env.step(model, data, control, 1))
-        data, acting, told["split"] = lane._state.data, np.zeros(1, np.float32), []
-        for k in range(4):
-            action = np.full(shape, 0.3 * (-1) ** k, np.float32)
-            *_, info = split.step(action)
-            data = advance(data, acting)
-            acting = acting if info["command_held"][0] else action[0]
-            data = advance(data, acting)
-            there = lane._state.data
-            told["split"].append(float(abs(there.qvel - data.qvel).max() / abs(data.qvel).max()))
+        kind, fine = type(split.unwrapped.envs[0].unwrapped.inner), replace(other, dt=home.dt / 4)
+        step = kind.step
+        kind.step = lambda task, state, action: step(task, state, 0.5 * action)
+        told["split"], within = [], 0
+        for latency, jitter in ((2, 0), (1, 6)):
+            late = {"action_latency": latency * fine.dt, "latency_jitter": jitter * fine.dt}
+            find = find_testbed(sys.argv[1], {"success_return": float(latency)})
+            split = make_checked(find, fine, 1, **late, hold_probability=0.3)
+            split.reset(seed=[25])
+            wire = Wire(np.zeros(1), 4, latency, jitter, 0.3, 25)
+            lane = split.unwrapped.envs[0].unwrapped
+            model, data = lane.inner.mjx_model, lane._state.data
+            advance = jax.jit(lambda data, control: mjx_env.step(model, data, control, 1))
+            for k in range(8):
+                action = np.full(shape, 0.3 * (-1) ** k + 0.02 * k, np.float32)
+                *_, info = split.step(action)
+                acting = wire.give(action[0])
+                within += len({id(one) for one in acting}) > 2
+                for one in acting:
+                    data = advance(data, 0.5 * one)
+                assert info["command_held"][0] == wire.held
+                assert abs(info["command_latency"][0] - wire.late * fine.dt) < 1e-12
+                gap = abs(lane._state.data.qvel - data.qvel).max()
+                told["split"].append(float(gap / abs(data.qvel).max()))
+        kind.step, told["within"] = step, within
+mixture = [home.arguments(), other.arguments()]
+mixed = make_training_environments(sys.argv[1], {"mixture": mixture}, 2)
+alone = [make_checked(testbed, place, 1) for place in (home, other)]
+told["mixed"] = []
+for seed in (0, None, None):
+    start, info = mixed.reset(seed=seed)
+    action = np.full(mixed.action_space.shape, 0.3, np.float32)
+    after = [start, *(mixed.step(action)[0] for _ in range(3))]
+    for k, (lane, member) in enumerate(zip(mixed.envs, info["mixture_index"])):
+        own, _ = alone[member].reset(seed=[lane.env.np_random_seed])
+        then = [own, *(alone[member].step(action[:1])[0] for _ in range(3))]
+        same = all(np.array_equal(one[k], two[0]) for one, two in zip(after, then))
+        told["mixed"].append([int(member), same])
 print(json.dumps(told))
 """
 
@@ -92,7 +121,11 @@ def test_a_task_of_a_library_applies_what_was_asked(library: str, tmp_path: Path
     pytest.importorskip(MODULES.get(library, library))
     env_id, integrator = TASKS[library]
     command = [sys.executable, "-W", "ignore", "-c", SCRIPT, env_id, integrator]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    helpers = os.pathsep.join([*sys.path, os.environ.get("PYTHONPATH", "")])
+    done = subprocess.run(
+        command, cwd=tmp_path, env={**os.environ, "PYTHONPATH": helpers},
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
     assert done.returncode == 0, done.stderr
     told = json.loads(done.stdout.splitlines()[-1])
     home = told["home"]
@@ -109,4 +142,7 @@ def test_a_task_of_a_library_applies_what_was_asked(library: str, tmp_path: Path
     assert 0 < told["lost"] < 6
     assert ("whole multiple of `control_period`" in told.get("half", "")) == (library == "brax")
     assert max(told.get("split", [0.0])) < 1e-4
-    assert len(told.get("split", [])) == 4 * (library == "playground")
+    assert len(told.get("split", [])) == 16 * (library == "playground")
+    assert told.get("within", 2) == 2
+    assert {member for member, _ in told["mixed"]} == {0, 1}
+    assert all(same for _, same in told["mixed"])
