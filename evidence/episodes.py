@@ -20,13 +20,7 @@ from integ_gym.envs.plants.interface import state_names
 from integ_gym.envs.registries import TRUTH
 from integ_gym.envs.settings import NATIVE
 
-from .fields import (
-    CONTACT_TRACE,
-    SUMMARY_FIELDS,
-    Field,
-    further_of,
-    record_fields,
-)
+from .fields import CONTACT_TRACE, SUMMARY_FIELDS, Field, further_of, record_fields
 from .labels import EpisodeContext
 from .schema import argument_values
 
@@ -313,9 +307,9 @@ def _finite(times: Array) -> Array:
     return np.where(np.isfinite(times), times, np.nan)
 
 
-@dataclass(frozen=True, slots=True)
-class EpisodeHead:
-    """What identifies an episode.
+@dataclass(frozen=True)
+class EpisodeHeads:
+    """What identifies episodes, column by column.
 
     Attributes:
         index: number of the episode in its cell.
@@ -327,19 +321,6 @@ class EpisodeHead:
         context: which of the recorder's contexts it belongs to.
     """
 
-    index: int
-    seed: int | None
-    rng_key: str
-    wall_start: int
-    wall_end: int
-    setup: int = 0
-    context: int = 0
-
-
-@dataclass(frozen=True)
-class EpisodeHeads:
-    """What identifies episodes, column by column: see :class:`EpisodeHead`."""
-
     index: list[int]
     seed: list[int | None]
     rng_key: list[str]
@@ -347,11 +328,6 @@ class EpisodeHeads:
     wall_end: list[int]
     setup: list[int]
     context: list[int]
-
-    @classmethod
-    def of(cls, heads: Sequence[EpisodeHead]) -> EpisodeHeads:
-        """Those of episodes one by one."""
-        return cls(*([getattr(head, field.name) for head in heads] for field in fields(cls)))
 
     @classmethod
     def joined(cls, parts: Sequence[EpisodeHeads]) -> EpisodeHeads:

@@ -9,26 +9,15 @@ from pathlib import Path
 from typing import Any, NamedTuple, TextIO
 
 from integ_gym.support.errors import InputError
-from integ_gym.support.files import (
-    Kinds,
-    cannot_write,
-    file_hash,
-    new_path,
-    read_object,
-    write_json,
-)
+from integ_gym.support.files import Kinds, cannot_write, file_hash, new_path, write_json
 from integ_gym.support.terminal import WorkBar
 
 from .mcap_files import write_mcap
 from .minari_dataset import write_minari
 from .record import EvidenceRecord
 from .schema import EvidenceError, Finding
-from .selection import (
-    Selection,
-    select,
-    write_csv,
-    write_jsonl,
-)
+from .sealing import read_stated
+from .selection import Selection, select, write_csv, write_jsonl
 from .store import EvidenceStore
 
 EXPORT_FILE = "export.json"
@@ -64,16 +53,7 @@ def read_export(folder: Path) -> dict[str, Any] | None:
     Raises:
         EvidenceError: if that is damaged.
     """
-    path = folder / EXPORT_FILE
-    if not path.exists():
-        return None
-    try:
-        held = read_object(path, _KINDS, "export the records again")
-    except ValueError as error:
-        raise EvidenceError(str(error)) from None
-    if held["format"] != FORMAT:
-        raise EvidenceError(f"{path} has format {held['format']!r}, expected {FORMAT!r}")
-    return held
+    return read_stated(folder / EXPORT_FILE, _KINDS, FORMAT, "export the records again")
 
 
 def changed_since_export(store: EvidenceStore, held: Mapping[str, Any]) -> Iterator[Finding]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import cached_property
 from typing import Any, Literal, NamedTuple
 
@@ -55,15 +55,17 @@ class Replays:
 
     def columns(self) -> dict[str, Any]:
         """Fields of a record by name."""
-        return {
-            "replay_home": self.home if isinstance(self.home, bool) else None,
-            "replay_without_noise": self.without_noise,
-            "replay_without_delay": self.without_delay,
-            "replay_second_horizon": self.second_horizon,
-            "home_success": self.home_success,
-            "cell_status": self.cell_status,
-            "contract_kept": self.contract_kept,
-        }
+        said = {column: getattr(self, name) for name, column in REPLAY_COLUMNS.items()}
+        return said if isinstance(self.home, bool) else {**said, "replay_home": None}
+
+
+_OF_REPLAYS = ("home", "without_noise", "without_delay", "second_horizon")
+
+REPLAY_COLUMNS = {
+    own.name: f"replay_{own.name}" if own.name in _OF_REPLAYS else own.name
+    for own in fields(Replays)
+}
+"""What :class:`Replays` says, to the fields of a record that hold it."""
 
 
 @dataclass(frozen=True)

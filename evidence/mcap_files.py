@@ -11,12 +11,7 @@ from typing import Any
 from integ_gym.support.optional import load
 
 from .record import EvidenceRecord
-from .selection import (
-    Columns,
-    Selection,
-    column,
-    columns_of,
-)
+from .selection import Columns, Selection, column, columns_of
 
 _ros2 = partial(load, "mcap_ros2.writer", "exchange")
 

@@ -18,15 +18,7 @@ from integ_gym.support.optional import load
 
 from .record import EvidenceRecord
 from .schema import EvidenceError, argument_values, parse_field
-from .selection import (
-    NO_CHOICE,
-    Columns,
-    Selection,
-    actions_of,
-    column,
-    columns_of,
-    stack,
-)
+from .selection import NO_CHOICE, Columns, Selection, actions_of, column, columns_of, stack
 
 _minari = partial(load, "minari", "exchange")
 

@@ -17,15 +17,7 @@ from integ_gym.support.storage import parquet_files
 from integ_gym.support.terminal import SHORT_OF_MEMORY, is_short_of_memory
 
 from .fields import SCHEMA_VERSION, SUMMARY_FIELDS
-from .schema import (
-    VERSION_KEY,
-    EvidenceError,
-    arrow_type,
-    duckdb,
-    is_trace,
-    parquet,
-    pyarrow,
-)
+from .schema import VERSION_KEY, EvidenceError, arrow_type, duckdb, is_trace, parquet, pyarrow
 
 _GROUP_BYTES = 12 << 20
 """Memory of the rows of a group, about, where their number allows."""

@@ -29,6 +29,7 @@ from .fields import (
     json_text,
 )
 from .labels import (
+    REPLAY_COLUMNS,
     EpisodeContext,
     EpisodeFacts,
     Failure,
@@ -38,12 +39,7 @@ from .labels import (
     lacks_home,
 )
 from .record import EvidenceRecord
-from .schema import (
-    EvidenceError,
-    Finding,
-    argument_values,
-    parse_field,
-)
+from .schema import EvidenceError, Finding, argument_values, parse_field
 
 
 def deviation(file: str, record_id: str, field: str, recorded: Any, computed: Any) -> Finding:
@@ -546,16 +542,10 @@ def failure_of(fields: Any, course: Course | None) -> Failure:
 
 def replays_of(fields: Any) -> Replays:
     """What the record says of its replays."""
-    home = fields["replay_home"]
-    return Replays(
-        home=context_of(fields).home(fields) if home is None else home,
-        without_noise=fields["replay_without_noise"],
-        without_delay=fields["replay_without_delay"],
-        second_horizon=fields["replay_second_horizon"],
-        home_success=fields["home_success"],
-        cell_status=fields["cell_status"],
-        contract_kept=fields["contract_kept"],
-    )
+    said = {name: fields[column] for name, column in REPLAY_COLUMNS.items()}
+    if said["home"] is None:
+        said["home"] = context_of(fields).home(fields)
+    return Replays(**said)
 
 
 def context_of(fields: Any) -> EpisodeContext:
@@ -567,17 +557,14 @@ def context_of(fields: Any) -> EpisodeContext:
     Raises:
         EvidenceError: for a damaged field.
     """
+    known = {name: fields[name] for name in _OF_CONTEXT}
+    for name in ("training_discretization", "perturbation"):
+        known[name] = parse_field(name, fields[name])
     unknown = fields["failure_label"] == "unattributed" and lacks_home(fields)
-    name = "training_discretization"
-    return EpisodeContext(
-        run_id=fields["run_id"],
-        cell=fields["cell"],
-        phase=fields["phase"],
-        policy_id=fields["policy_id"],
-        policy_hash=fields["policy_hash"],
-        training_discretization=parse_field(name, fields[name]),
-        home_known=not unknown,
-        training_seed=fields["training_seed"],
-        perturbation=parse_field("perturbation", fields["perturbation"]),
-        float_width=fields["float_width"],
-    )
+    return EpisodeContext(**known, home_known=not unknown)
+
+
+_OF_CONTEXT = (
+    *("run_id", "cell", "phase", "policy_id", "policy_hash", "training_seed", "float_width"),
+)
+"""Fields that say what they say of the context."""

@@ -27,7 +27,7 @@ from integ_gym.envs.settings import NO_LIMIT, Setup
 from integ_gym.envs.transition import quiet_status
 from integ_gym.support.errors import InputError, InputTypeError
 
-from .episodes import EpisodeHead, EpisodeHeads, EpisodeLog, Layout
+from .episodes import EpisodeHeads, EpisodeLog, Layout
 from .hashing import with_hashes
 from .labels import EpisodeContext
 from .reservation import Episodes, Reservation, batch_name, from_on
@@ -474,7 +474,7 @@ class RecordEvidence(Recorder, gym.Wrapper[Any, Any, Any, Any]):
         self._draws = -1
         self._active = False
         self._pack: Callable[..., bytes] | None = None
-        self._heads: list[EpisodeHead] = []
+        self._heads: list[EpisodeHeads] = []
         self._counts: list[int] = []
         self._rows: list[bytes] = []
         self._finished = 0
@@ -524,9 +524,8 @@ class RecordEvidence(Recorder, gym.Wrapper[Any, Any, Any, Any]):
     def _finish(self) -> None:
         self._active = False
         key = f"{self._inner.np_random_seed}/{self._draws}"
-        clock = self._wall_start, now()
-        head = EpisodeHead(self._next_index, self._seed, key, *clock, self._member)
-        self._heads.append(head)
+        head = self._next_index, self._seed, key, self._wall_start, now(), self._member, 0
+        self._heads.append(EpisodeHeads(*([value] for value in head)))
         self._counts.append(len(self._rows) - self._finished)
         self._finished = len(self._rows)
         self._next_index += 1
@@ -541,7 +540,7 @@ class RecordEvidence(Recorder, gym.Wrapper[Any, Any, Any, Any]):
         if self._heads:
             rows = np.frombuffer(b"".join(self._rows[: self._finished]))
             by_entry = np.ascontiguousarray(rows.reshape(-1, len(self._layout)).T)
-            heads = EpisodeHeads.of(self._heads)
+            heads = EpisodeHeads.joined(self._heads)
             self._log.add(by_entry, np.array(self._counts, dtype=np.int64), heads)
         del self._rows[: self._finished]
         self._finished, self._heads, self._counts = 0, [], []

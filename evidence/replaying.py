@@ -36,13 +36,7 @@ from integ_gym.support.parameters import texts_of
 from integ_gym.support.terminal import plural
 
 from .episodes import choices, told_setup
-from .fields import (
-    FIRST_WRITTEN,
-    LATER_ATTEMPT,
-    SCHEMA_VERSION,
-    SECOND_HORIZON,
-    record_fields,
-)
+from .fields import FIRST_WRITTEN, LATER_ATTEMPT, SCHEMA_VERSION, SECOND_HORIZON, record_fields
 from .parquet_file import check_schema, read
 from .recomputing import (
     UNFIT,
@@ -54,14 +48,7 @@ from .recomputing import (
     replays_of,
 )
 from .record import EvidenceRecord, records_of
-from .schema import (
-    ENV_KEY,
-    VERSION_KEY,
-    EvidenceError,
-    Finding,
-    described,
-    parse_field,
-)
+from .schema import ENV_KEY, VERSION_KEY, EvidenceError, Finding, described, parse_field
 from .store import EvidenceStore
 from .vector_recorder import RecordVectorEvidence
 
@@ -113,11 +100,7 @@ class Replayed:
     sensitive: list[list[Finding]] = field(default_factory=list)
     close: dict[str, list[Finding]] = field(default_factory=dict)
     of_file: Counter[str] = field(default_factory=Counter)
-    skipped: dict[str, int] = field(default_factory=dict)
-
-    def skip(self, reason: str, count: int = 1) -> None:
-        """Count records that cannot be played again."""
-        self.skipped[reason] = self.skipped.get(reason, 0) + count
+    skipped: Counter[str] = field(default_factory=Counter)
 
     def add(self, other: Replayed) -> None:
         """Count what came of further records."""
@@ -128,8 +111,7 @@ class Replayed:
         for file, found in other.close.items():
             self.close.setdefault(file, []).extend(found)
         self.of_file += other.of_file
-        for reason, count in other.skipped.items():
-            self.skip(reason, count)
+        self.skipped += other.skipped
 
     def settle(self) -> Replayed:
         """Judge what deviates by how much of the rest came out to the last bit.
@@ -190,7 +172,7 @@ def replay(
         if reason is None:
             able.append((file, record))
         else:
-            done.skip(reason)
+            done.skipped[reason] += 1
     report(len(here) - len(able))
     own = ("env_id", "arguments", "cell", "policy_id", "policy_hash")
     key = itemgetter(*(own[:2] if policy is None else own))
@@ -255,16 +237,16 @@ def _replay_there(
     """Play records again in the interpreter with their package versions, if it is there."""
     interpreter = find_interpreter(packages, needed_for(record for _, record in records))
     if interpreter is None:
-        done.skip(
+        reason = (
             f"of {' '.join(packages)}, with which there is no interpreter here: verify with "
-            "--make-interpreters makes it",
-            len(records),
+            "--make-interpreters makes it"
         )
+        done.skipped[reason] += len(records)
         return
     try:
         (found,) = call_there(interpreter, _replayed, records, exact, own_code, policy)
     except InterpreterError as error:
-        done.skip(f"that cannot be played again: {_line(error)}", len(records))
+        done.skipped[f"that cannot be played again: {_line(error)}"] += len(records)
         return
     done.add(found)
 
@@ -278,7 +260,7 @@ def _replayed(
     yield replay(records, exact=exact, own_code=own_code, policy=policy)
 
 
-def interpreters_of(store: EvidenceStore) -> dict[tuple[str, ...], list[EvidenceRecord]]:
+def records_by_packages(store: EvidenceStore) -> dict[tuple[str, ...], list[EvidenceRecord]]:
     """Package versions of cells that are not those of this interpreter, with records of each."""
     names = store.query(_VARIED).column("record_id").to_pylist()
     records = store.named_records(frozenset(names)) if names else ()
@@ -368,12 +350,12 @@ def _play(
     try:
         act = None if policy is None else policy(records[0])
     except (ModuleNotFoundError, ValueError) as error:
-        done.skip(f"whose policy cannot decide again: {_line(error)}", len(records))
+        done.skipped[f"whose policy cannot decide again: {_line(error)}"] += len(records)
         return
     try:
         env = _make_env(records)
     except (ModuleNotFoundError, TypeError, ValueError) as error:
-        done.skip(f"that cannot be made here: {_line(error)}", len(records))
+        done.skipped[f"that cannot be made here: {_line(error)}"] += len(records)
         return
     try:
         played = _simulate(env, records, act)
@@ -396,7 +378,7 @@ def _play(
         if first is None or any(differences(record, played[name], tolerance, decided)):
             if not decided and _has_lost_actions(record):
                 done.records -= 1
-                done.skip(_LOST_ACTIONS)
+                done.skipped[_LOST_ACTIONS] += 1
                 continue
             off.append((file, record))
         elif record.fields["engine"] == NATIVE:
@@ -634,7 +616,7 @@ def replay_some(
     for _, of_file in groupby(records, key=itemgetter(0)):  # a cell's episodes are in one file
         again(list(of_file), policy=policy)
     bare = "" if decide else " AND reward IS NULL"
-    done.skip(UNDECIDED, store.query(_HOPELESS + bare).num_rows)
+    done.skipped[UNDECIDED] += store.query(_HOPELESS + bare).num_rows
     return done.settle()
 
 

@@ -15,13 +15,7 @@ from integ_gym.support.files import Kinds, check_object, parse_json
 from integ_gym.support.optional import load
 from integ_gym.support.terminal import visible
 
-from .fields import (
-    COMMON_TRACE,
-    CONTACT_TRACE,
-    SCHEMA_VERSION,
-    SUMMARY_FIELDS,
-    Field,
-)
+from .fields import COMMON_TRACE, CONTACT_TRACE, SCHEMA_VERSION, SUMMARY_FIELDS, Field
 
 
 class EvidenceError(IntegGymError, ValueError):

@@ -12,13 +12,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from integ_gym.support.files import (
-    Kinds,
-    file_hash,
-    read_object,
-    replace_file,
-    write_json,
-)
+from integ_gym.support.files import Kinds, file_hash, read_object, replace_file, write_json
 
 from .schema import EvidenceError, Finding
 
@@ -69,7 +63,7 @@ def restore_seal(run: Path, content: dict[str, Any] | None = None) -> None:
     if not suspended.exists():
         return
     with suppress(EvidenceError):
-        if _read(suspended) == (content or _build_seal(run)):
+        if read_seal(run, _SUSPENDED) == (content or _build_seal(run)):
             suspended.replace(run / SEAL_FILE)
     suspended.unlink(missing_ok=True)
 
@@ -79,28 +73,33 @@ def _build_seal(run: Path) -> dict[str, Any]:
     return {"format": FORMAT, "seal": _pin(files), "files": files}
 
 
-def read_seal(run: Path) -> dict[str, Any] | None:
-    """What the seal of a run says; None if the run is not sealed.
+def read_seal(run: Path, name: str = SEAL_FILE) -> dict[str, Any] | None:
+    """What the seal of a run, in the file of that name, says; None if the run is not sealed.
 
     Raises:
         EvidenceError: if it is damaged.
     """
-    return _read(run / SEAL_FILE)
+    return read_stated(run / name, _KINDS, FORMAT, "restore it from a copy")
 
 
-def _read(path: Path) -> dict[str, Any] | None:
+def read_stated(path: Path, kinds: Kinds, form: str, remedy: str) -> dict[str, Any] | None:
+    """A JSON object whose `format` is ``form``; None if there is no such file.
+
+    Raises:
+        EvidenceError: if it is damaged, or has another format.
+    """
     if not path.exists():
         return None
     try:
-        held = read_object(path, _KINDS, "restore it from a copy")
+        content = read_object(path, kinds, remedy)
     except ValueError as error:
         raise EvidenceError(str(error)) from None
-    if held["format"] != FORMAT:
+    if content["format"] != form:
         raise EvidenceError(
-            f"{path} has format {held['format']!r}, expected {FORMAT!r}; read it with the version "
+            f"{path} has format {content['format']!r}, expected {form!r}; read it with the version "
             "that wrote it"
         )
-    return held
+    return content
 
 
 def broken_seals(run: Path) -> Iterator[Finding]:

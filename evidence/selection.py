@@ -20,12 +20,7 @@ from .episodes import choices, told_setup
 from .fields import SUMMARY_FIELDS
 from .parquet_file import check_schema, parts, read
 from .record import EvidenceRecord, records_of
-from .schema import (
-    EvidenceError,
-    described,
-    is_trace,
-    pyarrow,
-)
+from .schema import EvidenceError, described, is_trace, pyarrow
 from .store import EvidenceStore
 
 Array = npt.NDArray[Any]

@@ -13,16 +13,7 @@ from integ_gym.support.files import remove_leftovers, write_once
 from integ_gym.support.processes import prefetch
 
 from .hashing import content_hashes, with_hashes
-from .parquet_file import (
-    check_schema,
-    groups,
-    parts,
-    query,
-    read,
-    row_count,
-    sample,
-    write,
-)
+from .parquet_file import check_schema, groups, parts, query, read, row_count, sample, write
 from .record import EvidenceRecord, records_of
 from .schema import BatchExistsError, EvidenceError, Finding, pyarrow
 

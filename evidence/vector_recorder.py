@@ -15,12 +15,7 @@ from integ_gym.support.errors import InputError
 
 from .episodes import EpisodeHeads
 from .labels import EpisodeContext
-from .recorder import (
-    Recorder,
-    all_setups,
-    now,
-    recorded,
-)
+from .recorder import Recorder, all_setups, now, recorded
 from .reservation import Episodes, from_on
 from .store import EvidenceStore
 

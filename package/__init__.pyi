@@ -27,9 +27,7 @@ from integ_gym.eval.watch import side_by_side as side_by_side
 from integ_gym.evidence.labels import EpisodeContext as EpisodeContext
 from integ_gym.evidence.recorder import RecordEvidence as RecordEvidence
 from integ_gym.evidence.store import EvidenceStore as EvidenceStore
-from integ_gym.evidence.vector_recorder import (
-    RecordVectorEvidence as RecordVectorEvidence,
-)
+from integ_gym.evidence.vector_recorder import RecordVectorEvidence as RecordVectorEvidence
 from integ_gym.support.errors import IntegGymError as IntegGymError
 from integ_gym.support.parameters import nonnegative as nonnegative
 from integ_gym.support.parameters import parameter as parameter

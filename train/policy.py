@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal, Protocol, TypeAlias, runtime_checkable
+from typing import Any, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 from gymnasium import spaces
@@ -589,9 +589,6 @@ def _together(policies: Sequence[MlpPolicy]) -> Callable[[Array], Array]:
     return act
 
 
-Way = Literal["act", "predict", "deterministic predict", "call"]
-
-
 @dataclass(frozen=True, eq=False)
 class CalledPolicy:
     """A policy in somebody else's code, asked as its author asks it.
@@ -617,20 +614,22 @@ class CalledPolicy:
 
     def __post_init__(self) -> None:
         """Check that there is a way to ask."""
-        self._way()
+        self._ask()
 
-    def _way(self) -> Way:
-        if hasattr(self.target, "act"):
-            return "act"
-        predict = getattr(self.target, "predict", None)
+    def _ask(self) -> Callable[[NDArray[Any]], Any]:
+        """From observations of shape (n, obs_dim) to what the object answers."""
+        target, predict = self.target, getattr(self.target, "predict", None)
+        if hasattr(target, "act"):
+            return target.act  # type: ignore[no-any-return]
         if predict is not None:
-            return "deterministic predict" if _takes_deterministic(predict) else "predict"
-        if not callable(self.target):
+            options = {"deterministic": True} if _takes_deterministic(predict) else {}
+            return lambda observations: _first(predict(observations, **options))
+        if not callable(target):
             raise InputTypeError(
-                f"a policy must be callable or have `predict`, got {type(self.target).__name__}; "
+                f"a policy must be callable or have `predict`, got {type(target).__name__}; "
                 "give a function from one observation to one action"
             )
-        return "call"
+        return lambda observations: np.stack([_array(target(one)) for one in observations])
 
     def act(self, observations: NDArray[Any]) -> ActionArray:
         """Actions for a batch of observations.
@@ -646,7 +645,7 @@ class CalledPolicy:
             ValueError: if it fails, or what comes back are no such actions.
         """
         try:
-            given = self._ask(observations)
+            given = _array(self._ask()(observations))
         except Exception as error:
             raise InputError(
                 f"policy {self.policy_id!r} raised {type(error).__name__}: {error}; give a "
@@ -654,16 +653,6 @@ class CalledPolicy:
                 "one action"
             ) from error
         return self._as_actions(given, len(observations))
-
-    def _ask(self, observations: NDArray[Any]) -> NDArray[Any]:
-        way = self._way()
-        if way == "call":
-            return np.stack([_array(self.target(one)) for one in observations])
-        if way == "act":
-            return _array(self.target.act(observations))
-        if way == "predict":
-            return _array(_first(self.target.predict(observations)))
-        return _array(_first(self.target.predict(observations, deterministic=True)))
 
     def _as_actions(self, given: NDArray[Any], count: int) -> ActionArray:
         discrete = isinstance(self.action_space, spaces.Discrete)

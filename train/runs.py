@@ -94,9 +94,10 @@ def train_ppo(
         ModuleNotFoundError: if the extra is missing, with the command that installs it.
         TrainingError: if a run fails or a worker is killed; finished policies stay.
     """
-    run = partial(train_run, tensorboard=tensorboard)
-    runs = _check_sb3_runs(configs, out_dirs, evidence, force)
-    return _train_each(run, runs, progress, workers, on_trained, executor, address)
+    require("train")
+    runs = check_runs(configs, out_dirs, evidence, force)
+    train = partial(train_run, tensorboard=tensorboard)
+    return _train_each(train, runs, progress, workers, on_trained, executor, address)
 
 
 def train_sac(
@@ -121,9 +122,10 @@ def train_sac(
         ModuleNotFoundError: if the extra is missing, with the command that installs it.
         TrainingError: if a run fails or a worker is killed; finished policies stay.
     """
-    run = partial(train_run, make_model=sac.make_model, tensorboard=tensorboard)
-    runs = _check_sb3_runs(configs, out_dirs, evidence, force)
-    return _train_each(run, runs, progress, workers, on_trained, executor, address)
+    require("train")
+    runs = check_runs(configs, out_dirs, evidence, force)
+    train = partial(train_run, make_model=sac.make_model, tensorboard=tensorboard)
+    return _train_each(train, runs, progress, workers, on_trained, executor, address)
 
 
 @dataclass(frozen=True)
@@ -139,16 +141,6 @@ ALGORITHMS: Final[Mapping[str, Algorithm]] = {
     "sac": Algorithm(sac.SACConfig, train_sac),
 }
 """The first is what trains where nothing else is said; the fleet trains it alone."""
-
-
-def _check_sb3_runs(
-    configs: Sequence[C],
-    out_dirs: Sequence[str | Path],
-    evidence: Sequence[TrainingEvidence] | None,
-    force: bool,
-) -> list[Run[C]]:
-    require("train")
-    return check_runs(configs, out_dirs, evidence, force)
 
 
 def _train_each(
@@ -236,9 +228,9 @@ def train_in_processes(
         while (result := _next_result(ended, len(trained))) is not None:
             places, outcomes = result
             for place, outcome in zip(places, outcomes, strict=True):
-                made = _keep(runs[place], outcome) if cluster.remote else write(place, outcome)
-                trained[place] = made
-                on_trained(place, made)
+                policy = _keep(runs[place], outcome) if cluster.remote else write(place, outcome)
+                trained[place] = policy
+                on_trained(place, policy)
             bar.describe(f"{len(trained)} of {len(runs)} policies", draw=False)
     return [trained[place] for place in sorted(trained)]
 

@@ -26,10 +26,10 @@ from integ_gym.evidence.record import EvidenceRecord
 from integ_gym.evidence.replaying import (
     ELSEWHERE,
     Acting,
-    interpreters_of,
     missing_episodes,
     needed_for,
     other_columns,
+    records_by_packages,
     replay_some,
 )
 from integ_gym.evidence.schema import EvidenceError, Finding
@@ -151,7 +151,7 @@ def _make_interpreters(store: EvidenceStore, progress: bool) -> None:
     Raises:
         InterpreterError: for one that cannot be made.
     """
-    for packages, records in interpreters_of(store).items():
+    for packages, records in records_by_packages(store).items():
 
         def report(words: str) -> None:
             if progress:

@@ -17,7 +17,7 @@ from integ_gym.envs.catalogue.pendulum import IntegPendulumEnv
 from integ_gym.envs.environment import environment_setup
 from integ_gym.envs.registries import ENVIRONMENTS
 from integ_gym.evidence import recorder as recorder_module
-from integ_gym.evidence.episodes import EpisodeHead, EpisodeHeads, EpisodeLog, Layout
+from integ_gym.evidence.episodes import EpisodeHeads, EpisodeLog, Layout
 from integ_gym.evidence.fields import PHASES
 from integ_gym.evidence.labels import EpisodeContext, Replays
 from integ_gym.evidence.recorder import RecordEvidence
@@ -325,7 +325,7 @@ def test_no_zero_is_negative():
     log = EpisodeLog(layout, [EpisodeContext("run", "cell", trace_every=1)])
     rows = np.full((len(layout), 5), -0.0)
     rows[layout.place("sensed_theta_dot")] = -1e-60
-    log.add(rows, np.array([5]), EpisodeHeads.of([EpisodeHead(0, 1, "1/0", 0, 0)]))
+    log.add(rows, np.array([5]), EpisodeHeads([0], [1], ["1/0"], [0], [0], [0], [0]))
     table = unhashed_table(log, PENDULUM, [(setup, 0)])
     seen = 0
     for name in table.column_names:

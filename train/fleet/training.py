@@ -25,7 +25,7 @@ from integ_gym.envs.functional import FunctionalEnv
 from integ_gym.envs.ops.jax_ops import jax, jnp
 from integ_gym.envs.settings import Mixture, Setup
 from integ_gym.envs.transition import quiet_status
-from integ_gym.evidence.episodes import EpisodeHead, EpisodeHeads, EpisodeLog, Layout
+from integ_gym.evidence.episodes import EpisodeHeads, EpisodeLog, Layout
 from integ_gym.evidence.recorder import now
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.evidence.table import unhashed_table
@@ -187,13 +187,13 @@ class EpisodeAssembler:
         for place, (step, lane, _, setup) in enumerate(found):
             ended = before + (after - before) * (step + 1) // steps
             key = f"fleet-{self._seed}-{lane}/{self._draws[lane]}"
-            opened = int(self._opened[lane])
-            heads.append(EpisodeHead(index[place], None, key, opened, ended, setup))
+            head = index[place], None, key, int(self._opened[lane]), ended, setup, 0
+            heads.append(EpisodeHeads(*([value] for value in head)))
             self._opened[lane] = ended
             self._draws[lane] += 1
         if heads:
             counts = np.array([episode.rows for episode in found])
-            self._log.add(rows, counts, EpisodeHeads.of(heads))
+            self._log.add(rows, counts, EpisodeHeads.joined(heads))
 
 
 @dataclass(frozen=True)
