@@ -12,8 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from integ_gym.support.terminal import (
+    column_widths,
     hanging_indent,
-    has_room,
     print_columns,
     print_wrapped,
     visible,
@@ -155,7 +155,7 @@ def _print_readable(schema: Any, rows: list[list[Any]], file: TextIO) -> None:
     ]
     width = width_of(file)
     listed = width is not None or len(rows) <= _FEW
-    if listed and not has_room(names, cells, width or _UNREAD):
+    if listed and column_widths(names, cells, width or _UNREAD) is None:
         fields = {(field.name, arrow_type(field.kind)): field.unit for field in SUMMARY_FIELDS}
         units = [fields.get((column.name, column.type), "") for column in schema]
         _print_lists(names, units, cells, file, width or _UNREAD)

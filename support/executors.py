@@ -301,10 +301,9 @@ def _run_task(
         return _Outcome(result, sum(work), printed.getvalue()[-MOST_TEXT:])
 
 
-@contextmanager
 def open_cluster(
     executor: str = "local", address: str | None = None, resources: Resources | None = None
-) -> Iterator[Cluster]:
+) -> AbstractContextManager[Cluster]:
     """An executor by name, for as long as the block lasts; what was started for it ends with it.
 
     Args:
@@ -319,29 +318,20 @@ def open_cluster(
         ModuleNotFoundError: if its extra is missing, with the command that installs it.
     """
     wanted = resources or Resources()
-    if address is not None and executor not in ("ray", "dask", "slurm"):
+    if executor in _ENGINES:
+        return _ENGINES[executor](address, wanted)
+    if address is not None:
         raise ClusterError(
             f"--address names a cluster of Ray or Dask, not of {executor!r}; leave it out, or give "
             "--executor ray or --executor dask"
         )
-    if executor == "local" and (wanted.cores != 1 or wanted.gpus):
-        raise ClusterError(
-            "cores and GPUs of each worker are asked of an engine such as Ray; on this machine "
-            "give --workers, and the fleet trains on the GPUs that JAX finds"
-        )
-    with _open(executor, address, wanted) as cluster:
-        yield cluster
-
-
-def _open(executor: str, address: str | None, wanted: Resources) -> AbstractContextManager[Cluster]:
     if executor == "local":
+        if wanted.cores != 1 or wanted.gpus:
+            raise ClusterError(
+                "cores and GPUs of each worker are asked of an engine such as Ray; on this machine "
+                "give --workers, and the fleet trains on the GPUs that JAX finds"
+            )
         return contextlib.nullcontext(Cluster(wanted.local_workers))
-    if executor == "ray":
-        return _ray_cluster(address, wanted)
-    if executor == "dask":
-        return _dask_cluster(address, wanted)
-    if executor == "slurm":
-        return _slurm_cluster(address, wanted)
     if ":" not in executor:
         raise ClusterError(
             f'--executor must be one of {", ".join(EXECUTORS)}, or "module:function" for an '
@@ -586,3 +576,6 @@ def _slurm_cluster(address: str | None, wanted: Resources) -> Iterator[Cluster]:
             yield Cluster(wanted.workers, wanted.gpus, lambda: executor, lost)
         finally:
             executor.stop()
+
+
+_ENGINES = {"ray": _ray_cluster, "dask": _dask_cluster, "slurm": _slurm_cluster}

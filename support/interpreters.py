@@ -20,6 +20,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
+from itertools import takewhile
 from pathlib import Path
 from typing import Any, Final
 
@@ -306,10 +307,8 @@ def _install(folder: Path, packages: Sequence[str], wanted: Mapping[str, str]) -
     _run_uv(packages, [*uv, "venv", "--python", base, str(folder)])
     asked = folder / "asked.txt"
     asked.write_text(_lines(wanted), encoding="utf-8")
-    here = {
-        _normalize(one.metadata["Name"]): one.version for one in importlib.metadata.distributions()
-    }
-    resolved.write_text(_lines({**here, **wanted}), encoding="utf-8")  # preferred where possible
+    preferred = {**_installed(sys.path), **wanted}
+    resolved.write_text(_lines(preferred), encoding="utf-8")
     compile_options = ["--no-header", "--no-annotate", "--python", python]
     _run_uv(
         packages,
@@ -318,7 +317,7 @@ def _install(folder: Path, packages: Sequence[str], wanted: Mapping[str, str]) -
     install = [*uv, "pip", "install", "--python", python, "--no-deps"]
     _run_uv(packages, [*install, "--requirements", str(resolved)])
     _run_uv(packages, [*install, *_own_source()[1]])
-    _check_installed(python, packages, {**wanted, OWN: package_version(OWN) or "unknown"})
+    _check_installed(folder, packages, {**wanted, OWN: package_version(OWN) or "unknown"})
 
 
 def _lines(versions: Mapping[str, str]) -> str:
@@ -342,39 +341,20 @@ def _run_uv(packages: Sequence[str], command: Sequence[str]) -> None:
 
 def _uv_words(text: str) -> str:
     """What uv says last: the cause of its error, on one line."""
-    lines = [line.strip(" ×│├╰─▶▸") for line in text.splitlines() if line.strip(" ×│├╰─▶▸")]
+    lines = [line.strip(" ×│├╰─▶▸") for line in text.splitlines()]
     causes = [k for k, line in enumerate(text.splitlines()) if "╰─▶" in line]
-    if causes:
-        rest = text.splitlines()[causes[-1] :]
-        end = next((k for k, line in enumerate(rest) if not line.strip()), len(rest))
-        lines = [" ".join(line.strip(" ×│├╰─▶▸") for line in rest[:end])]
-    return (lines or ["nothing"])[-1][:_MOST].rstrip(".")
+    last = next(filter(None, reversed(lines)), "nothing")
+    cause = " ".join(takewhile(bool, lines[causes[-1] :])) if causes else last
+    return cause[:_MOST].rstrip(".")
 
 
-_ASK = """
-import json, sys
-from importlib.metadata import PackageNotFoundError, version
-found = {}
-for name in json.load(sys.stdin):
-    try:
-        found[name] = version(name)
-    except PackageNotFoundError:
-        pass
-json.dump(found, sys.stdout)
-"""
-
-
-def _check_installed(python: str, packages: Sequence[str], wanted: Mapping[str, str]) -> None:
+def _check_installed(folder: Path, packages: Sequence[str], wanted: Mapping[str, str]) -> None:
     """Hold what was installed against what was wanted.
 
     Raises:
         InterpreterError: for another version, as of a checkout that was changed since.
     """
-    done = subprocess.run(
-        [python, "-I", "-c", _ASK], input=json.dumps(list(wanted)), capture_output=True, text=True,
-        check=False,
-    )  # fmt: skip
-    found = json.loads(done.stdout) if done.returncode == 0 else {}
+    found = _installed([str(path) for path in folder.glob("[Ll]ib/**/site-packages")])
     for name, version in wanted.items():
         there = found.get(name)
         if there != version:
@@ -385,6 +365,12 @@ def _check_installed(python: str, packages: Sequence[str], wanted: Mapping[str, 
                 f"no interpreter with {' '.join(packages)} can be made: it has {name} {there}, and "
                 f"{version} is wanted; {remedy}"
             )
+
+
+def _installed(folders: Sequence[str]) -> dict[str, str]:
+    """Versions of the packages that are installed in folders, by name."""
+    found = importlib.metadata.distributions(path=list(folders))
+    return {_normalize(one.metadata["Name"]): one.version for one in found}
 
 
 _SERVING = "integ_gym.support.interpreter_calls"

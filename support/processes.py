@@ -332,7 +332,8 @@ def cores() -> int:
 def _start_worker(
     watched: tuple[int, Any], done: Any, started: Any, prepare: Callable[[int], None] | None
 ) -> None:
-    _report_to(done)
+    global _report
+    _report = partial(_add, done)
     threading.Thread(target=end_with_parent, args=watched, daemon=True).start()
     limit_threads()
     if prepare is not None:
@@ -340,12 +341,6 @@ def _start_worker(
             number = started.value
             started.value += 1
         prepare(number)
-
-
-def _report_to(done: Any) -> None:
-    """Have work added up in a shared number."""
-    global _report
-    _report = partial(_add, done)
 
 
 def _add(done: Any, amount: float) -> None:

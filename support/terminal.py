@@ -185,12 +185,7 @@ def hanging_indent(name: str, text: str, width: int | None, most: int | None = N
     return (name + text).rstrip()
 
 
-def has_room(names: Sequence[str], rows: Rows, width: int) -> bool:
-    """Whether lines of a width have room for columns, with cells broken where need be."""
-    return _column_widths(names, rows, width) is not None
-
-
-def _column_widths(names: Sequence[str], rows: Rows, width: int) -> list[int] | None:
+def column_widths(names: Sequence[str], rows: Rows, width: int) -> list[int] | None:
     """Widths that fit, names broken before cells and no word broken; None if there are none."""
     words = [max(map(len, name.split(" "))) for name in names]
     cells = list(zip(*rows, strict=True)) or [()] * len(names)
@@ -232,7 +227,7 @@ def print_columns(
     """
     file = file or sys.stdout
     width = width_of(file)
-    widths = _column_widths(names, rows, width or 1 << 20)
+    widths = column_widths(names, rows, width or 1 << 20)
     if widths is None:
         _print_lists(names, rows, file, width)
         return

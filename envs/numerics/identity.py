@@ -225,8 +225,9 @@ def cases_of(plant: Plant, controlled: bool, count: int = 10, spread: float = 2.
     ]
 
 
+@lru_cache(maxsize=1 << 16)
 def mapped(
-    name: str, plant: Plant, dt: float, substeps: int, case: Case, max_speed: float | None = None
+    name: str, plant: Any, dt: float, substeps: int, case: Case, max_speed: float | None = None
 ) -> tuple[Components, Components]:
     """(q, v) after some steps of a known map; `inf` where its arithmetic fails.
 
@@ -238,14 +239,6 @@ def mapped(
         case: where they begin.
         max_speed: limit on each velocity, acting where the map has it act.
     """
-    known: Any = plant
-    return _mapped(name, known, dt, substeps, case, max_speed)
-
-
-@lru_cache(maxsize=1 << 16)
-def _mapped(
-    name: str, plant: Any, dt: float, substeps: int, case: Case, max_speed: float | None
-) -> tuple[Components, Components]:
     q, v, control = case
     system, known = PlantSystem(plant, max_speed), one_step_map(name)
     try:
