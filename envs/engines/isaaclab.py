@@ -132,12 +132,7 @@ class IsaaclabEngine(LanesEngine):
 
     def run(self, count: int) -> Run:
         """Take ``count`` steps of the first lane."""
-
-        def run(*start: float) -> tuple[float, ...]:
-            (end,) = self._worker.call("run", starts=[start], count=count)
-            return tuple(end)
-
-        return run
+        return lambda *start: tuple(self.run_lanes(np.array([start]), count)[0].tolist())
 
     def run_lanes(self, starts: Array, count: int) -> Array:
         """Take ``count`` steps of at least as many lanes as there are."""

@@ -7,13 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from math import isfinite
 from typing import Any, ClassVar, Final
 
 from integ_gym.support.errors import InputError
 from integ_gym.support.parameters import unknown_name
 
-from .stepping import check_settings
+from .stepping import check_settings, checked_number
 
 _NUMBERS: Final = {
     "iterations": int, "ls_iterations": int, "noslip_iterations": int,
@@ -157,13 +156,7 @@ def checked_setting(name: str, value: Any) -> Any:
         ValueError: for an unknown setting or an impossible value, with what is possible.
     """
     if name in _NUMBERS:
-        kind = _NUMBERS[name]
-        number = isinstance(value, (int, float)) and not isinstance(value, bool)
-        if not (number and isfinite(value) and value >= 0):
-            raise InputError(f"`solver.{name}` must be 0 or above and finite, got {value!r}")
-        if kind(value) != value:
-            raise InputError(f"`solver.{name}` must be a whole number, got {value!r}")
-        return kind(value)
+        return checked_number(name, value, _NUMBERS[name], may_be_zero=True)
     if name in _CHOICES:
         values = _CHOICES[name]
         if value not in values:

@@ -291,18 +291,27 @@ def solver_with(
         ValueError: for a setting that is not among the defaults, and for a value that is no finite
             number above 0, or no whole one where the default is whole.
     """
-    settings = dict(defaults)
-    check_settings(engine, given or {}, settings)
-    for name, value in (given or {}).items():
-        kind = type(settings[name])
-        number = isinstance(value, (int, float)) and not isinstance(value, bool)
-        positive = number and isfinite(value) and (value > 0 or (name in zeros and value == 0))
-        if not positive or kind(value) != value:
-            whole = "a whole number" if kind is int else "a number"
-            least = "of at least 0" if name in zeros else "above 0"
-            raise InputError(f"`solver.{name}` must be {whole} {least}, got {value!r}")
-        settings[name] = kind(value)
-    return settings
+    given = given or {}
+    check_settings(engine, given, defaults)
+    return dict(defaults) | {
+        name: checked_number(name, value, type(defaults[name]), name in zeros)
+        for name, value in given.items()
+    }
+
+
+def checked_number(name: str, value: Any, kind: type, may_be_zero: bool) -> Any:
+    """A setting of a solver that is a number, whole where ``kind`` is `int`.
+
+    Raises:
+        ValueError: for another value.
+    """
+    number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    positive = number and isfinite(value) and (value > 0 or (may_be_zero and value == 0))
+    if not positive or kind(value) != value:
+        whole = "a whole number" if kind is int else "a number"
+        least = "of at least 0" if may_be_zero else "above 0"
+        raise InputError(f"`solver.{name}` must be {whole} {least}, got {value!r}")
+    return kind(value)
 
 
 def check_settings(engine: str, given: Iterable[str], known: Iterable[str]) -> None:

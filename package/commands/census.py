@@ -60,7 +60,9 @@ def main(argv: Sequence[str]) -> int:
     everything = given.published is None and given.engine is None
     libraries = PUBLISHED.names() if everything else given.published or ()
     engines = chosen_engines(given.engine) if everything or given.engine else ()
-    census = take_census(libraries, engines, _tell)
+    census = take_census(
+        libraries, engines, lambda source: print(f"looking at {source} …", file=sys.stderr)
+    )
     document = census.to_json(display_command(["integ-gym", "census", *argv]))
     text = json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False)
     replace_file(given.out / "census.json", text.encode())
@@ -68,10 +70,6 @@ def main(argv: Sequence[str]) -> int:
     _print(document)
     print(f"Page: {page.resolve()}")
     return 1 if census.failed else 0
-
-
-def _tell(source: str) -> None:
-    print(f"looking at {source} …", file=sys.stderr)
 
 
 def _print(document: dict[str, Any]) -> None:

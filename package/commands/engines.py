@@ -70,14 +70,16 @@ def main(argv: Sequence[str]) -> int:
     else:
         if installed:
             rows = [_row(found) for found in measured]
-            cells = [list(row.values()) for row in rows]
-            print_columns(list(rows[0]), cells, right=[name in _NUMBERS for name in rows[0]])
+            right = [name in _NUMBERS for name in rows[0]]
+            print_columns(list(rows[0]), [list(row.values()) for row in rows], right=right)
             print()
             for line in _solver_lines(installed):
                 print_wrapped(line)
             print_wrapped(f"constraint violation: {CONSTRAINT_VIOLATION}")
-        for line in _remedies(absent):
-            print_wrapped(line)
+        for name in absent:
+            missing = ", ".join(missing_modules(name))
+            remedy = unbroken(install_command(name))
+            print_wrapped(f"{name}: not installed ({missing}); run: {remedy}")
     return 0
 
 
@@ -121,14 +123,6 @@ def _percent(share: float, digits: int) -> str:
     """With a sign where it does not round to zero."""
     shown = round(100.0 * share, digits)
     return f"{shown:+.{digits}f}" if shown else "0"
-
-
-def _remedies(absent: Sequence[str]) -> list[str]:
-    return [
-        f"{name}: not installed ({', '.join(missing_modules(name))}); run: "
-        + unbroken(install_command(name))
-        for name in absent
-    ]
 
 
 def _solvers(installed: Sequence[str]) -> dict[str, dict[str, dict[str, Any]]]:

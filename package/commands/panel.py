@@ -210,11 +210,6 @@ def main(argv: Sequence[str]) -> int:
     sealed = read_seal(arguments.out)
     assert sealed is not None
     print(f"Seal: {sealed['seal']}")
-    _sign(arguments.out, arguments.sign)
+    if arguments.sign is not None:
+        print(f"Signed by {sign(arguments.out, arguments.sign)}")
     return 0
-
-
-def _sign(out: Path, key: Path | None) -> None:
-    """Sign the seal of a finished panel, if there is a key to do it with."""
-    if key is not None:
-        print(f"Signed by {sign(out, key)}")

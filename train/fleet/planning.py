@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Hashable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from itertools import pairwise
 from typing import Any
 
@@ -188,15 +188,8 @@ def kind_of(config: PPOConfig) -> Kind:
 
     env = functional.make(config.env_id, **config.env_arguments)
     env.check_lanes(config.n_envs)
-    algorithm = Algorithm(
-        config.n_envs,
-        config.n_steps,
-        config.batch_size,
-        config.n_epochs,
-        config.activation,
-        config.normalize_advantage,
-        config.target_kl is not None,
-    )
+    alike = {f.name: getattr(config, f.name, None) for f in fields(Algorithm)}
+    algorithm = Algorithm(**alike | {"stops_early": config.target_kl is not None})
     return Kind(
         structure=env.structure,
         sizes=(len(env.setup.task.observation_names), *config.net_arch),
