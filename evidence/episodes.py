@@ -330,6 +330,11 @@ class EpisodeHeads:
     context: list[int]
 
     @classmethod
+    def of_one(cls, *values: Any) -> EpisodeHeads:
+        """Those of a single episode."""
+        return cls(*([value] for value in values))
+
+    @classmethod
     def joined(cls, parts: Sequence[EpisodeHeads]) -> EpisodeHeads:
         """One after the other."""
         columns = ([getattr(part, field.name) for part in parts] for field in fields(cls))

@@ -19,6 +19,7 @@ from integ_gym.envs.settings import NATIVE
 from integ_gym.envs.transition import STATUS_NAMES
 from integ_gym.support.optional import installed_versions
 
+from . import labels
 from .episodes import told_setup
 from .fields import (
     CODED_REASONS,
@@ -27,16 +28,6 @@ from .fields import (
     SUMMARY_FIELDS,
     VOLATILE_NAMES,
     json_text,
-)
-from .labels import (
-    REPLAY_COLUMNS,
-    EpisodeContext,
-    EpisodeFacts,
-    Failure,
-    Replays,
-    failure_label,
-    failure_sentence,
-    lacks_home,
 )
 from .record import EvidenceRecord
 from .schema import EvidenceError, Finding, argument_values, parse_field
@@ -340,7 +331,7 @@ def _derive_fields(fields: Any) -> dict[str, Any]:
     expected: dict[str, Any] = {"metric": "success"}
     expected["record_id"] = context_of(fields).record_id(fields["episode_index"])
     if fields["phase"] == "training":
-        expected |= {"policy_hash": "", "perturbation": None, **Replays().columns()}
+        expected |= {"policy_hash": "", "perturbation": None, **labels.Replays().columns()}
     if not fields["success"]:
         expected["time_to_success"] = None
     if fields.get("arrival_time") is None:
@@ -501,7 +492,7 @@ def _check_label(record: EvidenceRecord, course: Course | None) -> Deviations:
     elif course is None and recorded in _ALIKE:
         return
     elif fields["schema_version"] < CODED_REASONS:
-        sentence = failure_sentence({**fields, **expected.columns()})
+        sentence = labels.failure_sentence({**fields, **expected.columns()})
         if course is not None:
             yield from _differ(fields, {"failure_reason": sentence})
     else:
@@ -513,7 +504,7 @@ def _check_label(record: EvidenceRecord, course: Course | None) -> Deviations:
                 yield f"failure_numbers.{name}", *values
 
 
-def failure_of(fields: Any, course: Course | None) -> Failure:
+def failure_of(fields: Any, course: Course | None) -> labels.Failure:
     """Label and reason that follow from a record's fields and its way to the goal."""
     dt, period = fields["dt"], fields["control_period"]
     staleness = 0.0
@@ -524,7 +515,7 @@ def failure_of(fields: Any, course: Course | None) -> Failure:
         further = sum(told.get(name, 0.0) for name in ("observation_latency", "latency_jitter"))
         further += period if told.get("hold_probability") else 0.0
         staleness = fields["action_latency"] + further + oldest_sample
-    facts = EpisodeFacts(
+    facts = labels.EpisodeFacts(
         success=fields["success"],
         time=None if period is None else fields["length"] * period,
         episode_return=fields["return"],
@@ -537,18 +528,18 @@ def failure_of(fields: Any, course: Course | None) -> Failure:
         staleness=float(staleness),
         homes=len(context_of(fields).homes),
     )
-    return failure_label(facts, replays_of(fields))
+    return labels.failure_label(facts, replays_of(fields))
 
 
-def replays_of(fields: Any) -> Replays:
+def replays_of(fields: Any) -> labels.Replays:
     """What the record says of its replays."""
-    said = {name: fields[column] for name, column in REPLAY_COLUMNS.items()}
+    said = {name: fields[column] for name, column in labels.REPLAY_COLUMNS.items()}
     if said["home"] is None:
         said["home"] = context_of(fields).home(fields)
-    return Replays(**said)
+    return labels.Replays(**said)
 
 
-def context_of(fields: Any) -> EpisodeContext:
+def context_of(fields: Any) -> labels.EpisodeContext:
     """What a record's fields say of its episode's context.
 
     Of a policy without a training discretization only the reason tells whether that is known:
@@ -560,8 +551,8 @@ def context_of(fields: Any) -> EpisodeContext:
     known = {name: fields[name] for name in _OF_CONTEXT}
     for name in ("training_discretization", "perturbation"):
         known[name] = parse_field(name, fields[name])
-    unknown = fields["failure_label"] == "unattributed" and lacks_home(fields)
-    return EpisodeContext(**known, home_known=not unknown)
+    unknown = fields["failure_label"] == "unattributed" and labels.lacks_home(fields)
+    return labels.EpisodeContext(**known, home_known=not unknown)
 
 
 _OF_CONTEXT = (

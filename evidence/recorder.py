@@ -525,7 +525,7 @@ class RecordEvidence(Recorder, gym.Wrapper[Any, Any, Any, Any]):
         self._active = False
         key = f"{self._inner.np_random_seed}/{self._draws}"
         head = self._next_index, self._seed, key, self._wall_start, now(), self._member, 0
-        self._heads.append(EpisodeHeads(*([value] for value in head)))
+        self._heads.append(EpisodeHeads.of_one(*head))
         self._counts.append(len(self._rows) - self._finished)
         self._finished = len(self._rows)
         self._next_index += 1

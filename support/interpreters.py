@@ -24,17 +24,9 @@ from itertools import takewhile
 from pathlib import Path
 from typing import Any, Final
 
+from . import optional
 from .errors import InputError, IntegGymError
 from .files import write_json
-from .optional import (
-    ANY_VERSION,
-    checkout,
-    extra_names,
-    installed_versions,
-    missing_package,
-    package_version,
-    required_by_extra,
-)
 from .processes import check_spawning, report_work
 from .storage import FileLock
 
@@ -105,7 +97,9 @@ def versions_of(packages: Iterable[str]) -> dict[str, str]:
 
 def are_running(packages: Iterable[str]) -> bool:
     """Whether this interpreter has these versions."""
-    return all(package_version(name) == version for name, version in versions_of(packages).items())
+    return all(
+        optional.package_version(name) == version for name, version in versions_of(packages).items()
+    )
 
 
 def needed_versions(names: Iterable[str] = (), modules: Iterable[str] = ()) -> dict[str, str]:
@@ -115,16 +109,16 @@ def needed_versions(names: Iterable[str] = (), modules: Iterable[str] = ()) -> d
         names: of extras, of engines and of libraries of tasks; what is no extra is left out.
         modules: that a policy needs.
     """
-    extras = [name for name in dict.fromkeys(names) if name in extra_names()]
+    extras = [name for name in dict.fromkeys(names) if name in optional.extra_names()]
     wanted = {
-        *required_by_extra(None),
-        *(p for x in (*_BASE_EXTRAS, *extras) for p in required_by_extra(x)),
+        *optional.required_by_extra(None),
+        *(p for x in (*_BASE_EXTRAS, *extras) for p in optional.required_by_extra(x)),
     }
-    wanted |= {p for extra in extras for p in required_by_extra(extra, "gymnasium")}
+    wanted |= {p for extra in extras for p in optional.required_by_extra(extra, "gymnasium")}
     for module in {module.partition(".")[0] for module in modules}:
         wanted |= set(_distributions().get(module, ()))
     names_here = {_normalize(name) for name in wanted} - _NOT_IMPORTED - {OWN}
-    found = {name: package_version(name) for name in sorted(names_here)}
+    found = {name: optional.package_version(name) for name in sorted(names_here)}
     return {name: version for name, version in found.items() if version is not None}
 
 
@@ -256,7 +250,7 @@ def _own() -> dict[str, str]:
     build = f"{platform.python_implementation()} {platform.python_version()}"
     return {
         "python": build, "platform": f"{sys.platform} {platform.machine()}",
-        "version": package_version(OWN) or "unknown", "source": source,
+        "version": optional.package_version(OWN) or "unknown", "source": source,
     }  # fmt: skip
 
 
@@ -267,14 +261,14 @@ def _own_source() -> tuple[str, tuple[str, ...]]:
     Raises:
         InterpreterError: for a copy of a folder, which may have changed since.
     """
-    folder = checkout()
+    folder = optional.checkout()
     if folder is not None:
         return str(folder), ("--editable", str(folder))
     found = importlib.metadata.distributions(name=OWN)
     origins = (json.loads(own.read_text("direct_url.json") or "{}") for own in found)
     origin = next((one for one in origins if "url" in one), None)
     if origin is None:
-        return "", (f"{OWN}=={package_version(OWN)}",)
+        return "", (f"{OWN}=={optional.package_version(OWN)}",)
     if "dir_info" in origin:
         raise InterpreterError(
             f"{OWN} is a copy of {origin['url']}, which may have changed since; install that "
@@ -296,7 +290,7 @@ def find_uv() -> list[str]:
         return [sys.executable, "-m", "uv"]
     program = shutil.which("uv")
     if program is None:
-        raise missing_package("uv", "versions")
+        raise optional.missing_package("uv", "versions")
     return [program]
 
 
@@ -317,7 +311,7 @@ def _install(folder: Path, packages: Sequence[str], wanted: Mapping[str, str]) -
     install = [*uv, "pip", "install", "--python", python, "--no-deps"]
     _run_uv(packages, [*install, "--requirements", str(resolved)])
     _run_uv(packages, [*install, *_own_source()[1]])
-    _check_installed(folder, packages, {**wanted, OWN: package_version(OWN) or "unknown"})
+    _check_installed(folder, packages, {**wanted, OWN: optional.package_version(OWN) or "unknown"})
 
 
 def _lines(versions: Mapping[str, str]) -> str:
@@ -400,7 +394,7 @@ def call_there(
     if {"__main__", "__mp_main__"} & modules_in((function, given, named)):
         check_spawning(given)
         asked["main"] = getattr(sys.modules["__main__"], "__file__", None)
-    environment = {**os.environ, ANY_VERSION: "*"}
+    environment = {**os.environ, optional.ANY_VERSION: "*"}
     with tempfile.TemporaryFile() as words:
         process = subprocess.Popen(
             [str(interpreter.python), "-m", _SERVING],
@@ -456,5 +450,5 @@ def _further_paths() -> list[str]:
 
 def describe_versions(packages: Iterable[str]) -> dict[str, str]:
     """Versions of these packages as they are here, without Python's."""
-    found = installed_versions(versions_of(packages))
+    found = optional.installed_versions(versions_of(packages))
     return {name: version for name, version in found.items() if name != "python"}

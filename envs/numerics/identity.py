@@ -18,27 +18,13 @@ from ..ops.ops import SCALAR, Components, join_state
 from ..plants.interface import Plant
 from ..plants.pendulum import Pendulum
 from ..registries import INTEGRATORS, PLANTS
+from . import stepping
 from .accuracy import (
     ROUNDING,
     convergence,
     reversibility_errors,
     symplecticity_defect,
     volume_defect,
-)
-from .stepping import (
-    SINGLE_WIDTH,
-    WIDTH,
-    Advance,
-    OneStep,
-    State,
-    advance,
-    advance_lanes,
-    engine_of,
-    fastest_rate,
-    jacobian,
-    one_step,
-    probe_state,
-    stability_limit,
 )
 
 ORDER_TOLERANCE = 0.05
@@ -128,8 +114,8 @@ def declared(integrator: str) -> Declared:
 def classify(
     integrator: str,
     plant: Plant | None = None,
-    state: State | None = None,
-    follow: Advance = advance,
+    state: stepping.State | None = None,
+    follow: stepping.Advance = stepping.advance,
 ) -> Identity:
     """Measure order, symplecticity, reversibility and linear stability.
 
@@ -147,8 +133,8 @@ def classify(
     (2.0, True, True, 2.0)
     """
     plant = Pendulum() if plant is None else plant
-    start = probe_state(plant) if state is None else state
-    rate = fastest_rate(plant, start)
+    start = stepping.probe_state(plant) if state is None else state
+    rate = stepping.fastest_rate(plant, start)
     dt = STEP / rate
     canonical = symplecticity_defect(integrator, plant, start, dt)
     errors = reversibility_errors(integrator, plant, start, dt, STEPS * dt, follow=follow)
@@ -157,7 +143,7 @@ def classify(
         order=measured.order,
         symplectic=canonical < SYMPLECTIC,
         reversible=bool(errors.max() < REVERSIBLE),
-        stable_up_to=stability_limit(integrator),
+        stable_up_to=stepping.stability_limit(integrator),
         symplecticity_defect=canonical,
         reversibility_errors=tuple(errors.tolist()),
         dt=dt,
@@ -187,7 +173,7 @@ class Match:
 
 
 def match(
-    step: OneStep,
+    step: stepping.OneStep,
     plant: Plant,
     dt: float,
     cases: Sequence[Case],
@@ -225,9 +211,8 @@ def cases_of(plant: Plant, controlled: bool, count: int = 10, spread: float = 2.
     ]
 
 
-@lru_cache(maxsize=1 << 16)
 def mapped(
-    name: str, plant: Any, dt: float, substeps: int, case: Case, max_speed: float | None = None
+    name: str, plant: Plant, dt: float, substeps: int, case: Case, max_speed: float | None = None
 ) -> tuple[Components, Components]:
     """(q, v) after some steps of a known map; `inf` where its arithmetic fails.
 
@@ -239,6 +224,14 @@ def mapped(
         case: where they begin.
         max_speed: limit on each velocity, acting where the map has it act.
     """
+    known: Any = plant
+    return _mapped(name, known, dt, substeps, case, max_speed)
+
+
+@lru_cache(maxsize=1 << 16)
+def _mapped(
+    name: str, plant: Any, dt: float, substeps: int, case: Case, max_speed: float | None
+) -> tuple[Components, Components]:
     q, v, control = case
     system, known = PlantSystem(plant, max_speed), one_step_map(name)
     try:
@@ -354,15 +347,15 @@ def fingerprint(
     method = f"{engine}/{integrator}" + (f" {json.dumps(dict(solver))}" if solver else "")
     free = PLANTS.load(plant)()
     damped = replace(free, **dict.fromkeys(damping_parameters(free), DAMPING))
-    made = engine_of(method, PlantSystem(free), FINGERPRINT_STEP)
+    made = stepping.engine_of(method, PlantSystem(free), FINGERPRINT_STEP)
     groups = {
         "free": (free, False),
         "controlled": (free, True),
         "damped": (damped, False),
         "damped_controlled": (damped, True),
     }
-    start = probe_state(free)
-    names, stride = (*map_names(), "reference"), STRIDE / fastest_rate(free, start)
+    start = stepping.probe_state(free)
+    names, stride = (*map_names(), "reference"), STRIDE / stepping.fastest_rate(free, start)
     matches = {
         name: _match_converged(method, moved, stride, cases_of(moved, controlled), names)
         for name, (moved, controlled) in groups.items()
@@ -374,7 +367,7 @@ def fingerprint(
     limit = IDENTICAL[made.width]
     ranked = sorted(overall, key=lambda n: (overall[n] > limit, n != said, overall[n]))
     equal = tuple(n for n in ranked if overall[n] <= limit)
-    width = WIDTH if made.width == 64 else SINGLE_WIDTH
+    width = stepping.WIDTH if made.width == 64 else stepping.SINGLE_WIDTH
     shift, rate = _small_oscillations(method, free, width)
     return Fingerprint(
         engine=engine,
@@ -399,14 +392,14 @@ def _match_converged(
     method: str, plant: Plant, dt: float, cases: Sequence[Case], names: Sequence[str]
 ) -> Match:
     """Comparison with the known maps, from where the engine's solver converges."""
-    taken = one_step(method, plant, dt)
+    taken = stepping.one_step(method, plant, dt)
     solved = [case for case in cases if math.isfinite(taken(*case)[1][0])]
     return match(taken, plant, dt, solved or cases, names)
 
 
 def _order(method: str, plant: Plant, start: Array, width: int) -> float | None:
     """Order of convergence from a state; None where errors are rounding alone."""
-    frequency = fastest_rate(plant, start)
+    frequency = stepping.fastest_rate(plant, start)
     rounding = ROUNDING if width == 64 else SINGLE_ROUNDING
     span = FINGERPRINT_SPAN / frequency
     return convergence(method, plant, start, span, frequency=frequency, rounding=rounding).order
@@ -417,9 +410,9 @@ def _small_oscillations(method: str, plant: Plant, width: float) -> tuple[float,
     n = len(plant.coordinates)
     hanging = tuple(math.pi if name == "theta" else 0.0 for name in plant.coordinates)
     rest = np.array(join_state(hanging, (0.0,) * n))
-    exact = fastest_rate(plant, rest)
-    slopes = jacobian(
-        lambda points: advance_lanes(method, plant, points, FINGERPRINT_STEP), rest, width
+    exact = stepping.fastest_rate(plant, rest)
+    slopes = stepping.jacobian(
+        lambda points: stepping.advance_lanes(method, plant, points, FINGERPRINT_STEP), rest, width
     )
     swinging = max(np.linalg.eigvals(slopes), key=lambda value: abs(value.imag))
     return (

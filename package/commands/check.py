@@ -10,13 +10,7 @@ from integ_gym.envs.environment import OTHER_TESTBEDS
 from integ_gym.envs.registries import ENVIRONMENTS
 from integ_gym.eval.loss_check import Check, check
 from integ_gym.eval.panel.spec import TRAINERS
-from integ_gym.support.options import (
-    CommandParser,
-    add_named_values,
-    by_name,
-    display_command,
-    whole_number,
-)
+from integ_gym.support import options
 from integ_gym.support.terminal import (
     fixed,
     plural,
@@ -47,7 +41,7 @@ _OPTIONS = {
 
 def parser() -> argparse.ArgumentParser:
     """The command's arguments."""
-    made = CommandParser(
+    made = options.CommandParser(
         prog="integ-gym check",
         description="Measure what a discretization costs: train a few seeds in it, judge them "
         "there, at half and at a quarter of the step, and on the truth (the integrator "
@@ -68,9 +62,9 @@ def parser() -> argparse.ArgumentParser:
         help="time between two decisions, s (default: the task's only one, or --dt)",
     )  # fmt: skip
     add("--engine", metavar="NAME", help="of the integrator (default: the task's own)")
-    add_named_values(made, "--env-arg", "another constructor argument")
+    options.add_named_values(made, "--env-arg", "another constructor argument")
     add(
-        "--seeds", type=whole_number, metavar="N",
+        "--seeds", type=options.whole_number, metavar="N",
         help="how many train (default: 12, and up to 32 until the interval's half-width is 0.2)",
     )  # fmt: skip
     add(
@@ -78,7 +72,7 @@ def parser() -> argparse.ArgumentParser:
         help="the compiled fleet trainer or stable-baselines3 (default: the fleet where it can "
         "train the task)",
     )  # fmt: skip
-    add_named_values(made, "--train-arg", "a hyperparameter, such as total_steps=100000")
+    options.add_named_values(made, "--train-arg", "a hyperparameter, such as total_steps=100000")
     add(
         "--out", type=Path, metavar="DIR",
         help="directory of the run (default: one in runs/check, named after what is checked)",
@@ -96,14 +90,14 @@ def main(argv: Sequence[str]) -> int:
         dt=given.dt,
         control_period=given.control_period,
         engine=given.engine,
-        environment=by_name(given.env_arg, "--env-arg", _OPTIONS),
+        environment=options.by_name(given.env_arg, "--env-arg", _OPTIONS),
         training=dict(given.train_arg),
         trainer=given.trainer,
         seeds=given.seeds,
         out=given.out,
         workers=workers_of(given),
         progress=not given.no_progress,
-        command=display_command(["integ-gym", "check", *argv]),
+        command=options.display_command(["integ-gym", "check", *argv]),
     )
     print_wrapped(str(found))
     print_wrapped(_cost(found))

@@ -9,12 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from integ_gym.envs import numerics
-from integ_gym.envs.engines.stepping import (
-    CONSTRAINT_VIOLATION,
-    PlantSystem,
-    integrators_of,
-    missing_modules,
-)
+from integ_gym.envs.engines import stepping
 from integ_gym.envs.registries import ENGINES, PLANTS
 from integ_gym.envs.settings import NATIVE
 from integ_gym.support.errors import InputError
@@ -59,11 +54,13 @@ def main(argv: Sequence[str]) -> int:
     """Run the command; returns its exit code."""
     given = parser().parse_args(argv)
     names = chosen_engines(given.engine)
-    installed = [name for name in names if not missing_modules(name)]
+    installed = [name for name in names if not stepping.missing_modules(name)]
     measured = []
     for name in installed:
         print(f"measuring {name} …", file=sys.stderr)
-        measured += [numerics.fingerprint(name, own, given.plant) for own in integrators_of(name)]
+        measured += [
+            numerics.fingerprint(name, own, given.plant) for own in stepping.integrators_of(name)
+        ]
     absent = [name for name in names if name not in installed]
     if given.json:
         print(json.dumps(_document(measured, absent, _solvers(installed)), indent=2))
@@ -75,9 +72,9 @@ def main(argv: Sequence[str]) -> int:
             print()
             for line in _solver_lines(installed):
                 print_wrapped(line)
-            print_wrapped(f"constraint violation: {CONSTRAINT_VIOLATION}")
+            print_wrapped(f"constraint violation: {stepping.CONSTRAINT_VIOLATION}")
         for name in absent:
-            missing = ", ".join(missing_modules(name))
+            missing = ", ".join(stepping.missing_modules(name))
             remedy = unbroken(install_command(name))
             print_wrapped(f"{name}: not installed ({missing}); run: {remedy}")
     return 0
@@ -127,11 +124,11 @@ def _percent(share: float, digits: int) -> str:
 
 def _solvers(installed: Sequence[str]) -> dict[str, dict[str, dict[str, Any]]]:
     """Settings of every integrator's solver, as the engine has them, by engine and integrator."""
-    pendulum = PlantSystem(PLANTS.load("pendulum")())
+    pendulum = stepping.PlantSystem(PLANTS.load("pendulum")())
     return {
         engine: {
             own: dict(numerics.engine_of(f"{engine}/{own}", pendulum, 0.02).settings)
-            for own in integrators_of(engine)
+            for own in stepping.integrators_of(engine)
         }
         for engine in installed
     }
@@ -155,11 +152,11 @@ def _document(
     solvers: Mapping[str, Mapping[str, Mapping[str, Any]]],
 ) -> dict[str, Any]:
     return {
-        "constraint_violation": CONSTRAINT_VIOLATION,
+        "constraint_violation": stepping.CONSTRAINT_VIOLATION,
         "solver": solvers,
         "installed": [found.to_json() for found in measured],
         "missing": {
-            name: {"modules": missing_modules(name), "install": install_command(name)}
+            name: {"modules": stepping.missing_modules(name), "install": install_command(name)}
             for name in absent
         },
     }

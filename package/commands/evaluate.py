@@ -11,16 +11,8 @@ from integ_gym.envs.environment import OTHER_TESTBEDS, is_integ_environment
 from integ_gym.envs.registries import ENVIRONMENTS
 from integ_gym.eval.panel.claims import parse_claim
 from integ_gym.eval.panel.existing import evaluate
+from integ_gym.support import options
 from integ_gym.support.errors import InputError
-from integ_gym.support.options import (
-    CommandParser,
-    add_named_values,
-    by_name,
-    display_command,
-    listed_values,
-    run_place,
-    whole_number,
-)
 from integ_gym.support.terminal import print_wrapped
 
 from .printed import print_details, print_headline, print_next
@@ -56,7 +48,7 @@ SHOWN = 3
 
 def parser() -> argparse.ArgumentParser:
     """The command's arguments."""
-    made = CommandParser(
+    made = options.CommandParser(
         prog="integ-gym evaluate",
         description="Evaluate a policy on every integrator at several steps and on the truth, the "
         "integrator `reference`, which solves the plant to rounding; where there is none, at a "
@@ -80,7 +72,7 @@ def parser() -> argparse.ArgumentParser:
         "--env", required=True, metavar="ID",
         help=f"{', '.join(ENVIRONMENTS)}, {OTHER_TESTBEDS}",
     )  # fmt: skip
-    add("--out", required=True, type=run_place, metavar="DIR", help="where results go")
+    add("--out", required=True, type=options.run_place, metavar="DIR", help="where results go")
     add(
         "--integrator", action="append", default=[], metavar="NAME",
         help="evaluate on this one; may be repeated (default: all)",
@@ -90,9 +82,9 @@ def parser() -> argparse.ArgumentParser:
         help="integration step, s; may be repeated (default: the control period, or a MuJoCo "
         "task's own step, 1/2, 1/4 of it)",
     )  # fmt: skip
-    add_named_values(made, "--env-arg", "environment argument")
+    options.add_named_values(made, "--env-arg", "environment argument")
     add(
-        "--vary", action="append", default=[], type=listed_values, metavar="NAME=V,V",
+        "--vary", action="append", default=[], type=options.listed_values, metavar="NAME=V,V",
         help="environment argument with the values that it takes; may be repeated: every "
         "combination is evaluated, in every discretization. packages=mujoco==3.1.0,mujoco==3.2.7 "
         "evaluates with these versions, in interpreters that uv makes",
@@ -139,7 +131,7 @@ def parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     add(
         "--episodes",
-        type=whole_number,
+        type=options.whole_number,
         metavar="N",
         help="starts (default: 50, or those of --spec)",
     )
@@ -164,7 +156,7 @@ def main(argv: Sequence[str]) -> int:
             f"--success-return is for Gymnasium's tasks: what success is in {given.env} is fixed, "
             "in SI units; leave it out"
         )
-    arguments = by_name(given.env_arg, "--env-arg", {"success_return": "--success-return"})
+    arguments = options.by_name(given.env_arg, "--env-arg", {"success_return": "--success-return"})
     if given.success_return is not None:
         arguments["success_return"] = given.success_return
     claim = None if given.fail_if is None else parse_claim(given.fail_if)
@@ -176,7 +168,7 @@ def main(argv: Sequence[str]) -> int:
         dts=given.dt,
         episodes=given.episodes,
         spec=given.spec,
-        varied=by_name(given.vary, "--vary", {}),
+        varied=options.by_name(given.vary, "--vary", {}),
         at=given.at,
         limit=given.limit,
         environment=arguments,
@@ -186,7 +178,7 @@ def main(argv: Sequence[str]) -> int:
         workers=workers_of(given),
         progress=not given.no_progress,
         on_home=lambda line: print_wrapped(line, sys.stderr),
-        command=display_command(["integ-gym", "evaluate", *argv]),
+        command=options.display_command(["integ-gym", "evaluate", *argv]),
         executor=given.executor,
         address=given.address,
         resources=resources_of(given),

@@ -11,40 +11,12 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-from integ_gym.evidence.exporting import (
-    EXPORT_FORMATS,
-    TEXT_FORMATS,
-    changed_since_export,
-    export,
-    read_export,
-)
+from integ_gym.evidence import exporting, printing, replaying, sealing
 from integ_gym.evidence.fields import SCHEMA_VERSION
 from integ_gym.evidence.parquet_file import query_in_place
-from integ_gym.evidence.printing import ASCII_BARS, BARS, TABLE_FORMATS, print_table, show
 from integ_gym.evidence.recomputing import recompute
 from integ_gym.evidence.record import EvidenceRecord
-from integ_gym.evidence.replaying import (
-    ELSEWHERE,
-    Acting,
-    missing_episodes,
-    needed_for,
-    other_columns,
-    records_by_packages,
-    replay_some,
-)
 from integ_gym.evidence.schema import EvidenceError, Finding
-from integ_gym.evidence.sealing import (
-    SEAL_FILE,
-    SIGNATURE_FILE,
-    broken_seals,
-    broken_signature,
-    can_check_signatures,
-    check_key,
-    read_seal,
-    read_signer,
-    seal,
-    sign,
-)
 from integ_gym.evidence.store import EvidenceStore, merge, open_run
 from integ_gym.support.files import make_folder
 from integ_gym.support.interpreters import make_interpreter
@@ -77,10 +49,12 @@ def export_records(given: argparse.Namespace, store: EvidenceStore) -> int:
     Raises:
         EvidenceError: on bad input, in one sentence.
     """
-    if given.out is None and given.form not in TEXT_FORMATS:
+    if given.out is None and given.form not in exporting.TEXT_FORMATS:
         raise EvidenceError(f"{given.form} is a folder of files; say where with --out DIR")
     out = sys.stdout if given.out is None else given.out
-    done = export(store, given.form, out, where=given.where, progress=not given.no_progress)
+    done = exporting.export(
+        store, given.form, out, where=given.where, progress=not given.no_progress
+    )
     if given.out is not None:
         print(f"{plural(done.records, 'record')} written to {given.out}", file=sys.stderr)
     for reason, count in done.left_out.items():
@@ -98,7 +72,7 @@ def replayed(
         given: ``all``, ``sample``, ``seed``, ``exact``, ``own_code`` and ``policy`` of `verify`.
         report: told now and then how many more records are done with.
     """
-    done = replay_some(
+    done = replaying.replay_some(
         store,
         None if given.all else max(0, given.sample),
         random.Random(given.seed),
@@ -111,7 +85,7 @@ def replayed(
     count = store.count()
     told = [
         f"replayed: {done.records} of {plural(count, 'record')}, {done.exact} of them to the last "
-        f"bit, the others within {ELSEWHERE:g}"
+        f"bit, the others within {replaying.ELSEWHERE:g}"
     ]
     if done.sensitive:
         told.append(
@@ -130,9 +104,9 @@ class _Policies:
 
     def __init__(self, store: EvidenceStore, own_code: bool) -> None:
         self._given = store, own_code
-        self._acting: Callable[[EvidenceRecord], Acting] | None = None
+        self._acting: Callable[[EvidenceRecord], replaying.Acting] | None = None
 
-    def __call__(self, record: EvidenceRecord) -> Acting:
+    def __call__(self, record: EvidenceRecord) -> replaying.Acting:
         """The policy of a record."""
         if self._acting is None:
             from integ_gym.eval.panel.policies import ActingIn
@@ -151,13 +125,13 @@ def _make_interpreters(store: EvidenceStore, progress: bool) -> None:
     Raises:
         InterpreterError: for one that cannot be made.
     """
-    for packages, records in records_by_packages(store).items():
+    for packages, records in replaying.records_by_packages(store).items():
 
         def report(words: str) -> None:
             if progress:
                 print(f"{words[0].upper()}{words[1:]} …", file=sys.stderr)
 
-        make_interpreter(packages, needed_for(records), report)
+        make_interpreter(packages, replaying.needed_for(records), report)
 
 
 def seal_run(given: argparse.Namespace, store: EvidenceStore) -> int:
@@ -168,15 +142,15 @@ def seal_run(given: argparse.Namespace, store: EvidenceStore) -> int:
     """
     run = store.run
     if given.sign is not None:
-        check_key(given.sign)
-    for broken in broken_seals(run):
+        sealing.check_key(given.sign)
+    for broken in sealing.broken_seals(run):
         raise EvidenceError(
             f"{run} has a seal that does not hold: {broken}; find out why, and remove "
-            f"{run / SEAL_FILE} to seal what is there now"
+            f"{run / sealing.SEAL_FILE} to seal what is there now"
         )
-    print(f"Seal: {seal(run)}")
+    print(f"Seal: {sealing.seal(run)}")
     if given.sign is not None:
-        print(f"Signed by {sign(run, given.sign)}")
+        print(f"Signed by {sealing.sign(run, given.sign)}")
     return 0
 
 
@@ -199,11 +173,11 @@ def verify(given: argparse.Namespace, store: EvidenceStore) -> int:
     if given.sample < 0:
         raise EvidenceError(f"--sample must be 0 or above, got {given.sample}")
     run = store.run
-    sealed, exported = read_seal(run), read_export(run)
+    sealed, exported = sealing.read_seal(run), exporting.read_export(run)
     if sealed is None and (given.depth == "sealed" or given.public_key is not None):
         raise EvidenceError(
-            f"{run} has no {SEAL_FILE}; `integ-gym panel` writes it at its end, and `integ-gym "
-            "evidence seal` of any run"
+            f"{run} has no {sealing.SEAL_FILE}; `integ-gym panel` writes it at its end, and "
+            "`integ-gym evidence seal` of any run"
         )
     if given.depth == "whole" and given.public_key is not None:
         raise EvidenceError("--public-key is about the seal; leave --depth whole out")
@@ -239,11 +213,13 @@ def _found(
         _collect(found, against_plan(run, given.own_code, given.all))
     if given.depth != "whole":
         report_phase(bar, "seal")
-        _collect(found, broken_seals(run))
+        _collect(found, sealing.broken_seals(run))
         if sealed is None and (run / _PAGE).exists():
-            found.append(f"{SEAL_FILE}: is missing: the run is not finished, or it was removed")
-    if given.public_key is not None or (given.depth != "whole" and can_check_signatures()):
-        found += map(str, broken_signature(run, given.public_key))
+            found.append(
+                f"{sealing.SEAL_FILE}: is missing: the run is not finished, or it was removed"
+            )
+    if given.public_key is not None or (given.depth != "whole" and sealing.can_check_signatures()):
+        found += map(str, sealing.broken_signature(run, given.public_key))
     if given.depth != "replayed" or not all(line.startswith(_PAGE) for line in found):
         return found, []
     played, told = replayed(store, given, report_phase(bar, "playing again", REPLAY_SECONDS))
@@ -287,14 +263,15 @@ def _checked(
     if sealed is None or given.depth == "whole":
         return
     yield f"sealed: {sealed['seal']}"
-    if not (store.run / SIGNATURE_FILE).exists():
+    if not (store.run / sealing.SIGNATURE_FILE).exists():
         return
-    if not can_check_signatures():
+    if not sealing.can_check_signatures():
         yield "signed: not checked, because ssh-keygen is not installed"
     elif given.public_key is None:
-        yield f"signed: by {read_signer(store.run)}; --public-key FILE checks whose key that is"
+        signer = sealing.read_signer(store.run)
+        yield f"signed: by {signer}; --public-key FILE checks whose key that is"
     else:
-        yield f"signed: by {read_signer(store.run)}, of {given.public_key}"
+        yield f"signed: by {sealing.read_signer(store.run)}, of {given.public_key}"
 
 
 def _collect(found: list[str], findings: Iterator[Finding]) -> None:
@@ -311,9 +288,9 @@ def _whole(
     store: EvidenceStore, exported: Mapping[str, Any] | None, report: Callable[[int], None]
 ) -> Iterator[Finding]:
     if exported is not None:
-        yield from changed_since_export(store, exported)
-    yield from missing_episodes(store, part=exported is not None)
-    yield from other_columns(store)
+        yield from exporting.changed_since_export(store, exported)
+    yield from replaying.missing_episodes(store, part=exported is not None)
+    yield from replaying.other_columns(store)
     for file, record in store.named_records():
         yield from recompute(record, file)
         report(1)
@@ -351,7 +328,7 @@ def main(argv: Sequence[str]) -> int:
     given = parser().parse_args(argv)
     require("evidence")
     if given.run_command is _query and is_remote(given.run):
-        print_table(query_in_place(given.run, given.sql), sys.stdout, given.format)
+        printing.print_table(query_in_place(given.run, given.sql), sys.stdout, given.format)
         return 0
     if given.run_command is seal_run and is_remote(given.run):
         raise EvidenceError(
@@ -388,7 +365,7 @@ def parser() -> argparse.ArgumentParser:
     command = add("query", _query, "run SQL over the view `records`")
     command.add_argument("sql", metavar="SQL", help="a statement in DuckDB's dialect")
     command.add_argument(
-        "--format", choices=TABLE_FORMATS, default="table",
+        "--format", choices=printing.TABLE_FORMATS, default="table",
         help="csv and json give every value in full; a table shortens numbers and long lists, and "
         "of many columns prints each in a line with its unit, long texts cut (default: table)",
     )  # fmt: skip
@@ -410,7 +387,8 @@ def parser() -> argparse.ArgumentParser:
     )
     command.add_argument(
         "--exact", action="store_true",
-        help=f"let no bit differ, where otherwise numbers within {ELSEWHERE:g} are let pass",
+        help=f"let no bit differ, where otherwise numbers within {replaying.ELSEWHERE:g} are let "
+        "pass",
     )  # fmt: skip
     command.add_argument(
         "--policy", action="store_true",
@@ -440,7 +418,7 @@ def parser() -> argparse.ArgumentParser:
 
     command = add("export", export_records, "write records in the format of another tool")
     command.add_argument(
-        "--to", choices=EXPORT_FORMATS, default=EXPORT_FORMATS[0], dest="form",
+        "--to", choices=exporting.EXPORT_FORMATS, default=exporting.EXPORT_FORMATS[0], dest="form",
         help="csv, jsonl: all fields but the trace, in one file; parquet: a run of the "
         "chosen records; minari: a data set of episodes; mcap: a log of ROS 2 messages for each "
         "episode (default: csv)",
@@ -463,17 +441,17 @@ def parser() -> argparse.ArgumentParser:
 
 def _show(arguments: argparse.Namespace, store: EvidenceStore) -> int:
     record = store.find(arguments.record_id)
-    bars = BARS
+    bars = printing.BARS
     try:
         bars.encode(sys.stdout.encoding or "ascii")
     except UnicodeEncodeError:
-        bars = ASCII_BARS
-    print(show(record, bars, width_of(sys.stdout)))
+        bars = printing.ASCII_BARS
+    print(printing.show(record, bars, width_of(sys.stdout)))
     return 0
 
 
 def _query(arguments: argparse.Namespace, store: EvidenceStore) -> int:
-    print_table(store.query(arguments.sql), sys.stdout, arguments.format)
+    printing.print_table(store.query(arguments.sql), sys.stdout, arguments.format)
     return 0
 
 

@@ -15,25 +15,12 @@ from integ_gym.eval.panel.run import run_panel, specified
 from integ_gym.eval.panel.spec import BUILT_IN, TRAINERS, PanelSpec
 from integ_gym.eval.report.forests import ordered_verdicts
 from integ_gym.evidence.sealing import check_key, read_seal, sign
+from integ_gym.support import options
 from integ_gym.support.errors import InputError
-from integ_gym.support.options import (
-    CommandParser,
-    display_command,
-    refuse_unused,
-    run_place,
-    whole_number,
-)
 from integ_gym.support.storage import is_remote
 from integ_gym.support.terminal import hanging_indent, print_wrapped, width_of
 
-from .printed import (
-    print_details,
-    print_headline,
-    print_next,
-    print_plan,
-    print_power,
-    print_verdicts,
-)
+from . import printed
 from .work_options import add_engine, add_work, page_location, resources_of, workers_of
 
 EXAMPLES = """\
@@ -63,7 +50,7 @@ examples:
 
 def parser() -> argparse.ArgumentParser:
     """The command's arguments."""
-    made = CommandParser(
+    made = options.CommandParser(
         prog="integ-gym panel",
         description="Train policies on several discretizations, evaluate each on all of them and "
         "on the truth (the integrator `reference`), and write panel.json, report.html, figures "
@@ -74,7 +61,7 @@ def parser() -> argparse.ArgumentParser:
     add = made.add_argument
     add("spec", nargs="?", help=f"TOML file, or a built-in panel ({names}); default: quick")
     add(
-        "--out", type=run_place, metavar="DIR",
+        "--out", type=options.run_place, metavar="DIR",
         help="the panel's directory, or s3://…, gs://… or az://…, see docs/how-to/clusters.md",
     )  # fmt: skip
     add(
@@ -103,7 +90,7 @@ def parser() -> argparse.ArgumentParser:
         help="take the policies of this finished panel, trained alike, instead of training",
     )  # fmt: skip
     add(
-        "--seeds", type=whole_number, metavar="N",
+        "--seeds", type=options.whole_number, metavar="N",
         help="train with so many seeds of the specification's, or with more; a finished directory "
         "keeps what it has",
     )  # fmt: skip
@@ -124,10 +111,14 @@ def main(argv: Sequence[str]) -> int:
     used: tuple[str, ...]
     if arguments.power:
         used = ("power", "spec", "out", "seeds")
-        refuse_unused(made, arguments, "--power says what seeds can show and runs nothing", used)
+        options.refuse_unused(
+            made, arguments, "--power says what seeds can show and runs nothing", used
+        )
     elif arguments.plan:
         used = ("plan", "spec", "trainer", "memory_gib", "seeds", "policies", "workers")
-        refuse_unused(made, arguments, "--plan says what a panel costs and runs nothing", used)
+        options.refuse_unused(
+            made, arguments, "--plan says what a panel costs and runs nothing", used
+        )
     spec = specified(arguments.spec or BUILT_IN[0])
     words = ["integ-gym", "panel", *([arguments.spec] if arguments.spec else [])]
     if arguments.trainer:
@@ -155,7 +146,7 @@ def main(argv: Sequence[str]) -> int:
                 f"--power reads a panel on this machine, and {arguments.out} is none; leave --out "
                 "out, or give it a copy of the run"
             )
-        print_power(spec, arguments.out)
+        printed.print_power(spec, arguments.out)
         return 0
     if spec.left_out:
         print_wrapped(
@@ -164,7 +155,7 @@ def main(argv: Sequence[str]) -> int:
             sys.stderr,
         )
     if arguments.plan:
-        print_plan(spec, workers_of(arguments), trains=arguments.policies is None)
+        printed.print_plan(spec, workers_of(arguments), trains=arguments.policies is None)
         return 0
     if arguments.out is None:
         raise InputError("a panel needs a directory: --out DIR")
@@ -175,7 +166,7 @@ def main(argv: Sequence[str]) -> int:
         )
     if arguments.sign is not None:
         check_key(arguments.sign)
-    command = display_command([*words, "--out", str(arguments.out)])
+    command = options.display_command([*words, "--out", str(arguments.out)])
     panel = run_panel(
         spec,
         arguments.out,
@@ -189,11 +180,11 @@ def main(argv: Sequence[str]) -> int:
     )
     for doubt in panel.warnings:
         print_wrapped(f"warning: {doubt}", sys.stderr)
-    print_headline(panel)
+    printed.print_headline(panel)
     if panel.verdicts:
-        print_verdicts(panel, sys.stdout)
+        printed.print_verdicts(panel, sys.stdout)
     if arguments.verbose or not panel.verdicts:
-        print_details(panel)
+        printed.print_details(panel)
     if arguments.verbose:
         for verdict in ordered_verdicts(panel):
             name = f"  {verdict.verdict:<13}"
@@ -203,7 +194,7 @@ def main(argv: Sequence[str]) -> int:
                     name, f"{place}: {verdict_reason(panel, verdict)}", width_of(sys.stdout)
                 )
             )
-    print_next(panel)
+    printed.print_next(panel)
     print(f"Page: {page_location(arguments.out)}")
     if is_remote(arguments.out):
         return 0

@@ -188,7 +188,7 @@ def kind_of(config: PPOConfig) -> Kind:
 
     env = functional.make(config.env_id, **config.env_arguments)
     env.check_lanes(config.n_envs)
-    alike = {f.name: getattr(config, f.name, None) for f in fields(Algorithm)}
+    alike: dict[str, Any] = {f.name: getattr(config, f.name, None) for f in fields(Algorithm)}
     algorithm = Algorithm(**alike | {"stops_early": config.target_kl is not None})
     return Kind(
         structure=env.structure,

@@ -20,24 +20,7 @@ from integ_gym.envs.starts import ARRIVAL
 from integ_gym.envs.transition import EnvState, Outcome, reset_info, step_info
 from integ_gym.evidence.episodes import Layout
 
-from .learning import (
-    Adam,
-    Algorithm,
-    Batch,
-    Knobs,
-    Learner,
-    Stack,
-    Trail,
-    advantages_of,
-    draw,
-    learning_rate,
-    log_prob_and_entropy,
-    one_side,
-    outputs,
-    permutations,
-    split,
-    update,
-)
+from . import learning
 
 Array = Any
 
@@ -79,7 +62,7 @@ class FleetProgram:
     def __init__(
         self,
         env: FunctionalEnv,
-        algorithm: Algorithm,
+        algorithm: learning.Algorithm,
         layout: Layout | None = None,
         in_turn: bool = True,
     ) -> None:
@@ -88,46 +71,62 @@ class FleetProgram:
         self.layout = layout
         self.discrete = env.setup.task.discrete is not None
         self.in_turn = in_turn
-        self.begin: Callable[[Stack, Array, Params], Learner] = jax.jit(self._begin)
+        self.begin: Callable[[learning.Stack, Array, Params], learning.Learner] = jax.jit(
+            self._begin
+        )
         """The state before the first rollout."""
-        self.iterate: Callable[[Learner, Knobs, Params], tuple[Learner, Trail]]
+        self.iterate: Callable[
+            [learning.Learner, learning.Knobs, Params], tuple[learning.Learner, learning.Trail]
+        ]
         self.iterate = jax.jit(self._iterate, donate_argnums=0)
         """Collect one rollout and learn from it."""
 
-    def _begin(self, stack: Stack, keys: Array, params: Params) -> Learner:
+    def _begin(self, stack: learning.Stack, keys: Array, params: Params) -> learning.Learner:
         zeros = jax.tree.map(jnp.zeros_like, stack)
         lanes = (stack.log_std.shape[0], self.algorithm.n_envs)
-        first, keys = split(keys, 2)
-        drawn = draw(jax.random.uniform, first, (self.env.start_size, self.algorithm.n_envs))
+        first, keys = learning.split(keys, 2)
+        drawn = learning.draw(
+            jax.random.uniform, first, (self.env.start_size, self.algorithm.n_envs)
+        )
         env, member = self.env.fresh(tuple(jnp.moveaxis(drawn, 1, 0)), params)
         noise: Components = ()
         if self._noise_size:
-            later, keys = split(keys, 2)
-            drawn = draw(jax.random.normal, later, (self._noise_size, lanes[1]))
+            later, keys = learning.split(keys, 2)
+            drawn = learning.draw(jax.random.normal, later, (self._noise_size, lanes[1]))
             noise = tuple(jnp.moveaxis(drawn, 1, 0))
-        adam = Adam(zeros, zeros, jnp.zeros(lanes[:1]))
-        return Learner(stack, adam, env, noise, member, keys, jnp.int32(0))
+        adam = learning.Adam(zeros, zeros, jnp.zeros(lanes[:1]))
+        return learning.Learner(stack, adam, env, noise, member, keys, jnp.int32(0))
 
-    def _iterate(self, learner: Learner, knobs: Knobs, params: Params) -> tuple[Learner, Trail]:
+    def _iterate(
+        self, learner: learning.Learner, knobs: learning.Knobs, params: Params
+    ) -> tuple[learning.Learner, learning.Trail]:
         keys = jax.vmap(lambda key: jax.random.fold_in(key, learner.iteration))(learner.keys)
-        drawing, shuffling = split(keys, 2)
+        drawing, shuffling = learning.split(keys, 2)
         (env, noise, member), steps = self._collect(learner, drawing, params)
         after, outcome, observed, observed_after = self._again(steps, params)
         batch = self._batch(learner.stack, knobs, steps, outcome, (observed, observed_after))
         iteration = learner.iteration + 1
-        rate = learning_rate(self.algorithm, knobs, iteration)
-        orders = jnp.swapaxes(permutations(self.algorithm, shuffling), 0, 1)
+        rate = learning.learning_rate(self.algorithm, knobs, iteration)
+        orders = jnp.swapaxes(learning.permutations(self.algorithm, shuffling), 0, 1)
         stack, adam = self._each(
             self._learn, (learner.stack, learner.adam, batch, orders, knobs, rate)
         )
         trail = self._trail(steps, after, outcome, observed, observed_after, params)
-        return Learner(stack, adam, env, noise, member, learner.keys, iteration), trail
+        return learning.Learner(stack, adam, env, noise, member, learner.keys, iteration), trail
 
     def _learn(
-        self, stack: Stack, adam: Adam, batch: Batch, orders: Array, knobs: Knobs, rate: Array
-    ) -> tuple[Stack, Adam]:
+        self,
+        stack: learning.Stack,
+        adam: learning.Adam,
+        batch: learning.Batch,
+        orders: Array,
+        knobs: learning.Knobs,
+        rate: Array,
+    ) -> tuple[learning.Stack, learning.Adam]:
         """:func:`update`, with the axis of policies first in all arrays."""
-        return update(self.algorithm, stack, adam, batch, jnp.swapaxes(orders, 0, 1), knobs, rate)
+        return learning.update(
+            self.algorithm, stack, adam, batch, jnp.swapaxes(orders, 0, 1), knobs, rate
+        )
 
     def _each(self, function: Callable[..., Any], given: tuple[Any, ...]) -> Any:
         """``function`` of all policies, or of one policy after the other if :attr:`in_turn`.
@@ -150,14 +149,14 @@ class FleetProgram:
         noisy = self.env.setup.settings.observation_noise > 0.0
         return 2 * len(self.env.setup.plant.coordinates) if noisy else 0
 
-    def _draws(self, stack: Stack, keys: Array) -> _Draws:
-        for_actions, for_starts, for_noise = split(keys, 3)
+    def _draws(self, stack: learning.Stack, keys: Array) -> _Draws:
+        for_actions, for_starts, for_noise = learning.split(keys, 3)
         for_arrivals = jax.vmap(lambda key: jax.random.fold_in(key, ARRIVAL))(keys)
         steps, lanes = self.algorithm.n_steps, self.algorithm.n_envs
         size = stack.weights[-1].shape[2]
 
         def drawn(sample: Callable[..., Array], keys: Array, size: int) -> Array:
-            return jnp.moveaxis(draw(sample, keys, (steps, size, lanes)), 1, 0)
+            return jnp.moveaxis(learning.draw(sample, keys, (steps, size, lanes)), 1, 0)
 
         return _Draws(
             drawn(jax.random.gumbel if self.discrete else jax.random.normal, for_actions, size),
@@ -167,23 +166,23 @@ class FleetProgram:
         )
 
     def _collect(
-        self, learner: Learner, keys: Array, params: Params
+        self, learner: learning.Learner, keys: Array, params: Params
     ) -> tuple[tuple[EnvState, Components, Components], _Step]:
         """Act for one rollout; episodes that end are followed by new ones at once.
 
         Returns:
             State, noise and members afterwards, and the steps.
         """
-        actor = one_side(learner.stack, 0)
+        actor = learning.one_side(learner.stack, 0)
         draws = self._draws(learner.stack, keys)
 
         def step(carry: tuple[EnvState, Components, Components], drawn: _Draws) -> Any:
             env, noise, member = carry
             own = self.env.lane_params(params, member)
             observed = jnp.stack(self.env.observe(env, noise, own), axis=1)
-            head = outputs(actor, self.algorithm.activation, observed)[:, 0]
+            head = learning.outputs(actor, self.algorithm.activation, observed)[:, 0]
             action = self._sample(head, learner.stack.log_std, drawn.actions)
-            log_prob, _ = log_prob_and_entropy(head, learner.stack.log_std, action)
+            log_prob, _ = learning.log_prob_and_entropy(head, learner.stack.log_std, action)
             arrivals = tuple(jnp.moveaxis(drawn.arrivals, 1, 0))
             after, outcome = self.env.advance(env, self._control(action, own), own, arrivals)
             ending = outcome.terminated, outcome.truncated
@@ -240,19 +239,19 @@ class FleetProgram:
 
     def _batch(
         self,
-        stack: Stack,
-        knobs: Knobs,
+        stack: learning.Stack,
+        knobs: learning.Knobs,
         steps: _Step,
         outcome: Outcome,
         observed: tuple[Array, Array],
-    ) -> Batch:
+    ) -> learning.Batch:
         """Advantages and returns; an episode cut off by the time limit is bootstrapped."""
         before, after = (_flat(x) for x in observed)
-        critic = one_side(stack, 1)
+        critic = learning.one_side(stack, 1)
         shape = outcome.reward.shape
 
-        def value_of(critic: Stack, observations: Array) -> Array:
-            return outputs(critic, self.algorithm.activation, observations)[:, 0, 0]
+        def value_of(critic: learning.Stack, observations: Array) -> Array:
+            return learning.outputs(critic, self.algorithm.activation, observations)[:, 0, 0]
 
         def value(observations: Array) -> Array:
             values = self._each(value_of, (critic, observations))
@@ -262,8 +261,8 @@ class FleetProgram:
         reward = outcome.reward.astype(jnp.float32) * knobs.reward_scale[:, None]
         ending = steps.terminated, steps.truncated
         member = _member_of(steps)
-        advantages = advantages_of(reward, values, next_values, *ending, knobs, member)
-        return Batch(
+        advantages = learning.advantages_of(reward, values, next_values, *ending, knobs, member)
+        return learning.Batch(
             before,
             _flat(jnp.moveaxis(steps.action, 2, 0)),
             _flat(steps.log_prob[None])[:, 0],
@@ -279,7 +278,7 @@ class FleetProgram:
         before_observed: Array,
         after_observed: Array,
         params: Params,
-    ) -> Trail:
+    ) -> learning.Trail:
         rows = first = jnp.zeros((0,))
         if self.layout is not None:
             setup = self.env.setup_of(self.env.lane_params(params, steps.member))
@@ -288,7 +287,7 @@ class FleetProgram:
             rows = _stacked(self.layout.row(info, outcome.status, ending, state, after_observed))
             info, state = reset_info(steps.env), join_state(steps.env.q, steps.env.v)
             first = _stacked(self.layout.start(info, state, before_observed))
-        return Trail(
+        return learning.Trail(
             outcome.reward,
             outcome.terminated | outcome.truncated,
             outcome.success,

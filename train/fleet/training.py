@@ -47,17 +47,7 @@ from ..runs import (
     train_in_processes,
     training_bar,
 )
-from .learning import (
-    Algorithm,
-    Knobs,
-    Learner,
-    Trail,
-    can_save,
-    import_ahead,
-    initial_stack,
-    state_dict,
-    zip_of_weights,
-)
+from . import learning
 from .planning import ROWS_AT_ONCE, Chunk, Kind, kind_of, plan
 from .program import FleetProgram
 from .worker import Device, fleet_workers, prepare_worker, workers_of
@@ -188,7 +178,7 @@ class EpisodeAssembler:
             ended = before + (after - before) * (step + 1) // steps
             key = f"fleet-{self._seed}-{lane}/{self._draws[lane]}"
             head = index[place], None, key, int(self._opened[lane]), ended, setup, 0
-            heads.append(EpisodeHeads(*([value] for value in head)))
+            heads.append(EpisodeHeads.of_one(*head))
             self._opened[lane] = ended
             self._draws[lane] += 1
         if heads:
@@ -274,8 +264,8 @@ def train_fleet(
             folder.mkdir(parents=True, exist_ok=True)
         if not (cluster.remote or here):
             cluster = replace(cluster, workers=processes.count)
-            if can_save():
-                import_ahead()
+            if learning.can_save():
+                learning.import_ahead()
         return train_in_processes(
             _run_and_write if cluster.remote else _run_here if here else _run,
             runs,
@@ -336,7 +326,7 @@ def train_in_stages(
     """
     if not stages:
         raise InputError("there is no stage to train in")
-    learner: Learner | None = None
+    learner: learning.Learner | None = None
     with jax.enable_x64(False):
         trainers = [_Trainer(_common_kind(configs), configs) for configs in stages]
         rollouts = trainers[0].rollouts
@@ -417,8 +407,8 @@ class _Trainer:
         self,
         on_steps: Callable[[int], None] | None,
         rollouts: int | None = None,
-        learner: Learner | None = None,
-    ) -> Learner:
+        learner: learning.Learner | None = None,
+    ) -> learning.Learner:
         """Some rollouts, by default all; the host takes one in while the next is computed.
 
         Args:
@@ -430,7 +420,7 @@ class _Trainer:
         knobs = self._knobs()
         learner = self._begin(learner)
         decisions = len(self._configs) * self._kind.algorithm.rollout
-        trail: Trail | None = None
+        trail: learning.Trail | None = None
         for _ in range(self.rollouts if rollouts is None else rollouts):
             learner, next_trail = self._program.iterate(learner, knobs, self._params)
             if trail is not None:
@@ -445,19 +435,19 @@ class _Trainer:
         self._seconds = (time.perf_counter() - started) / len(self._configs)
         return learner
 
-    def outcomes(self, learner: Learner) -> list[Outcome]:
+    def outcomes(self, learner: learning.Learner) -> list[Outcome]:
         """What training gave, of every policy."""
         stack = jax.tree.map(np.asarray, learner.stack)
         return [
             Outcome(
-                state_dict(stack, place),
+                learning.state_dict(stack, place),
                 self._seconds,
                 episode_summary(of_policy.returns, of_policy.successes),
             )
             for place, of_policy in enumerate(self._returns)
         ]
 
-    def _begin(self, before: Learner | None) -> Learner:
+    def _begin(self, before: learning.Learner | None) -> learning.Learner:
         begun = self._new()
         if before is None:
             return begun
@@ -467,16 +457,16 @@ class _Trainer:
         )
         return begun._replace(stack=stack, adam=adam, iteration=iteration)
 
-    def _new(self) -> Learner:
+    def _new(self) -> learning.Learner:
         configs = self._configs
         task = self._mixtures[0].setups[0].task
         noise = None if task.discrete else [config.log_std_init for config in configs]
         seeds = [config.seed for config in configs]
-        stack = initial_stack(seeds, self._kind.sizes, task.discrete or 1, noise)
+        stack = learning.initial_stack(seeds, self._kind.sizes, task.discrete or 1, noise)
         lane_seeds = np.array([config.first_lane_seed for config in configs], dtype=np.uint32)
         return self._program.begin(stack, jax.vmap(jax.random.key)(lane_seeds), self._params)
 
-    def _knobs(self) -> Knobs:
+    def _knobs(self) -> learning.Knobs:
         rows = []
         for config, mixture in zip(self._configs, self._mixtures, strict=True):
             gammas = [config.discount(period) for period in mixture.periods]
@@ -484,10 +474,10 @@ class _Trainer:
             if config.learning_rate_end is None:
                 values["learning_rate_end"] = config.learning_rate
             values["target_kl"] = config.target_kl or 0.0
-            rows.append([values[name] for name in Knobs._fields])
-        return Knobs(*(np.array(column, np.float32) for column in zip(*rows, strict=True)))
+            rows.append([values[name] for name in learning.Knobs._fields])
+        return learning.Knobs(*(np.array(column, np.float32) for column in zip(*rows, strict=True)))
 
-    def _take(self, trail: Trail) -> None:
+    def _take(self, trail: learning.Trail) -> None:
         """Book a rollout's episodes."""
         rewards, ended, success, begun, member = (np.asarray(x) for x in trail[:5])
         for place, returns in enumerate(self._returns):
@@ -511,8 +501,8 @@ def _run_here(runs: Sequence[Run[PPOConfig]]) -> list[Outcome]:
     """One chunk, in this process: it imports while the compiled program runs, and not before."""
 
     def report(steps: int) -> None:
-        if can_save():
-            import_ahead()
+        if learning.can_save():
+            learning.import_ahead()
         report_work(steps)
 
     return _run(runs, report)
@@ -535,14 +525,14 @@ def write_outcome(config: PPOConfig, outcome: Outcome, folder: Path) -> TrainedP
     actor = actor_of(outcome.weights, hidden, config.activation, space)
     mixture = Mixture(env.setups, env.shares)
     card = make_card(config, mixture, "fleet", outcome.seconds, outcome.last_episodes)
-    zip_bytes = _zip(config, env, mixture, outcome) if can_save() else None
+    zip_bytes = _zip(config, env, mixture, outcome) if learning.can_save() else None
     return write_actor(folder, actor, card, space, zip_bytes)
 
 
 def _zip(config: PPOConfig, env: FunctionalEnv, mixture: Mixture, outcome: Outcome) -> bytes:
     """The policy as stable-baselines3 saves it."""
-    import_ahead().join()  # two threads that import the same find it half done
-    return zip_of_weights(
+    learning.import_ahead().join()  # two threads that import the same find it half done
+    return learning.zip_of_weights(
         model_arguments(config, mixture.mean_period),
         config.n_envs,
         (env.observation_space, env.action_space),
@@ -551,7 +541,7 @@ def _zip(config: PPOConfig, env: FunctionalEnv, mixture: Mixture, outcome: Outco
     )
 
 
-_programs: dict[tuple[Hashable, Algorithm, bool], FleetProgram] = {}
+_programs: dict[tuple[Hashable, learning.Algorithm, bool], FleetProgram] = {}
 """Compiled programs of this process."""
 
 
