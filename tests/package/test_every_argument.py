@@ -58,7 +58,7 @@ def done(monkeypatch, tmp_path):
     monkeypatch.setattr(evaluate, "evaluate", note("evaluate"))
     monkeypatch.setattr(panel, "run_panel", note("run", stop=False, result=told))
     for name in ("plan", "power", "headline", "details", "next", "verdicts"):
-        monkeypatch.setattr(panel, f"print_{name}", note(name, stop=False))
+        monkeypatch.setattr(panel.printed, f"print_{name}", note(name, stop=False))
     monkeypatch.setattr(panel, "ordered_verdicts", lambda told: ())
     monkeypatch.setattr(panel, "read_seal", lambda out: {"seal": "0"})
     monkeypatch.setattr(panel, "check_key", str)
