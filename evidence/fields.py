@@ -472,11 +472,10 @@ _CODES = ", ".join(f"{code} {STATUS_NAMES[code]}" for code in range(-1, len(STAT
 
 
 def _column(
-    name: str, kind: str, unit: str, meaning: str, at: str, source: str = "", frame: str = "",
-    nullable: bool = True,
-) -> Field:  # fmt: skip
+    name: str, kind: str, unit: str, meaning: str, at: str, source: str = "", frame: str = ""
+) -> Field:
     return Field(
-        name, f"list<{kind}>", unit, meaning, group="trace", nullable=nullable, frame=frame, at=at,
+        name, f"list<{kind}>", unit, meaning, group="trace", nullable=True, frame=frame, at=at,
         source=source or name,
     )  # fmt: skip
 

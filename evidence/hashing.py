@@ -74,8 +74,7 @@ def content_hashes(table: Any) -> list[str]:
     return hashes
 
 
-def _json(value: Any) -> str:
-    return _BY_COMMAS.encode(value)
+_json = _BY_COMMAS.encode
 
 
 def _object(columns: dict[str, Texts]) -> Iterator[Texts]:

@@ -6,6 +6,7 @@ import random
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager
+from glob import escape
 from itertools import chain
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -306,7 +307,7 @@ def _interruptible(connection: Any, sql: str) -> Any:
 def _offer(connection: Any, files: Sequence[Path] | Any) -> None:
     """Make the view, and forbid everything else for good."""
     paths = [str(file.resolve()) for file in files] if isinstance(files, Sequence) else []
-    patterns = [_literal(path) for path in paths]
+    patterns = [escape(path) for path in paths]
     if paths:
         relation = connection.read_parquet(patterns, union_by_name=True)
     else:
@@ -317,11 +318,6 @@ def _offer(connection: Any, files: Sequence[Path] | Any) -> None:
     connection.execute("SET allowed_paths = ?", [[*paths, *patterns]])
     connection.execute("SET enable_external_access = false")
     connection.execute("SET lock_configuration = true")
-
-
-def _literal(path: str) -> str:
-    """A path in which no character stands for others."""
-    return "".join(f"[{c}]" if c in "*?[" else c for c in path)
 
 
 def _check_reads(engine: Any, connection: Any, sql: str) -> None:

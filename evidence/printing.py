@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Sequence
 from datetime import datetime
 from typing import Any, Final, TextIO
 
@@ -15,6 +14,7 @@ from integ_gym.support.terminal import (
     column_widths,
     hanging_indent,
     print_columns,
+    print_lists,
     print_wrapped,
     visible,
     width_of,
@@ -158,30 +158,19 @@ def _print_readable(schema: Any, rows: list[list[Any]], file: TextIO) -> None:
     if listed and column_widths(names, cells, width or _UNREAD) is None:
         fields = {(field.name, arrow_type(field.kind)): field.unit for field in SUMMARY_FIELDS}
         units = [fields.get((column.name, column.type), "") for column in schema]
-        _print_lists(names, units, cells, file, width or _UNREAD)
+        cells = [
+            [
+                x if x == NOTHING or u in _VAGUE else f"{x} {u}"
+                for u, x in zip(units, row, strict=True)
+            ]
+            for row in cells
+        ]
+        cut = print_lists(names, cells, file, width or _UNREAD, _LINES)
+        print(end="\n" if cells else "", file=file)
+        if cut:
+            print_wrapped(
+                "Cells that end with ... are cut; --format json gives every value in full.", file
+            )
     else:
         print_columns(names, cells, file, numeric)
     print(f"({len(rows)} row{'' if len(rows) == 1 else 's'})", file=file)
-
-
-def _print_lists(
-    names: Sequence[str],
-    units: Sequence[str],
-    rows: Sequence[Sequence[str]],
-    file: TextIO,
-    width: int,
-) -> None:
-    """Each row as lines of a name and a cell, and how to see what had to be cut."""
-    before, cut = max(map(len, names)) + 2, False
-    for row in rows:
-        for name, unit, cell in zip(names, units, row, strict=True):
-            text = cell if cell == NOTHING or unit in _VAGUE else f"{cell} {unit}"
-            whole = hanging_indent(f"{name:<{before}}", text, width)
-            shown = hanging_indent(f"{name:<{before}}", text, width, _LINES)
-            cut = cut or shown != whole
-            print(shown, file=file)
-        print(file=file)
-    if cut:
-        print_wrapped(
-            "Cells that end with ... are cut; --format json gives every value in full.", file
-        )

@@ -190,12 +190,21 @@ def write_once(path: Path, write: Callable[[Path], None]) -> None:
     """
     if path.exists():
         raise FileExistsError(str(path))
-    temporary = path.with_name(f".{path.name}.{uuid.uuid4().hex}{_SUFFIX}")
-    try:
+    with _temporary(path) as temporary:
         write(temporary)
         _synchronise(temporary)
         _publish(temporary, path)
+
+
+@contextmanager
+def _temporary(path: Path) -> Iterator[Path]:
+    """A path beside another, removed at the end; then the folder is flushed to the disk."""
+    temporary = path.with_name(f".{path.name}.{uuid.uuid4().hex}{_SUFFIX}")
+    try:
+        yield temporary
     finally:
+        if temporary.is_dir():
+            shutil.rmtree(temporary)
         temporary.unlink(missing_ok=True)
     _synchronise(path.parent)
 
@@ -211,30 +220,20 @@ def new_path(path: Path) -> Iterator[Path]:
     if path.exists():
         raise FileExistsError(str(path))
     path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{uuid.uuid4().hex}{_SUFFIX}")
-    try:
+    with _temporary(path) as temporary:
         yield temporary
         if path.exists():
             raise FileExistsError(str(path))
         temporary.rename(path)
-    finally:
-        if temporary.is_dir():
-            shutil.rmtree(temporary)
-        temporary.unlink(missing_ok=True)
-    _synchronise(path.parent)
 
 
 def replace_file(path: Path, content: bytes) -> Path:
     """Write a file in one step: a reader sees the old one or the new one, never a part."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{uuid.uuid4().hex}{_SUFFIX}")
-    try:
+    with _temporary(path) as temporary:
         temporary.write_bytes(content)
         _synchronise(temporary)
         os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
-    _synchronise(path.parent)
     return path
 
 

@@ -27,6 +27,7 @@ from typing import Any, Final
 from . import optional
 from .errors import InputError, IntegGymError
 from .files import write_json
+from .isolated import last_words
 from .processes import check_spawning, report_work
 from .storage import FileLock
 
@@ -46,7 +47,7 @@ _PATIENCE = 1800.0
 """Time in which another process makes an interpreter, s."""
 
 _MOST = 300
-"""Characters of uv's words, or of a process's last ones, that a message quotes."""
+"""Characters of uv's words that a message quotes."""
 
 
 class InterpreterError(IntegGymError, RuntimeError):
@@ -421,9 +422,7 @@ def _answers(answers: Any, packages: Sequence[str], words: Any) -> Iterator[Any]
         try:
             kind, value = pickle.load(answers)
         except (EOFError, pickle.UnpicklingError):
-            words.seek(0)
-            said = words.read().decode(errors="replace").strip().splitlines()
-            last = f"; its last words: {said[-1].strip()[:_MOST]}" if said else ""
+            last = last_words(words)
             raise InterpreterError(f"the interpreter with {named} ended too early{last}") from None
         if kind == "work":
             report_work(value)

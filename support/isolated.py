@@ -97,20 +97,21 @@ class Worker:
             why = f"did not answer `{method}` within {patience:g} s, and was ended"
             raise self._ended(why) from None
         if not line:
-            code, last = self._process.wait(), self._last_words()
+            code, last = self._process.wait(), last_words(self._words)
             raise self._ended(f"ended with exit code {code} when asked for `{method}`{last}")
         return line
-
-    def _last_words(self) -> str:
-        self._words.seek(0)
-        said = [line.strip() for line in self._words.read().decode(errors="replace").splitlines()]
-        last = next((line for line in reversed(said) if line), "")
-        return f"; its last words: {last[:_MOST]}" if last else ""
 
     def _ended(self, why: str) -> WorkerError:
         self._over = f"{self.name} {why}"
         self.close()
         return WorkerError(self._over)
+
+
+def last_words(output: IO[bytes]) -> str:
+    """What a process wrote last, as the end of a sentence; empty for nothing."""
+    output.seek(0)
+    lines = output.read().decode(errors="replace").strip().splitlines()
+    return f"; its last words: {lines[-1].strip()[:_MOST]}" if lines else ""
 
 
 def _read(answers: IO[str], into: queue.SimpleQueue[str]) -> None:

@@ -77,11 +77,8 @@ def positive(value: Any) -> str | None:
 
 def nonnegative(value: Any) -> str | None:
     """A finite number, zero or above."""
-    return (
-        None
-        if finite_number(value) is None and value >= 0
-        else "must be a finite number, 0 or above"
-    )
+    fits = finite_number(value) is None and value >= 0
+    return None if fits else "must be a finite number, 0 or above"
 
 
 def probability(value: Any) -> str | None:

@@ -229,7 +229,7 @@ def print_columns(
     width = width_of(file)
     widths = column_widths(names, rows, width or 1 << 20)
     if widths is None:
-        _print_lists(names, rows, file, width)
+        print_lists(names, rows, file, width)
         return
     console_of, table_of, text_of = (
         getattr(load(f"rich.{module}", "evidence"), name)
@@ -253,13 +253,20 @@ def print_columns(
         print((line.replace("- -", "  -") if ruled else line).rstrip(), file=file)
 
 
-def _print_lists(names: Sequence[str], rows: Rows, file: TextIO, width: int | None) -> None:
-    """Each row as lines of a name and a cell."""
-    before = max(map(len, names)) + _GAP
+def print_lists(
+    names: Sequence[str], rows: Rows, file: TextIO, width: int | None, most: int | None = None
+) -> bool:
+    """Print each row as lines of a name and a cell; whether cells were cut to ``most`` lines."""
+    before, cut = max(map(len, names)) + _GAP, False
     for place, row in enumerate(rows):
         print(end="\n" if place else "", file=file)
         for name, cell in zip(names, row, strict=True):
-            print(hanging_indent(f"{name:<{before}}", cell, width), file=file)
+            whole, shown = (
+                hanging_indent(f"{name:<{before}}", cell, width, n) for n in (None, most)
+            )
+            cut = cut or shown != whole
+            print(shown, file=file)
+    return cut
 
 
 MOST_BEFORE_END: Final = 0.99
