@@ -58,8 +58,9 @@ def training_command(
     words = list(sys.argv[1:] if argv is None else argv)
     chosen, _ = _algorithm_parser(algorithm).parse_known_args(words)
     given = vars(training_parser(prog, chosen.algorithm).parse_args(words))
-    kept = "no policy was written"
-    return report_errors(prog, lambda: _train(given), mark="error: ", interrupted=kept)
+    return report_errors(
+        prog, lambda: _train(given), mark="error: ", interrupted="no policy was written"
+    )
 
 
 def _train(given: dict[str, Any]) -> int:
@@ -95,14 +96,14 @@ def _train(given: dict[str, Any]) -> int:
 
 def _algorithm_parser(default: str) -> argparse.ArgumentParser:
     """The flag that the others depend on."""
-    made = CommandParser(add_help=False, allow_abbrev=False)
-    made.add_argument(
+    arguments = CommandParser(add_help=False, allow_abbrev=False)
+    arguments.add_argument(
         "--algorithm",
         choices=ALGORITHMS,
         default=default,
         help=f"what learns; `--help --algorithm NAME` lists its numbers (default: {default})",
     )
-    return made
+    return arguments
 
 
 def training_parser(
@@ -110,49 +111,49 @@ def training_parser(
 ) -> argparse.ArgumentParser:
     """The command's arguments, with the hyperparameters of an algorithm."""
     owner = ALGORITHMS[algorithm].config
-    made = CommandParser(
+    arguments = CommandParser(
         prog=prog,
         description=f"Train a policy by {owner.algorithm} on one discretization of an environment.",
         epilog=_EXAMPLES.replace("integ-gym train", prog),
         argument_default=argparse.SUPPRESS,
         parents=[_algorithm_parser(algorithm)],
     )
-    made.add_argument(
+    arguments.add_argument(
         "--env",
         dest="env_id",
         help=f"one of {', '.join(ENVIRONMENTS)}, {OTHER_TESTBEDS}",
     )
-    made.add_argument(
+    arguments.add_argument(
         "--out",
         type=Path,
         default=None,
         help="folder for the policy (default: in runs/, named after environment, integrator, dt "
         "and seed)",
     )
-    made.add_argument("--force", action="store_true", default=False, help="replace a policy")
-    made.add_argument(
+    arguments.add_argument("--force", action="store_true", default=False, help="replace a policy")
+    arguments.add_argument(
         "--trainer",
         choices=("sb3", "fleet"),
         default="sb3",
         help="stable-baselines3, or the compiled trainer, which writes no logs (default: sb3)",
     )
-    made.add_argument(
+    arguments.add_argument(
         "--no-tensorboard", dest="tensorboard", action="store_false", default=True, help="no logs"
     )
-    made.add_argument(
+    arguments.add_argument(
         "--no-progress", dest="progress", action="store_false", default=True, help="no bar"
     )
-    environment = made.add_argument_group("environment (default: its own)")
+    environment = arguments.add_argument_group("environment (default: its own)")
     for env_field in _ENV_FIELDS:
         _add_flag(environment, env_field)
     add_named_values(environment, "--env-arg", "another constructor argument")
-    learner = made.add_argument_group(
+    learner = arguments.add_argument_group(
         f"run (defaults as shown, but for what `{owner.__name__}.of` sets for an environment)"
     )
     for config_field in fields(owner):
         if config_field.name not in _OWN_FLAGS:
             _add_flag(learner, config_field, shown=True)
-    return made
+    return arguments
 
 
 def _add_flag(group: Any, of: Field[Any], *, shown: bool = False) -> None:

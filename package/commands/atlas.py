@@ -34,14 +34,14 @@ examples:
 
 def parser() -> argparse.ArgumentParser:
     """The command's arguments."""
-    made = CommandParser(
+    arguments = CommandParser(
         prog="integ-gym atlas",
         description="Run one panel at several limits of the control, in blocks of a few training "
         "seeds each. A finished block leaves a summary of one row per policy and cell, and is not "
         "run again.",
         epilog=EXAMPLES,
     )
-    add = made.add_argument
+    add = arguments.add_argument
     add("spec", type=Path, help="TOML file, see docs/reference/atlas.md")
     add("--out", type=Path, metavar="DIR", help="where the runs of the blocks go")
     add(
@@ -59,8 +59,8 @@ def parser() -> argparse.ArgumentParser:
         "--publish", type=Path, metavar="DIR",
         help="run nothing: write phase diagram, table and losses from the summaries",
     )  # fmt: skip
-    add_work(made)
-    return made
+    add_work(arguments)
+    return arguments
 
 
 def main(argv: Sequence[str]) -> int:
@@ -98,12 +98,12 @@ def main(argv: Sequence[str]) -> int:
 
 
 def _agreed(found: Agreement) -> str:
-    told = f"{plural(found.policies, 'policy', 'policies')} trained again in {found.block}"
+    what = f"{plural(found.policies, 'policy', 'policies')} trained again in {found.block}"
     if found.difference is None:
-        return f"{told}: all {found.rows} outcomes are the same."
+        return f"{what}: all {found.rows} outcomes are the same."
     mean, low, high = found.difference
     by = f"mean success differs by {mean:z.3f} (95 % interval {low:z.3f} to {high:z.3f})"
-    return f"{told}: other weights, but {by}, and by no more than chance on any training ground."
+    return f"{what}: other weights, but {by}, and by no more than chance on any training ground."
 
 
 def _named(blocks: Sequence[Block], name: str) -> Block:

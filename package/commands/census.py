@@ -30,7 +30,7 @@ examples:
 
 def parser() -> argparse.ArgumentParser:
     """The command's arguments."""
-    made = CommandParser(
+    arguments = CommandParser(
         prog="integ-gym census",
         description="Step one pendulum and one cart-pole of every installed engine, and every "
         "published environment of that name, and find out from the states alone which one-step map "
@@ -39,7 +39,7 @@ def parser() -> argparse.ArgumentParser:
         f"--published or --engine to look at those alone. {FITS}",
         epilog=EXAMPLES,
     )
-    add = made.add_argument
+    add = arguments.add_argument
     add("--out", type=Path, metavar="DIR", required=True, help="where results go")
     add(
         "--published", nargs="+", action="extend", metavar="NAME",
@@ -49,7 +49,7 @@ def parser() -> argparse.ArgumentParser:
         "--engine", nargs="+", action="extend", metavar="NAME",
         help=f"engines; default: {', '.join(ENGINES.names())}",
     )  # fmt: skip
-    return made
+    return arguments
 
 
 def main(argv: Sequence[str]) -> int:

@@ -41,7 +41,7 @@ _OPTIONS = {
 
 def parser() -> argparse.ArgumentParser:
     """The command's arguments."""
-    made = options.CommandParser(
+    arguments = options.CommandParser(
         prog="integ-gym check",
         description="Measure what a discretization costs: train a few seeds in it, judge them "
         "there, at half and at a quarter of the step, and on the truth (the integrator "
@@ -50,7 +50,7 @@ def parser() -> argparse.ArgumentParser:
         "leaves a panel's directory with a record of every episode and a page.",
         epilog=EXAMPLES,
     )
-    add = made.add_argument
+    add = arguments.add_argument
     add(
         "--env", metavar="ID", default="IntegPendulum-v0",
         help=f"{', '.join(ENVIRONMENTS)}, {OTHER_TESTBEDS} (default: %(default)s)",
@@ -62,7 +62,7 @@ def parser() -> argparse.ArgumentParser:
         help="time between two decisions, s (default: the task's only one, or --dt)",
     )  # fmt: skip
     add("--engine", metavar="NAME", help="of the integrator (default: the task's own)")
-    options.add_named_values(made, "--env-arg", "another constructor argument")
+    options.add_named_values(arguments, "--env-arg", "another constructor argument")
     add(
         "--seeds", type=options.whole_number, metavar="N",
         help="how many train (default: 12, and up to 32 until the interval's half-width is 0.2)",
@@ -72,13 +72,15 @@ def parser() -> argparse.ArgumentParser:
         help="the compiled fleet trainer or stable-baselines3 (default: the fleet where it can "
         "train the task)",
     )  # fmt: skip
-    options.add_named_values(made, "--train-arg", "a hyperparameter, such as total_steps=100000")
+    options.add_named_values(
+        arguments, "--train-arg", "a hyperparameter, such as total_steps=100000"
+    )
     add(
         "--out", type=Path, metavar="DIR",
         help="directory of the run (default: one in runs/check, named after what is checked)",
     )  # fmt: skip
-    add_work(made)
-    return made
+    add_work(arguments)
+    return arguments
 
 
 def main(argv: Sequence[str]) -> int:
@@ -128,10 +130,10 @@ def _rows(found: Check) -> Iterator[tuple[str, ...]]:
     for cell in found.cells:
         name = "home" if cell is found.home else ""
         name = "truth" if found.exact and cell is found.truth else name
-        told = f"{name} ({cell.name})" if name == "home" else name or cell.name
+        label = f"{name} ({cell.name})" if name == "home" else name or cell.name
         lost = ("", "")
         if cell.loss is not None:
             low, high = cell.loss.ends
             ends = f"{low:z.2f} to {high:z.2f}"
             lost = (f"{cell.loss.estimate:z.2f}", ends)
-        yield (told, fixed(cell.success), fixed(cell.recovered), *lost)
+        yield (label, fixed(cell.success), fixed(cell.recovered), *lost)

@@ -38,7 +38,7 @@ MAPS: Final = {
 
 def parser() -> argparse.ArgumentParser:
     """The command's arguments."""
-    made = CommandParser(
+    arguments = CommandParser(
         prog="integ-gym contract",
         description="Compare two environments, or two cells of one, from the same states and "
         "actions before anything is integrated: observation, actuator command, generalized force "
@@ -47,20 +47,20 @@ def parser() -> argparse.ArgumentParser:
         epilog=EXAMPLES,
     )
     where = "an environment's id or testbed; with --env a cell, as NAME=VALUE,NAME=VALUE"
-    made.add_argument("first", metavar="A", help=where)
-    made.add_argument("second", metavar="B", help="likewise")
-    made.add_argument("--env", metavar="ID", help="the environment whose cells A and B are")
-    add_named_values(made, "--env-arg", "environment argument of both")
-    made.add_argument(
+    arguments.add_argument("first", metavar="A", help=where)
+    arguments.add_argument("second", metavar="B", help="likewise")
+    arguments.add_argument("--env", metavar="ID", help="the environment whose cells A and B are")
+    add_named_values(arguments, "--env-arg", "environment argument of both")
+    arguments.add_argument(
         "--states", type=whole_number, default=STATES, metavar="N",
         help=f"how many (default: {STATES})",
     )  # fmt: skip
-    made.add_argument(
+    arguments.add_argument(
         "--seed", type=whole_number, default=0, metavar="N",
         help="of states and actions (default: 0)",
     )  # fmt: skip
-    made.add_argument("--json", action="store_true", help="print the comparison as JSON")
-    return made
+    arguments.add_argument("--json", action="store_true", help="print the comparison as JSON")
+    return arguments
 
 
 def main(argv: Sequence[str]) -> int:

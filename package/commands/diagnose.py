@@ -34,7 +34,7 @@ examples:
 
 def parser() -> argparse.ArgumentParser:
     """The command's arguments."""
-    made = CommandParser(
+    arguments = CommandParser(
         prog="integ-gym diagnose",
         description="Measure what integrators do to plants: the plant's own consistency, order, "
         "symplecticity, reversibility, free motion, stiffness, damping, friction, contact, "
@@ -43,7 +43,7 @@ def parser() -> argparse.ArgumentParser:
         f"rollout. docs/reference/diagnose.md explains every section. {FITS}",
         epilog=EXAMPLES,
     )
-    add = made.add_argument
+    add = arguments.add_argument
     add(
         "--env", metavar="ID",
         help=f"diagnose the plant of this environment: {', '.join(ENVIRONMENTS)}, or "
@@ -69,8 +69,8 @@ def parser() -> argparse.ArgumentParser:
         "--all", action="store_true",
         help="print every line: measured, expected, tolerance, and whether it holds",
     )  # fmt: skip
-    add_work(made)
-    return made
+    add_work(arguments)
+    return arguments
 
 
 def main(argv: Sequence[str]) -> int:

@@ -31,7 +31,7 @@ EXACT = "exact"
 
 def parser() -> argparse.ArgumentParser:
     """The command's arguments."""
-    made = CommandParser(
+    arguments = CommandParser(
         prog="integ-gym engines",
         description="Measure, from outside, which one-step map every integrator of every installed "
         "engine applies, and say what is not installed. APPLIES is the known map that is nearest, "
@@ -42,12 +42,12 @@ def parser() -> argparse.ArgumentParser:
         f"engine has, which the argument `solver` changes. {FITS}",
         epilog=EXAMPLES,
     )
-    made.add_argument("--engine", nargs="+", default=[], metavar="NAME", help="default: all")
-    made.add_argument(
+    arguments.add_argument("--engine", nargs="+", default=[], metavar="NAME", help="default: all")
+    arguments.add_argument(
         "--plant", choices=("pendulum", "cart_pole"), default="cart_pole", help="default: cart_pole"
     )
-    made.add_argument("--json", action="store_true", help="print everything measured, as JSON")
-    return made
+    arguments.add_argument("--json", action="store_true", help="print everything measured, as JSON")
+    return arguments
 
 
 def main(argv: Sequence[str]) -> int:

@@ -48,14 +48,14 @@ SHOWN = 3
 
 def parser() -> argparse.ArgumentParser:
     """The command's arguments."""
-    made = options.CommandParser(
+    arguments = options.CommandParser(
         prog="integ-gym evaluate",
         description="Evaluate a policy on every integrator at several steps and on the truth, the "
         "integrator `reference`, which solves the plant to rounding; where there is none, at a "
         "limit. No pickled code of a file is executed.",
         epilog=EXAMPLES,
     )
-    add = made.add_argument
+    add = arguments.add_argument
     add(
         "file",
         type=Path,
@@ -82,7 +82,7 @@ def parser() -> argparse.ArgumentParser:
         help="integration step, s; may be repeated (default: the control period, or a MuJoCo "
         "task's own step, 1/2, 1/4 of it)",
     )  # fmt: skip
-    options.add_named_values(made, "--env-arg", "environment argument")
+    options.add_named_values(arguments, "--env-arg", "environment argument")
     add(
         "--vary", action="append", default=[], type=options.listed_values, metavar="NAME=V,V",
         help="environment argument with the values that it takes; may be repeated: every "
@@ -135,9 +135,9 @@ def parser() -> argparse.ArgumentParser:
         metavar="N",
         help="starts (default: 50, or those of --spec)",
     )
-    add_work(made, "1: this one")
-    add_engine(made)
-    return made
+    add_work(arguments, "1: this one")
+    add_engine(arguments)
+    return arguments
 
 
 def main(argv: Sequence[str]) -> int:

@@ -62,7 +62,7 @@ def export_records(given: argparse.Namespace, store: EvidenceStore) -> int:
     return 0
 
 
-def replayed(
+def replay(
     store: EvidenceStore, given: argparse.Namespace, report: Callable[[int], object]
 ) -> tuple[list[str], list[str]]:
     """Deviations of what was played again, and sentences that say what was.
@@ -83,20 +83,22 @@ def replayed(
         report=report,
     )
     count = store.count()
-    told = [
+    sentences = [
         f"replayed: {done.records} of {plural(count, 'record')}, {done.exact} of them to the last "
         f"bit, the others within {replaying.ELSEWHERE:g}"
     ]
     if done.sensitive:
-        told.append(
+        sentences.append(
             f"sensitive: {plural(len(done.sensitive), 'record')} further off, by no more than "
             "rounding grows to: most numbers differ here, so another machine made them"
         )
-    told += [f"not replayed: {plural(n, 'record')} {why}" for why, n in done.skipped.items() if n]
+    sentences += [
+        f"not replayed: {plural(n, 'record')} {why}" for why, n in done.skipped.items() if n
+    ]
     left = count - done.records - sum(done.skipped.values())
     if left:
-        told.append(f"not replayed: {plural(left, 'record')} not drawn, see --all")
-    return list(map(str, done.findings)), told
+        sentences.append(f"not replayed: {plural(left, 'record')} not drawn, see --all")
+    return list(map(str, done.findings)), sentences
 
 
 class _Policies:
@@ -184,9 +186,9 @@ def verify(given: argparse.Namespace, store: EvidenceStore) -> int:
     if given.make_interpreters:
         _make_interpreters(store, not given.no_progress)
     with WorkBar("verify", _seconds(store, given), not given.no_progress) as bar:
-        found, told = _found(store, given, sealed, exported, bar)
+        found, sentences = _found(store, given, sealed, exported, bar)
         bar.describe("", draw=False)
-    for line in found or [*_checked(store, given, sealed, exported), *told]:
+    for line in found or [*_checked(store, given, sealed, exported), *sentences]:
         print(line)
     if found:
         print(f"problems in {run}: {len(found)}")
@@ -222,8 +224,8 @@ def _found(
         found += map(str, sealing.broken_signature(run, given.public_key))
     if given.depth != "replayed" or not all(line.startswith(_PAGE) for line in found):
         return found, []
-    played, told = replayed(store, given, report_phase(bar, "playing again", REPLAY_SECONDS))
-    return found + played, told
+    played, sentences = replay(store, given, report_phase(bar, "playing again", REPLAY_SECONDS))
+    return found + played, sentences
 
 
 def _seconds(store: EvidenceStore, given: argparse.Namespace) -> float:
@@ -343,19 +345,21 @@ def main(argv: Sequence[str]) -> int:
 
 def parser() -> argparse.ArgumentParser:
     """The command's arguments."""
-    made = CommandParser(
+    arguments = CommandParser(
         prog="integ-gym evidence",
         description=f"Look at, check and export the evidence records of a run. {FITS}",
         epilog=_EXAMPLES,
     )
-    commands = made.add_subparsers(required=True, metavar="{show,query,verify,seal,export,merge}")
+    commands = arguments.add_subparsers(
+        required=True, metavar="{show,query,verify,seal,export,merge}"
+    )
 
     def add(
         name: str, run: Callable[..., int], purpose: str, several: str | None = None
     ) -> argparse.ArgumentParser:
         command = commands.add_parser(name, help=purpose)
-        told = "directory of a run, or its `evidence`"
-        command.add_argument("run", metavar="RUN", nargs=several, help=told)
+        where = "directory of a run, or its `evidence`"
+        command.add_argument("run", metavar="RUN", nargs=several, help=where)
         command.set_defaults(run_command=run)
         return command
 
@@ -436,7 +440,7 @@ def parser() -> argparse.ArgumentParser:
 
     command = add("merge", _merge, "put the records of several runs together, each once", "+")
     command.add_argument("--out", required=True, metavar="DIR", type=Path, help="where to")
-    return made
+    return arguments
 
 
 def _show(arguments: argparse.Namespace, store: EvidenceStore) -> int:

@@ -50,7 +50,7 @@ examples:
 
 def parser() -> argparse.ArgumentParser:
     """The command's arguments."""
-    made = options.CommandParser(
+    arguments = options.CommandParser(
         prog="integ-gym panel",
         description="Train policies on several discretizations, evaluate each on all of them and "
         "on the truth (the integrator `reference`), and write panel.json, report.html, figures "
@@ -58,7 +58,7 @@ def parser() -> argparse.ArgumentParser:
         epilog=EXAMPLES,
     )
     names = ", ".join(BUILT_IN)
-    add = made.add_argument
+    add = arguments.add_argument
     add("spec", nargs="?", help=f"TOML file, or a built-in panel ({names}); default: quick")
     add(
         "--out", type=options.run_place, metavar="DIR",
@@ -98,26 +98,26 @@ def parser() -> argparse.ArgumentParser:
         "--sign", type=Path, metavar="KEY",
         help="sign the seal with this private key through ssh-keygen",
     )  # fmt: skip
-    add_work(made)
-    add_engine(made)
+    add_work(arguments)
+    add_engine(arguments)
     add("--verbose", action="store_true", help="say the answer and the reason of every verdict too")
-    return made
+    return arguments
 
 
 def main(argv: Sequence[str]) -> int:
     """Run the command; returns its exit code."""
-    made = parser()
-    arguments = made.parse_args(argv)
+    known = parser()
+    arguments = known.parse_args(argv)
     used: tuple[str, ...]
     if arguments.power:
         used = ("power", "spec", "out", "seeds")
         options.refuse_unused(
-            made, arguments, "--power says what seeds can show and runs nothing", used
+            known, arguments, "--power says what seeds can show and runs nothing", used
         )
     elif arguments.plan:
         used = ("plan", "spec", "trainer", "memory_gib", "seeds", "policies", "workers")
         options.refuse_unused(
-            made, arguments, "--plan says what a panel costs and runs nothing", used
+            known, arguments, "--plan says what a panel costs and runs nothing", used
         )
     spec = specified(arguments.spec or BUILT_IN[0])
     words = ["integ-gym", "panel", *([arguments.spec] if arguments.spec else [])]

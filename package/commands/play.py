@@ -25,22 +25,22 @@ errors of the integrator gave or, below zero, took: of the truth it is nothing.
 
 def parser() -> argparse.ArgumentParser:
     """The command's arguments."""
-    made = CommandParser(
+    arguments = CommandParser(
         prog="integ-gym play",
         description="Drive a pendulum or a cart-pole with the arrow keys, switch the integrator "
         "and the step while it moves, and watch where its energy comes from.",
         epilog=EXAMPLES,
     )
-    add = made.add_argument
+    add = arguments.add_argument
     add(
         "--env", default="IntegPendulum-v0", metavar="ID",
         help=f"{', '.join(ENVIRONMENTS)}, or your own as module:Id-v0 (default: IntegPendulum-v0)",
     )  # fmt: skip
     add("--integrator", metavar="NAME", help="the first one (default: the environment's)")
     add("--dt", type=float, metavar="S", help="first step, s (default: the environment's)")
-    add_named_values(made, "--env-arg", "environment argument")
+    add_named_values(arguments, "--env-arg", "environment argument")
     add("--seed", type=whole_number, default=0, metavar="N", help="of the first start (default: 0)")
-    return made
+    return arguments
 
 
 def main(argv: Sequence[str]) -> int:

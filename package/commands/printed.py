@@ -90,10 +90,10 @@ def _print_interpreters(spec: PanelSpec) -> None:
         return
     found = interpreters_of(spec)
     words = {False: "to be made with uv", True: "there"}
-    named = [f"{' '.join(packages)} ({words[there]})" for packages, there in found.items()]
+    needed = [f"{' '.join(packages)} ({words[there]})" for packages, there in found.items()]
     print_wrapped(
         f"{plural(len(cells), 'cell')} of these have other package versions, in "
-        f"{plural(len(found), 'interpreter')} of their own: {', '.join(named) or 'none'}."
+        f"{plural(len(found), 'interpreter')} of their own: {', '.join(needed) or 'none'}."
     )
 
 
@@ -136,26 +136,26 @@ def print_power(spec: PanelSpec, out: Path | None) -> None:
     """
     finished = read_panel(out / FILE_NAME) if out and (out / FILE_NAME).exists() else None
     before = [] if finished is None else _seen_before(spec, finished)
-    told = family_power(spec, before)
-    if told is None:
+    power = family_power(spec, before)
+    if power is None:
         print_wrapped(f"Panel {spec.name} declares no transfers, so there is nothing to decide.")
         return
     print_wrapped(
-        f"Panel {spec.name}: {told.family} declared transfers, {told.seeds} training seeds with "
-        f"{spec.episodes} starts each, {told.natives} seeds of natives at least. Chance of each "
+        f"Panel {spec.name}: {power.family} declared transfers, {power.seeds} training seeds with "
+        f"{spec.episodes} starts each, {power.natives} seeds of natives at least. Chance of each "
         "verdict by true overfitting, lowest and highest of three simulated worlds (seeds that are "
         "all or nothing, that vary smoothly, a mixture):",
     )
     print_columns(
         ("overfitting", "transfers", "fails"),
-        [(f"{one.overfitting:g}", _range(one.transfers), _range(one.fails)) for one in told.power],
+        [(f"{one.overfitting:g}", _range(one.transfers), _range(one.fails)) for one in power.power],
         right=(True, True, True),
     )
     print_wrapped(
-        f"`transfers` takes {told.fewest} seeds or more: with fewer it cannot be shown, even where "
-        "every episode succeeds."
-        if told.seeds < told.fewest
-        else f"`transfers` can be shown: it takes {told.fewest} seeds where all episodes succeed.",
+        f"`transfers` takes {power.fewest} seeds or more: with fewer it cannot be shown, even "
+        "where every episode succeeds."
+        if power.seeds < power.fewest
+        else f"`transfers` can be shown: it takes {power.fewest} seeds where all episodes succeed.",
     )
     if spec.looks:
         print_wrapped(

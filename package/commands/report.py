@@ -19,20 +19,20 @@ from integ_gym.support.storage import is_remote
 
 def parser() -> argparse.ArgumentParser:
     """The command's arguments."""
-    made = CommandParser(
+    arguments = CommandParser(
         prog="integ-gym report",
         description="Write report.html and figures/ anew from a finished panel's panel.json.",
         epilog="examples:\n  integ-gym report runs/panel\n"
         "  integ-gym report runs/panel --style paper",
     )
-    told = "a panel's directory, or its place in an object store"
-    made.add_argument("directory", type=run_place, metavar="DIR", help=told)
-    made.add_argument(
+    place = "a panel's directory, or its place in an object store"
+    arguments.add_argument("directory", type=run_place, metavar="DIR", help=place)
+    arguments.add_argument(
         "--style", choices=STYLES, default=STYLES[0],
         help="`paper` writes figures/paper beside them: column width, 8 pt, labelled axes, no "
         "titles, the same numbers and ticks",
     )  # fmt: skip
-    return made
+    return arguments
 
 
 def main(argv: Sequence[str]) -> int:
@@ -41,9 +41,9 @@ def main(argv: Sequence[str]) -> int:
     with rewriting(given.directory) as directory:
         _check(directory)
         check_finished(directory)
-        told = _write(directory, given.style)
+        written = _write(directory, given.style)
     here = str(directory.resolve())
-    print(told.replace(here, given.directory) if is_remote(given.directory) else told)
+    print(written.replace(here, given.directory) if is_remote(given.directory) else written)
     return 0
 
 

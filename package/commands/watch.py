@@ -33,14 +33,14 @@ dt=S after it; what it does not say is the record's, or the policy's home's.
 
 def parser() -> argparse.ArgumentParser:
     """The command's arguments."""
-    made = CommandParser(
+    arguments = CommandParser(
         prog="integ-gym watch",
         description="Show one policy from one start in several discretizations side by side, with "
         "what the motor gave, what the numerics gave and the energy there is: in a window, or as "
         "a GIF or MP4.",
         epilog=EXAMPLES,
     )
-    add = made.add_argument
+    add = arguments.add_argument
     add("run", type=Path, metavar="RUN", help="directory of a run, or of a trained policy")
     add(
         "record", nargs="?", metavar="RECORD",
@@ -58,7 +58,7 @@ def parser() -> argparse.ArgumentParser:
         "--own-code", action="store_true",
         help="load the classes that a record or a policy's side-car names as module:Class",
     )  # fmt: skip
-    return made
+    return arguments
 
 
 def main(argv: Sequence[str]) -> int:
