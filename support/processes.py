@@ -10,7 +10,14 @@ import platform
 import sys
 import threading
 from collections.abc import Callable, Iterable, Iterator
-from concurrent import futures
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    Executor,
+    Future,
+    ProcessPoolExecutor,
+    ThreadPoolExecutor,
+    wait,
+)
 from contextlib import AbstractContextManager, contextmanager
 from functools import cache, partial
 from multiprocessing import parent_process
@@ -51,7 +58,7 @@ def prefetch(items: Iterator[Item]) -> Iterator[Item]:
     the end of the process, when none can be started any more, they are made when they are wanted.
     """
     if parent_process() is None:
-        with futures.ThreadPoolExecutor(1) as thread:
+        with ThreadPoolExecutor(1) as thread:
             following = _submitted(thread, items)
             while following is not None:
                 item = following.result()
@@ -62,9 +69,7 @@ def prefetch(items: Iterator[Item]) -> Iterator[Item]:
     yield from items
 
 
-def _submitted(
-    thread: futures.ThreadPoolExecutor, items: Iterator[Any]
-) -> futures.Future[Any] | None:
+def _submitted(thread: ThreadPoolExecutor, items: Iterator[Any]) -> Future[Any] | None:
     """The next item, or the end; None where the interpreter starts no thread any more."""
     try:
         return thread.submit(next, items, _END)
@@ -190,11 +195,11 @@ class Progress:
         if show:
             self._show()
 
-    def ended(self, tasks: Iterable[futures.Future[Any]]) -> Iterator[futures.Future[Any]]:
+    def ended(self, tasks: Iterable[Future[Any]]) -> Iterator[Future[Any]]:
         """Tasks as they end; until the last has, the bar moves with what they report."""
         running = set(tasks)
         while running:
-            ended, running = futures.wait(running, timeout=0.2, return_when=futures.FIRST_COMPLETED)
+            ended, running = wait(running, timeout=0.2, return_when=FIRST_COMPLETED)
             self._show()
             yield from ended
 
@@ -206,7 +211,7 @@ class Progress:
 
     def pool(
         self, workers: int, prepare: Callable[[int], None] | None = None
-    ) -> futures.ProcessPoolExecutor:
+    ) -> ProcessPoolExecutor:
         """A pool of fresh processes that report here.
 
         An error that leaves its ``with`` block cancels what waits; an interruption ends what runs.
@@ -228,12 +233,12 @@ class Progress:
             initargs=(watched, self._done, self._context.Value("i", 0), prepare),
         )
 
-    def at_once(self) -> futures.Executor:
+    def at_once(self) -> Executor:
         """This thread, which does a task when it is submitted and moves the bar meanwhile."""
         return _AtOnce(self.add)
 
 
-class _Pool(futures.ProcessPoolExecutor):
+class _Pool(ProcessPoolExecutor):
     def __init__(self, stopped: Any, **arguments: Any) -> None:
         super().__init__(**arguments)
         self._stopped = stopped
@@ -251,13 +256,13 @@ class _Pool(futures.ProcessPoolExecutor):
         return super().__exit__(kind, error, trace)
 
 
-class _AtOnce(futures.Executor):
+class _AtOnce(Executor):
     def __init__(self, report: Callable[[float], None]) -> None:
         self._report = report
 
-    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> futures.Future[Any]:
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         """A future that has ended; what is no `Exception`, as an interruption, is raised."""
-        future: futures.Future[Any] = futures.Future()
+        future: Future[Any] = Future()
         with reported_by(self._report):
             try:
                 future.set_result(fn(*args, **kwargs))
