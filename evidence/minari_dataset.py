@@ -93,7 +93,7 @@ def _spaces(chosen: Selection, columns: Columns) -> tuple[Any, Any, Any]:
     )
     if len(texts) > 1:
         return observations, actions, None
-    spec = deepcopy(gym.spec(chosen.env_id))
+    spec: Any = deepcopy(made[0].spec)
     spec.kwargs = {**spec.kwargs, **argument_values(texts[0])}
     return observations, actions, spec
 
