@@ -23,7 +23,7 @@ from integ_gym.support.parameters import check_values, units, unknown_name
 
 from .delayed import Delayed, SplitDelayed
 from .environment import at_bounds, within_rounding
-from .lanes import DTYPES, DiscretizedVectorEnv, as_floats
+from .lanes import DTYPES, DiscretizedVectorEnv, as_floats, mask_names
 from .settings import (
     DELAYS,
     LATENCIES,
@@ -781,9 +781,9 @@ class SequentialVectorEnv(SyncVectorEnv[Any, Any], DiscretizedVectorEnv):
             return infos
         columns = zip(names, zip(*map(itemgetter(*names), every), strict=True), strict=True)
         infos = {n: np.array(column, DTYPES.get(type(column[0]))) for n, column in columns}
-        masks = {f"_{name}": np.ones(self.num_envs, dtype=bool) for name in names}
+        masks = dict.fromkeys(mask_names(tuple(names)), np.ones(self.num_envs, dtype=bool))
         for name in _UNKNOWN:
-            masks[f"_{name}"][:] = [name in info for info in told]
+            masks[f"_{name}"] = np.array([name in info for info in told])
         return {**infos, **masks}
 
     def _add_info(

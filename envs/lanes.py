@@ -232,9 +232,9 @@ class LaneInfo:
             words = self._one_for_all("solver_status", STATUS_NAMES[codes[0]], str)
         if mask is not self.everyone:
             words = np.where(mask, words, _UNTOLD)
-            return {**info, "solver_status": words, **dict.fromkeys(_mask_names(names), mask)}
+            return {**info, "solver_status": words, **dict.fromkeys(mask_names(names), mask)}
         if names not in self._masks_of_everyone:
-            self._masks_of_everyone[names] = dict.fromkeys(_mask_names(names), mask)
+            self._masks_of_everyone[names] = dict.fromkeys(mask_names(names), mask)
         return {**info, "solver_status": words, **self._masks_of_everyone[names]}
 
     def _one_for_all(self, name: str, value: Any, kind: type) -> Array:
@@ -249,7 +249,8 @@ class LaneInfo:
 
 
 @lru_cache(maxsize=16)
-def _mask_names(names: tuple[str, ...]) -> tuple[str, ...]:
+def mask_names(names: tuple[str, ...]) -> tuple[str, ...]:
+    """Gymnasium's names of the masks of entries of ``info``."""
     return tuple(f"_{name}" for name in names)
 
 

@@ -61,7 +61,7 @@ class MujocoTestbed(SequentialTestbed):
     """
 
     engine = ENGINE
-    side_by_side = 16
+    side_by_side = 4  # more than that do not fit a core's cache
 
     def __init__(self, env_id: str, **arguments: Any) -> None:
         super().__init__(arguments)
