@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import nan
 from typing import Any, NamedTuple
@@ -219,6 +219,15 @@ class Ledger:
         self._damping = np.array(model.dof_damping).reshape(model.nv, -1)[:, 0]
         self.accounted = _accounted(model, integrator)
         self._staged = self.accounted and integrator == "RK4"
+        self._step = mujoco.mj_step
+
+    def take_step_by(self, step: Callable[[Any, Any], None]) -> None:
+        """Have another function than `mj_step` advance the data; it tells its last forces there.
+
+        Args:
+            step: takes the model and the data.
+        """
+        self._step, self._staged = step, False
 
     def energy(self, data: Any, computed: bool = False) -> float:
         """Kinetic plus potential energy, J, zero where MuJoCo has it.
@@ -302,7 +311,7 @@ class Ledger:
         mujoco, model, free = self._mujoco, self._model, self._scratch
         if self._staged:
             mujoco.mj_copyData(free, model, data)
-        mujoco.mj_step(model, data)
+        self._step(model, data)
         if data.nefc or not self._staged:
             return bool(data.nefc)
         flags = model.opt.disableflags

@@ -124,7 +124,7 @@ class Program:
 
         def step(_: Array, carry: tuple[Array, ...]) -> tuple[Array, ...]:
             state = data.replace(qpos=carry[0], qvel=carry[1], qfrc_applied=force)
-            end = _stepped(model, state)
+            end = stepped(model, state)
             return end.qpos, end.qvel, mjx.full_m(model, end), end.qfrc_bias
 
         none = jnp.zeros((self.dof, self.dof))
@@ -153,7 +153,7 @@ class Program:
         )
 
 
-def _stepped(model: Any, data: Any) -> Any:
+def stepped(model: Any, data: Any) -> Any:
     """`mjx.step`, traced with a Runge-Kutta tableau of its own.
 
     JAX 0.10 remembers by its identity what it has made of a NumPy array, whatever the width of

@@ -183,6 +183,11 @@ class SequentialTestbed:
         return str(self.home.engine)
 
     @property
+    def engines(self) -> tuple[str, ...]:
+        """Those that it can be made with."""
+        return (self.engine,)
+
+    @property
     def control_period(self) -> float:
         """The home's."""
         return float(self.home.control_period)
@@ -217,9 +222,9 @@ class SequentialTestbed:
         Raises:
             TypeError, ValueError: for a discretization that it cannot have.
         """
-        if discretization.engine != self.engine:
+        if discretization.engine not in self.engines:
             kind = f"engine of {self.title}"
-            raise InputError(unknown_name(kind, discretization.engine, [self.engine]))
+            raise InputError(unknown_name(kind, discretization.engine, self.engines))
 
         def make() -> Any:
             env: Any = self.lane(discretization, {**self.arguments, **arguments})

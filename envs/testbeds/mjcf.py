@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import cached_property
 from inspect import signature
 from math import ceil
@@ -19,10 +20,13 @@ from integ_gym.support.errors import InputError
 from integ_gym.support.optional import load
 from integ_gym.support.parameters import positive, unknown_name
 
+from ..lanes import DiscretizedVectorEnv
 from ..rediscretized import RediscretizedEnv, integrator_of
 from ..settings import DELAYS, TOLERANCE, Discretization
-from .gym_testbed import Success, class_path, split_period, without_stated
+from .boundaries import Boundaries
+from .gym_testbed import Applied, Success, class_path, split_period, without_stated
 from .making import ENGINE, MujocoTestbed
+from .mjcf_engines import MODEL_ENGINES, ModelBoundaries, integrators_of_model
 from .mjcf_model import CompiledModel, compile_model
 
 Array = npt.NDArray[Any]
@@ -249,6 +253,17 @@ class MjcfTestbed(MujocoTestbed):
         return Discretization(integrator_of(model), step, float(self.control_period), ENGINE)
 
     @property
+    def engines(self) -> tuple[str, ...]:
+        """C MuJoCo and the engines that step its models."""
+        return (ENGINE, *MODEL_ENGINES)
+
+    def integrators(self, engine: str) -> tuple[str, ...]:
+        """Those of an engine that step a compiled model, by its own names."""
+        if engine not in self.engines:
+            raise InputError(unknown_name(f"engine of {self.title}", engine, self.engines))
+        return tuple(integrators_of_model(engine))
+
+    @property
     def success(self) -> Success:
         """No fall for as long as an episode lasts, and what the robot says besides."""
         return Success(self._setup.task.goal, "success_return")
@@ -298,4 +313,23 @@ class MjcfTestbed(MujocoTestbed):
         path = class_path(type(self))  # by which evidence finds it again
         task.spec = EnvSpec(path, make, max_episode_steps=limit, kwargs=own)
         stated = {name: arguments.get(name) for name in ("success_return", "solver", *DELAYS)}
-        return MjcfEnv(TimeLimit(task, limit), discretization.integrator, **stated)
+        own_name, engine = discretization.integrator, discretization.engine
+        if own_name not in self.integrators(engine):
+            kind = f"integrator of {engine} for {self.title}"
+            raise InputError(unknown_name(kind, own_name, self.integrators(engine)))
+        return MjcfEnv(TimeLimit(task, limit), own_name, engine, **stated)
+
+    def applied(self, environments: DiscretizedVectorEnv) -> Applied:
+        """From the compiled model of the first lane, by its engine's names."""
+        found = super().applied(environments)
+        (setup,) = environments.setups
+        engine, step = setup.settings.engine, found.discretization
+        names = {theirs: own for own, theirs in integrators_of_model(engine).items()}
+        own = replace(step, engine=engine, integrator=names[step.integrator])
+        return replace(found, discretization=own)
+
+    def boundaries(self, environments: DiscretizedVectorEnv) -> Boundaries:
+        """By the engine's own functions."""
+        (setup,) = environments.setups
+        env = environments.unwrapped.envs[0]  # type: ignore[attr-defined]
+        return ModelBoundaries(env, setup.settings.engine)

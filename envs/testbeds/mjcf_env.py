@@ -9,6 +9,7 @@ import copy
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+import gymnasium as gym
 import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
@@ -19,7 +20,10 @@ from integ_gym.support.errors import InputError
 from ..environment import at_bounds
 from ..foreign import FURTHER, ForeignPlant, ReturnGoal
 from ..rediscretized import RediscretizedEnv
+from ..registries import ENGINES
+from .making import ENGINE
 from .mjcf import Memory, Robot, read_only
+from .mjcf_engines import engine_of_model, integrators_of_model
 from .mjcf_figures import Figures
 from .mjcf_model import describe_actuators
 from .mjcf_skeleton import describe_skeleton
@@ -153,6 +157,21 @@ class MjcfEnv(RediscretizedEnv):
     """
 
     _inner: MjcfTask
+
+    def __init__(
+        self, env: gym.Env[Any, Any], integrator: str, engine: str = ENGINE, **stated: Any
+    ) -> None:
+        super().__init__(env, integrators_of_model(engine)[integrator], **stated)
+        if engine != ENGINE:
+            own, kind = self.setup, ENGINES.load(engine)
+            steps = engine_of_model(engine, self._model, self._inner.testbed.compiled)
+            self._ledger.take_step_by(steps.advance)
+            self.setup = replace(
+                own,
+                settings=replace(own.settings, engine=engine, integrator=integrator),
+                engine=replace(own.engine, package=kind.package, width=int(kind.width)),
+                fingerprinted=None,
+            )
 
     def _make_goal(self, success_return: float | None) -> ReturnGoal:
         return RobotGoal(success_return, self._inner)

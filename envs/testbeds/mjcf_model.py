@@ -19,12 +19,17 @@ class CompiledModel(NamedTuple):
 
     Attributes:
         model: MuJoCo's `MjModel`, which its users copy.
-        sha256: of the model as one file of XML, which names meshes and does not hold them; None
-            under a MuJoCo that cannot write it.
+        xml: the model as one file, which names meshes and does not hold them; None under a MuJoCo
+            that cannot write it.
     """
 
     model: Any
-    sha256: str | None
+    xml: str | None
+
+    @property
+    def sha256(self) -> str | None:
+        """Of that file."""
+        return None if self.xml is None else hashlib.sha256(self.xml.encode()).hexdigest()
 
 
 def compile_model(source: Any) -> CompiledModel:
@@ -75,7 +80,7 @@ def _compile(source: Any) -> CompiledModel:
             f"and left out, which changes no motion: {', '.join(left_out[:3])}{more}",
             stacklevel=4,
         )
-    return CompiledModel(model, hashlib.sha256(spec.to_xml().encode()).hexdigest())
+    return CompiledModel(model, spec.to_xml())
 
 
 def _leave_out_missing(mujoco: Any, spec: Any, folder: Path) -> list[str]:

@@ -24,6 +24,7 @@ from integ_gym.support.executors import Cluster, Resources, open_cluster
 from integ_gym.support.files import display_path, replace_file
 from integ_gym.support.interpreters import PACKAGES
 from integ_gym.support.optional import installed_versions, require
+from integ_gym.support.parameters import unknown_name
 from integ_gym.support.processes import check_spawning, cores
 from integ_gym.support.storage import Storage, open_storage
 from integ_gym.support.terminal import print_wrapped
@@ -246,6 +247,7 @@ def plan(
     at: Sequence[str] = (),
     limit: bool | None = None,
     given: Evaluation | None = None,
+    engines: Sequence[str] = (),
 ) -> PanelSpec:
     """The evaluation as a panel without training, all its cells checked.
 
@@ -262,6 +264,7 @@ def plan(
         at: `home` or `truth`: these are varied; by default every discretization is.
         limit: whether a limit is extrapolated; None: where there is no truth and its steps fit.
         given: cells, starts and limit of a file, in place of these; `episodes` goes before its.
+        engines: names; by default the home's alone.
 
     Raises:
         TypeError, ValueError: for a cell that cannot be made.
@@ -282,7 +285,9 @@ def plan(
         columns, asked, unmade = evaluation_cells(given.evaluate, around)
         limit = given.limit
     else:
-        columns, asked, unmade = _every_combination(existing, testbed, integrators, dts, varied, at)
+        columns, asked, unmade = _every_combination(
+            existing, testbed, integrators, dts, varied, at, engines
+        )
     if "home" in at and not own:
         raise InputError("the home is unknown, so nothing can be varied there; give --home")
     if "truth" in at and testbed.truth(period) is None:
@@ -335,6 +340,7 @@ def _every_combination(
     dts: Sequence[float],
     varied: Mapping[str, Any],
     at: Sequence[str],
+    engines: Sequence[str],
 ) -> tuple[tuple[Discretization, ...], tuple[Variation, ...], tuple[str, ...]]:
     """As :func:`~.tables.evaluation_cells`, of lists that are multiplied."""
     period, around = existing.provenance.control_period, _around(existing, testbed)
@@ -342,8 +348,8 @@ def _every_combination(
     periods = [period] if at else many(varied.get("control_period", period))
     columns, unmade = fitting(
         (
-            Discretization(integrator, dt, one, engine)
-            for integrator in integrators or testbed.integrators(engine)
+            Discretization(integrator, dt, one, another)
+            for another, integrator in _methods(testbed, engines, integrators, engine)
             for one in periods
             for dt in dts or testbed.steps(around)
         ),
@@ -359,10 +365,34 @@ def _every_combination(
     return tuple(columns), tuple(vary(None, rest, places)) if rest else (), tuple(unmade)
 
 
+def _methods(
+    testbed: Testbed, engines: Sequence[str], integrators: Sequence[str], engine: str
+) -> list[tuple[str, str]]:
+    """Pairs of engine and integrator: those asked for, each engine with what it has of them.
+
+    Raises:
+        ValueError: for an integrator that none of the engines has, and an engine that has none.
+    """
+    if not engines:
+        return [(engine, one) for one in integrators or testbed.integrators(engine)]
+    found = [
+        (one, name)
+        for one in engines
+        for name in testbed.integrators(one)
+        if not integrators or name in integrators
+    ]
+    for place, missing in ((0, engines), (1, integrators)):
+        if lacking := [one for one in missing if one not in {pair[place] for pair in found}]:
+            offered = dict.fromkeys(name for one in engines for name in testbed.integrators(one))
+            named = ", ".join(lacking if place else integrators)
+            raise InputError(unknown_name(f"integrator of {', '.join(engines)}", named, offered))
+    return found
+
+
 _BY_THEMSELVES = {
     "integrator": "give --integrator NAME",
     "dt": "give --dt S",
-    "engine": "state the engine with --home, or make a panel with --policies",
+    "engine": "give --engine NAME",
 }
 """Arguments that an evaluation does not vary, and what to do."""
 
@@ -491,6 +521,7 @@ def evaluate(
     at: Sequence[str] = (),
     limit: bool | None = None,
     spec: str | os.PathLike[str] | None = None,
+    engines: Sequence[str] = (),
     environment: Mapping[str, Any] | None = None,
     obs_stats: str | os.PathLike[str] | None = None,
     own_code: bool = False,
@@ -529,6 +560,7 @@ def evaluate(
             where there is no truth and these steps fit.
         spec: a TOML file of cells, starts and limit, in place of these; docs/reference/panel.md has
             the form.
+        engines: to judge on, each by those of the integrators that it has; by default the home's.
         environment: constructor arguments, without the discretization.
         obs_stats: VecNormalize's statistics, as its ``vecnormalize.pkl`` or as JSON.
         own_code: whether classes that the side-car names as ``"module:Class"`` may be loaded.
@@ -554,7 +586,7 @@ def evaluate(
     """
     require("report", "evidence")
     cells = None if spec is None else _read_cells(Path(spec))
-    if cells is not None and (integrators or dts or varied or at or limit is not None):
+    if cells is not None and (engines or integrators or dts or varied or at or limit is not None):
         raise InputError(f"{spec} says in which cells; give no others, or leave the file out")
     given = {**({} if cells is None else cells.environment), **(environment or {})}
     if isinstance(policy, os.PathLike) and not Path(policy).exists():
@@ -579,7 +611,9 @@ def evaluate(
             )
         statistics = None if obs_stats is None else Path(obs_stats)
         existing = read_existing(Path(policy), env_id, given, statistics, own_code, home)
-    whole = plan(existing, env_id, integrators, dts, episodes, varied or {}, at, limit, cells)
+    whole = plan(
+        existing, env_id, integrators, dts, episodes, varied or {}, at, limit, cells, engines
+    )
     on_home(str(existing.provenance))
     asked = resources_for(resources, workers, None)
     with open_cluster(executor, address, asked) as cluster, open_storage(out) as place:

@@ -82,6 +82,11 @@ def parser() -> argparse.ArgumentParser:
         help="integration step, s; may be repeated (default: the control period, or a MuJoCo "
         "task's own step, 1/2, 1/4 of it)",
     )  # fmt: skip
+    add(
+        "--engine", action="append", default=[], metavar="NAME",
+        help="evaluate on this engine, by its own names of integrators; may be repeated (default: "
+        "the home's)",
+    )  # fmt: skip
     options.add_named_values(arguments, "--env-arg", "environment argument")
     add(
         "--vary", action="append", default=[], type=options.listed_values, metavar="NAME=V,V",
@@ -100,8 +105,8 @@ def parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     add(
         "--spec", type=Path, metavar="FILE",
-        help="a TOML file of cells, starts and limit in place of --integrator, --dt, --vary, "
-        "--at and --limit; see docs/reference/panel.md",
+        help="a TOML file of cells, starts and limit in place of --engine, --integrator, --dt, "
+        "--vary, --at and --limit; see docs/reference/panel.md",
     )  # fmt: skip
     add(
         "--fail-if", metavar="CLAIM",
@@ -166,6 +171,7 @@ def main(argv: Sequence[str]) -> int:
         given.out,
         integrators=given.integrator,
         dts=given.dt,
+        engines=given.engine,
         episodes=given.episodes,
         spec=given.spec,
         varied=options.by_name(given.vary, "--vary", {}),

@@ -264,7 +264,7 @@ APPLIED: dict[str, dict[str, Any]] = {
         "home": "stock", "integrators": ["rk4"], "dts": [0.05], "episodes": 3,
         "environment": {"max_torque": 1.0}, "workers": 2, "progress": False,
         "on_doubt": print, "varied": {"mass": [2.0]}, "command": "mine",
-        "on_home": lambda line: None, "limit": True,
+        "on_home": lambda line: None, "limit": True, "engines": ["mujoco"],
     },
     "panelled": {
         "spec": replace(built_in_spec("quick"), episodes=3), "out": "elsewhere", "workers": 3,
@@ -282,6 +282,7 @@ UNUSABLE: dict[str, dict[str, tuple[Any, str]]] = {
         "obs_stats": ("vecnormalize.pkl", "are given for a policy's file"),
         "own_code": (True, "own_code lets a side-car name classes"),
         "at": (("home",), "nothing is varied at home"),
+        "spec": ("absent.toml", "absent.toml"),
     },
     "panelled": NOT_FOR_THIS_MACHINE,
 }

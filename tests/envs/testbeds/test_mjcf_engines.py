@@ -1,0 +1,121 @@
+"""Robots on MJX, MuJoCo Warp and Newton: the model that they step is C MuJoCo's, or is refused."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from engine_cases import needs
+from house import ROOT
+
+import integ_gym
+from integ_gym import IntegGymError
+from integ_gym.envs.registries import ENGINES
+from integ_gym.envs.testbeds.making import find_testbed, make_checked
+from integ_gym.envs.testbeds.mjcf_engines import (
+    CONVERGED,
+    MODEL_ENGINES,
+    engine_of_model,
+    integrators_of_model,
+)
+from integ_gym.evidence.labels import EpisodeContext
+from integ_gym.evidence.replaying import replay
+from integ_gym.evidence.store import EvidenceStore
+from integ_gym.evidence.vector_recorder import RecordVectorEvidence
+
+MONOPED = "examples.robots.monoped:Monoped"
+ROUNDING = {64: 1e-10, 32: 1e-4}
+"""Of one step's change of velocity, by width of floats: with a solver that has converged, what is
+left is their rounding, times the stiffness of contacts in float32."""
+
+
+@pytest.fixture(autouse=True)
+def _mujoco(tmp_path, monkeypatch):
+    needs("mujoco")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(ROOT))
+
+
+def on(engine, integrator="Euler"):
+    """The monoped's home on an engine, whose integrator is called by MuJoCo's name."""
+    needs(engine)
+    testbed = find_testbed(MONOPED, {})
+    own = {theirs: name for name, theirs in integrators_of_model(engine).items()}
+    return testbed, replace(testbed.home, engine=engine, integrator=own[integrator])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("engine", MODEL_ENGINES)
+def test_one_step_is_c_mujocos_in_the_air_and_on_the_ground(engine):
+    import mujoco
+
+    testbed, place = on(engine)
+    model, width = copy.copy(testbed.compiled.model), ENGINES.load(engine).width
+    for name, value in CONVERGED.items():
+        setattr(model.opt, name, value)
+    steps, data = engine_of_model(engine, model, testbed.compiled), mujoco.MjData(model)
+    touched = set()
+    for height in (-0.02, 0.1):
+        mujoco.mj_resetDataKeyframe(model, data, 0)
+        data.qpos[1] += height
+        data.qvel[:], data.ctrl[:] = 0.3, data.ctrl + 0.1
+        then = mujoco.MjData(model)
+        mujoco.mj_copyData(then, model, data)
+        steps.advance(model, data)
+        mujoco.mj_step(model, then)
+        touched.add(data.ncon > 0)
+        change = np.abs(then.qvel - 0.3).max()
+        assert np.abs(data.qvel - then.qvel).max() < ROUNDING[width] * change
+        assert np.abs(data.qpos - then.qpos).max() < ROUNDING[width]
+        scale = np.abs(then.qfrc_actuator).max()
+        assert np.abs(data.qfrc_actuator - then.qfrc_actuator).max() < ROUNDING[width] * scale
+        assert data.time == then.time
+    assert touched == {True, False}
+    assert engine_of_model(engine, model, testbed.compiled) is steps
+    found = integ_gym.compare_contracts(testbed.home, place, MONOPED, states=4)
+    assert not found.broken
+    assert all(check.compared for check in found.checks)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("engine", MODEL_ENGINES)
+def test_a_record_names_its_engine_and_is_played_again(engine, tmp_path):
+    _, place = on(engine)
+    testbed = find_testbed(MONOPED, {"duration": 0.24})
+    made = make_checked(testbed, place, 1)
+    recorder = RecordVectorEvidence(made, tmp_path, EpisodeContext("run", "cell", policy_id="sway"))
+    observation, _ = recorder.reset(seed=[4])
+    for _ in range(12):
+        observation, *_ = recorder.step(0.3 * np.tanh(observation[:, 10:13], dtype=np.float32))
+    recorder.close()
+    ((file, record),) = EvidenceStore(tmp_path).named_records()
+    told = [record.fields[name] for name in ("engine", "integrator", "engine_version")]
+    assert told == [engine, place.integrator, made.setups[0].engine.version]
+    done = replay([(file, record)], exact=True, own_code=True).settle()
+    assert (done.findings, done.skipped, done.exact) == ([], {}, 1)
+
+
+@pytest.mark.parametrize(
+    ("engine", "solver", "words"),
+    [
+        ("mjx", {"noslip_iterations": 3}, "noslip_iterations"),
+        ("mjx", {"solver": "PGS"}, "PGS"),
+        ("mujoco_warp", {"solver": "PGS"}, "PGS"),
+        ("newton", {"eulerdamp": True}, "eulerdamp"),
+    ],
+)
+def test_what_an_engine_does_not_take_is_refused_by_name(engine, solver, words):
+    testbed, place = on(engine)
+    with pytest.raises(IntegGymError, match=words):
+        make_checked(testbed, place, 1, solver=solver)
+
+
+def test_integrators_and_engines_that_are_not_there_are_refused_by_name():
+    testbed, place = on("mjx")
+    with pytest.raises(IntegGymError, match="implicitfast"):
+        make_checked(testbed, replace(place, integrator="implicit"), 1)
+    with pytest.raises(IntegGymError, match="mujoco_warp"):
+        make_checked(testbed, replace(place, engine="drake"), 1)
+    assert "featherstone" not in testbed.integrators("newton")
