@@ -19,6 +19,7 @@ from integ_gym.evidence.schema import parse_field
 from integ_gym.evidence.store import EvidenceStore, open_run, sql_literal
 from integ_gym.support.errors import InputError
 from integ_gym.support.optional import require
+from integ_gym.support.terminal import fixed
 from integ_gym.train.policy import Policy
 from integ_gym.train.policy_files.sidecar import read_trained, readable_file
 
@@ -35,6 +36,7 @@ from .film import (
     play_episode,
     skeleton_of,
 )
+from .panel.cells import flatten
 from .panel.policies import policy_of, read_existing
 
 
@@ -221,12 +223,12 @@ def _watch_robot(
     episodes = [episode_of_robot(twins[cell], skeleton) for cell in shown]
     title = record["env_id"].rpartition(":")[2]
     command = [
-        f"{name.removeprefix(COMMANDED).replace('_', ' ')} {values[0]:.2f}"
+        f"{name.removeprefix(COMMANDED).replace('_', ' ')} {fixed(values[0], 2)}"
         for name, values in record.trace.items()
         if name.startswith(COMMANDED)
     ]
     changed = parse_field("perturbation", record["perturbation"]) or {}
-    told = [f"start {record['episode_index']}", *(f"{k} {value}" for k, value in changed.items())]
+    told = [f"start {record['episode_index']}", *(f"{k} {value}" for k, value in flatten(changed))]
     return Film(episodes, homes, ", ".join([title, *told, *command]))
 
 
