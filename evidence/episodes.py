@@ -70,16 +70,16 @@ class Layout:
         self.fields: tuple[Field, ...] = record_fields(plant, task)
         self.state = state_names(plant)
         sensed = tuple(f"sensed_{name}" for name in task.observation_names)
-        self.further = tuple(told.name for told in further_of(plant))
+        self.further = tuple(names.name for names in further_of(plant))
         others = (STATUS, *_ENDING, *self.state, *sensed, *self.further)
         absent = {field.source for field in CONTACT_TRACE} - set(info or ())
         sources = (field.source for field in self.fields if field.at)
-        told = dict.fromkeys((*sources, *_FOR_SUMMARIES))
-        self.info = tuple(name for name in told if name not in (*others, *absent))
+        names = dict.fromkeys((*sources, *_FOR_SUMMARIES))
+        self.info = tuple(name for name in names if name not in (*others, *absent))
         self.names = (*self.info, *others)
         self._places = {name: place for place, name in enumerate(self.names)}
         self._starting = [self._places[name] for name in (*_STARTING, *self.state, *sensed)]
-        self._told = itemgetter(*self.info)
+        self._take_info = itemgetter(*self.info)
 
     def __len__(self) -> int:
         return len(self.names)
@@ -109,11 +109,11 @@ class Layout:
             sensed: observation, component by component.
         """
         try:
-            told = self._told(info)
+            values = self._take_info(info)
         except KeyError:
-            told = self._told({**_PERHAPS_UNKNOWN, **info})
+            values = self._take_info({**_PERHAPS_UNKNOWN, **info})
         further = info[FURTHER].T if self.further else ()
-        return (*told, status, *ending, *state, *sensed, *further)
+        return (*values, status, *ending, *state, *sensed, *further)
 
     def start(
         self, info: Mapping[str, Any], state: Iterable[Any], sensed: Iterable[Any]
@@ -383,8 +383,8 @@ class EpisodeLog:
         self._pending_rows = 0
 
     def __len__(self) -> int:
-        kept = sum(len(part.heads) for part in self._parts)
-        return kept + sum(len(heads) for *_, heads in self._pending)
+        count = sum(len(part.heads) for part in self._parts)
+        return count + sum(len(heads) for *_, heads in self._pending)
 
     def add(self, rows: Array, counts: Array, heads: EpisodeHeads) -> None:
         """Take in whole episodes, at least one.
@@ -422,9 +422,9 @@ class EpisodeLog:
         heads = EpisodeHeads.joined([heads for *_, heads in self._pending])
         owned = zip(heads.context, heads.index, strict=True)
         traced = np.array([self.contexts[context].has_trace(index) for context, index in owned])
-        kept = rows if traced.all() else rows[:, np.repeat(traced, counts)]
+        traces = rows if traced.all() else rows[:, np.repeat(traced, counts)]
         summary = summarise(self.layout, rows, counts)
-        self._parts.append(Episodes(heads, summary, traced, (kept,), counts[traced]))
+        self._parts.append(Episodes(heads, summary, traced, (traces,), counts[traced]))
         self._pending, self._pending_rows = [], 0
 
 

@@ -343,10 +343,10 @@ _POLICY = _group(
         context("policy_hash")),
     _json("training_discretization?",
         "what the policy was trained on; null: not trained, or not known",
-        context(lambda told: optional_json(told.training_discretization))),
+        context(lambda own: optional_json(own.training_discretization))),
     _count("training_seed?", "seed of its training; null: not trained", context("training_seed")),
     _json("perturbation?", "plant parameters changed in this cell; null: none",
-        context(lambda told: optional_json(told.perturbation))),
+        context(lambda own: optional_json(own.perturbation))),
 )  # fmt: skip
 
 _OUTCOME = _group(
@@ -444,7 +444,7 @@ _PROVENANCE = _group(
     _count("float_width?", "bits of the numbers that the physics was computed with",
         context("float_width")),
     _json("package_versions", "versions of the packages that matter",
-        context(lambda told: json_text(package_versions(told.packages)))),
+        context(lambda own: json_text(package_versions(own.packages)))),
     _text("platform", "operating system and processor", context(lambda _: host()), volatile=True),
     _real("inference_latency_mean?", "ns",
         "mean time of one decision at batch size 1; null: not measured",

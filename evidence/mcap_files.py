@@ -58,7 +58,7 @@ def write_mcap(chosen: Selection, folder: Path) -> int:
 
 
 def _write(
-    record: EvidenceRecord, columns: Columns, told: dict[str, dict[str, str]], file: Any
+    record: EvidenceRecord, columns: Columns, facts: dict[str, dict[str, str]], file: Any
 ) -> None:
     with _ros2().Writer(file) as writer:
         real = writer.register_msgdef("std_msgs/msg/Float64", _FLOAT)
@@ -67,7 +67,7 @@ def _write(
         times = _nanoseconds(record, rows)
         states = {name: column(record, name, rows) for name in columns.states}
         names = [name for name in states if f"{name}{_RATE}" in states]
-        values = {name: record.trace[name] for name in told if name in record.trace}
+        values = {name: record.trace[name] for name in facts if name in record.trace}
         for place, time in enumerate(times):
             stamp = {"log_time": time, "sequence": place}
             if names:
@@ -79,7 +79,7 @@ def _write(
                     writer.write_message(f"{PREFIX}{name}", real, message, **stamp)
         writer.add_metadata("integ_gym.record", _texts(record.summary()))
         for about in ("unit", "frame", "meaning", "at"):
-            said = {name: told[name][about] for name in values}
+            said = {name: facts[name][about] for name in values}
             writer.add_metadata(f"integ_gym.{about}", said)
 
 

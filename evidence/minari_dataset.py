@@ -79,32 +79,32 @@ def _spaces(chosen: Selection, columns: Columns) -> tuple[Any, Any, Any]:
     """Spaces that hold all episodes, and the environment if it is the same for all."""
     texts, of = chosen.distinct("arguments"), "engine_description"
     if chosen.env_id not in ENVIRONMENTS:
-        told = [parse_field(of, text) for text in chosen.distinct(of)]
+        descriptions = [parse_field(of, text) for text in chosen.distinct(of)]
         return (
-            _stated("observation", told, columns.sensed, np.float32),
-            _stated("action", told, columns.controls, np.float64),
+            _stated("observation", descriptions, columns.sensed, np.float32),
+            _stated("action", descriptions, columns.controls, np.float64),
             None,
         )
     solved = {"engine": NATIVE, "integrator": TRUTH}  # without code that a record names
-    made = [gym.make(chosen.env_id, **{**argument_values(text), **solved}) for text in texts]
+    envs = [gym.make(chosen.env_id, **{**argument_values(text), **solved}) for text in texts]
     observations, actions = (
-        _widest([getattr(env, f"{kind}_space") for env in made])
+        _widest([getattr(env, f"{kind}_space") for env in envs])
         for kind in ("observation", "action")
     )
     if len(texts) > 1:
         return observations, actions, None
-    spec: Any = deepcopy(made[0].spec)
+    spec: Any = deepcopy(envs[0].spec)
     spec.kwargs = {**spec.kwargs, **argument_values(texts[0])}
     return observations, actions, spec
 
 
-def _stated(of: str, told: list[Any], names: tuple[str, ...], dtype: Any) -> Any:
+def _stated(of: str, descriptions: list[Any], names: tuple[str, ...], dtype: Any) -> Any:
     """The space of an environment that is not ours, as its records say it, without bounds.
 
     Raises:
         EvidenceError: for a space of which a trace has numbers that are no value of it.
     """
-    spaces = [one.get(f"{of}_space") for one in told if one.get("known") is False]
+    spaces = [one.get(f"{of}_space") for one in descriptions if one.get("known") is False]
     if not spaces:
         return gym.spaces.Box(-np.inf, np.inf, (len(names),), dtype)
     space = spaces[0]

@@ -109,8 +109,8 @@ def drawn_again(record: EvidenceRecord) -> bool:
 
 def _of_those_told(name: str, text: str, recorded: str) -> str:
     """A field of JSON without the entries that a record of an earlier version did not have yet."""
-    known, made = (parse_field(name, own) for own in (recorded, text))
-    return json_text({name: value for name, value in made.items() if name in known})
+    known, every = (parse_field(name, own) for own in (recorded, text))
+    return json_text({name: value for name, value in every.items() if name in known})
 
 
 def differences(
@@ -511,9 +511,9 @@ def failure_of(fields: Any, course: Course | None) -> labels.Failure:
     if dt is not None:
         sensor = round(fields["sensor_period"] / dt)
         oldest_sample = dt * (sensor - gcd(sensor, fields["substeps"]))
-        told = argument_values(fields["arguments"])
-        further = sum(told.get(name, 0.0) for name in ("observation_latency", "latency_jitter"))
-        further += period if told.get("hold_probability") else 0.0
+        values = argument_values(fields["arguments"])
+        further = sum(values.get(name, 0.0) for name in ("observation_latency", "latency_jitter"))
+        further += period if values.get("hold_probability") else 0.0
         staleness = fields["action_latency"] + further + oldest_sample
     facts = labels.EpisodeFacts(
         success=fields["success"],

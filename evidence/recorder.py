@@ -488,22 +488,22 @@ class RecordEvidence(Recorder, gym.Wrapper[Any, Any, Any, Any]):
             self._seed, self._draws = seed, -1
         self._draws = getattr(self._inner, "episode", self._draws + 1)
         self._member = int(info.get("mixture_index", 0)) if self._generic is None else 0
-        told = info if self._generic is None else self._generic.info()
+        entries = info if self._generic is None else self._generic.info()
         if self._pack is None:
-            self._lay_out(told)
+            self._lay_out(entries)
             self._pack = struct.Struct(f"{len(self._layout)}d").pack
         del self._rows[self._finished :]
         self._wall_start = now()
         self._active = True
-        self._write(observation, (0.0, False, False), told)
+        self._write(observation, (0.0, False, False), entries)
         return observation, info
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         """Advance one control period."""
         result = observation, reward, terminated, truncated, info = self.env.step(action)
         if self._active:
-            told = info if self._generic is None else self._generic.info(action)
-            self._write(observation, (reward, terminated, truncated), told)
+            entries = info if self._generic is None else self._generic.info(action)
+            self._write(observation, (reward, terminated, truncated), entries)
             if terminated or truncated:
                 self._finish()
         return result

@@ -217,12 +217,12 @@ def _by_packages(
     """Records that are played here, and those of other package versions by these."""
     here: list[Named] = []
     elsewhere: dict[tuple[str, ...], list[Named]] = {}
-    for named in records:
+    for item in records:
         try:
-            packages = packages_of(named[1])
+            packages = packages_of(item[1])
         except ValueError:  # a damaged one is found as such here
             packages = ()
-        (elsewhere.setdefault(packages, []) if packages else here).append(named)
+        (elsewhere.setdefault(packages, []) if packages else here).append(item)
     return here, elsewhere
 
 
@@ -529,13 +529,13 @@ def other_columns(store: EvidenceStore) -> Iterator[Finding]:
     """
     for file in store.files():
         schema = check_schema(file)
-        told = {key.decode(): value.decode() for key, value in schema.metadata.items()}
+        metadata = {key.decode(): value.decode() for key, value in schema.metadata.items()}
         rows = read(file, columns=["env_id", "arguments", "schema_version", "package_versions"])
         for name, key in (("env_id", ENV_KEY), ("schema_version", VERSION_KEY)):
-            said = told.get(key.decode())
+            said = metadata.get(key.decode())
             if any(str(value) != said for value in set(rows.column(name).to_pylist())):
                 yield Finding(file.name, None, f"its metadata say {name} {said!r}, its records not")
-        version, present = told[VERSION_KEY.decode()], package_version("integ-gym")
+        version, present = metadata[VERSION_KEY.decode()], package_version("integ-gym")
         makers = map(_maker, set(rows.column("package_versions").to_pylist()))
         if int(version) < FIRST_WRITTEN and present in makers:
             message = (
@@ -543,7 +543,7 @@ def other_columns(store: EvidenceStore) -> Iterator[Finding]:
                 f"made them, which writes {SCHEMA_VERSION}"
             )
             yield Finding(file.name, None, message)
-        env_id = told.get(ENV_KEY.decode(), "")
+        env_id = metadata.get(ENV_KEY.decode(), "")
         if int(version) < FIRST_WRITTEN or env_id not in ENVIRONMENTS:
             continue
         setup = told_setup(env_id, rows.column("arguments")[0].as_py())

@@ -185,12 +185,12 @@ def _recorded(store: EvidenceStore, context: EpisodeContext) -> Iterator[tuple[P
     A name that a recorder gave tells enough, but for several contexts or with episodes missing.
     """
     for file in store.files():
-        named = _OF_ONE_CONTEXT.fullmatch(file.name)
-        if named and named[1] != _identity(context):
+        match = _OF_ONE_CONTEXT.fullmatch(file.name)
+        if match and match[1] != _identity(context):
             continue
         indices: Episodes
-        if named and not named[4]:
-            indices = range(int(named[2]), int(named[3]) + 1)
+        if match and not match[4]:
+            indices = range(int(match[2]), int(match[3]) + 1)
         else:
             own = {name: getattr(context, name) for name in ("cell", "policy_id", "policy_hash")}
             indices = store.episode_indices(file.name, **own)

@@ -106,10 +106,10 @@ class Selection:
         """The rows of one environment as Arrow tables, as they are stored."""
         for file in self.store.files():
             for table in parts(file, self.ids):
-                kept = [env == env_id for env in table.column("env_id").to_pylist()]
-                if any(kept):
-                    yield table.filter(pyarrow().array(kept))
-                    self.report(sum(kept))
+                fits = [env == env_id for env in table.column("env_id").to_pylist()]
+                if any(fits):
+                    yield table.filter(pyarrow().array(fits))
+                    self.report(sum(fits))
 
     def distinct(self, column: str) -> list[Any]:
         """Values of a column, each once, in order."""
@@ -123,14 +123,14 @@ class Selection:
     @cached_property
     def columns(self) -> dict[str, dict[str, str]]:
         """What is said of each trace column that some record has, by name in their order."""
-        told: dict[str, dict[str, str]] = {}
+        facts: dict[str, dict[str, str]] = {}
         for file in self.store.files():
             env_ids = read(file, columns=["env_id"]).column(0).unique().to_pylist()
             if set(self.env_ids) & set(env_ids):
-                told |= {x.name: described(x) for x in check_schema(file) if is_trace(x.name)}
-        counted = ", ".join(f'count("{name}") AS "{name}"' for name in told)
-        known = self.store.query(f"SELECT {counted} FROM records").to_pylist()[0] if told else {}
-        return {name: about for name, about in told.items() if known[name]}
+                facts |= {x.name: described(x) for x in check_schema(file) if is_trace(x.name)}
+        counted = ", ".join(f'count("{name}") AS "{name}"' for name in facts)
+        known = self.store.query(f"SELECT {counted} FROM records").to_pylist()[0] if facts else {}
+        return {name: about for name, about in facts.items() if known[name]}
 
     def discretizations(self) -> list[dict[str, Any]]:
         """Engine, integrator, steps in s, and how many records have them."""
@@ -192,9 +192,9 @@ class Columns:
     steps: tuple[str, ...]
 
 
-def columns_of(told: Mapping[str, Mapping[str, str]]) -> Columns:
+def columns_of(facts: Mapping[str, Mapping[str, str]]) -> Columns:
     """Trace columns by what they are, from what is said of each."""
-    at = {name: about["at"] for name, about in told.items()}
+    at = {name: about["at"] for name, about in facts.items()}
     sensed = tuple(name for name in at if name.startswith("sensed_"))
     controls = tuple(name for name in at if name.endswith("_commanded"))
     instants = [n for n in at if at[n] == "instant" and n not in sensed]

@@ -265,9 +265,9 @@ def _altered(name: str, table: Any) -> list[Finding]:
     ids = table.column("record_id").to_pylist()
     stored = table.column("content_hash").to_pylist()
     return [
-        Finding(name, record_id, f"was altered: content hash {found[:12]}, recorded {kept[:12]}")
-        for record_id, kept, found in zip(ids, stored, content_hashes(table), strict=True)
-        if kept != found
+        Finding(name, record_id, f"was altered: content hash {found[:12]}, recorded {own[:12]}")
+        for record_id, own, found in zip(ids, stored, content_hashes(table), strict=True)
+        if own != found
     ]
 
 

@@ -157,11 +157,11 @@ def _summary_columns(
         elif origin.of == "head":
             columns[field.name] = pa.array(origin.value(heads, contexts), kind)
         elif origin.of == "context":
-            told = [origin.value(context) for context in contexts]
-            columns[field.name] = pa.array(told, kind).take(pa.array(heads.context))
+            values = [origin.value(context) for context in contexts]
+            columns[field.name] = pa.array(values, kind).take(pa.array(heads.context))
         else:
-            made = [origin.value(*setups[place]) for place in used]
-            columns[field.name] = pa.array(made, kind).take(pa.array(setup_of))
+            of_setups = [origin.value(*setups[place]) for place in used]
+            columns[field.name] = pa.array(of_setups, kind).take(pa.array(setup_of))
     return columns
 
 

@@ -269,11 +269,11 @@ def display_path(path: str | os.PathLike[str]) -> str:
     """
     if "://" in str(path):
         return str(path)
-    told = Path(path)
-    if not told.is_absolute():
-        return str(told)
+    full = Path(path)
+    if not full.is_absolute():
+        return str(full)
     here = Path.cwd()
-    return str(told.relative_to(here)) if told.is_relative_to(here) else told.name
+    return str(full.relative_to(here)) if full.is_relative_to(here) else full.name
 
 
 def read_files(folder: Path) -> dict[str, bytes]:

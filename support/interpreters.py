@@ -189,10 +189,10 @@ def find_interpreter(packages: Sequence[str], needed: Mapping[str, str]) -> Inte
     wanted = {**needed, **versions_of(packages)}
     found = []
     for marker in interpreters_folder().glob(f"*/{_MARKER}"):
-        made = json.loads(marker.read_text(encoding="utf-8"))
-        same = made["own"] == _own() and sorted(made["packages"]) == sorted(packages)
-        if same and wanted.items() <= made["versions"].items() and _python(marker.parent).exists():
-            found.append((len(made["versions"]), marker.parent))
+        known = json.loads(marker.read_text(encoding="utf-8"))
+        same = known["own"] == _own() and sorted(known["packages"]) == sorted(packages)
+        if same and wanted.items() <= known["versions"].items() and _python(marker.parent).exists():
+            found.append((len(known["versions"]), marker.parent))
     if not found:
         return None
     return Interpreter(max(found)[1], tuple(packages))
@@ -320,10 +320,10 @@ def _lines(versions: Mapping[str, str]) -> str:
 
 
 def _run_uv(packages: Sequence[str], command: Sequence[str]) -> None:
-    kept = {name: x for name, x in os.environ.items() if name != "VIRTUAL_ENV"}
+    others = {name: x for name, x in os.environ.items() if name != "VIRTUAL_ENV"}
     done = subprocess.run(
         command, capture_output=True, text=True, check=False, encoding="utf-8", errors="replace",
-        env={**kept, "UV_NO_PROGRESS": "1", "NO_COLOR": "1"},
+        env={**others, "UV_NO_PROGRESS": "1", "NO_COLOR": "1"},
     )  # fmt: skip
     if done.returncode:
         raise InterpreterError(

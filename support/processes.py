@@ -280,9 +280,9 @@ def report_work(amount: float) -> None:
 @contextmanager
 def reporting() -> Iterator[list[float]]:
     """What is reported in this process while the block lasts, in place of a pool's count."""
-    told = list[float]()
-    with reported_by(told.append):
-        yield told
+    amounts = list[float]()
+    with reported_by(amounts.append):
+        yield amounts
 
 
 @contextmanager

@@ -317,12 +317,12 @@ def open_storage(place: Place | Storage) -> Iterator[Storage]:
     if isinstance(place, Storage):
         yield place
         return
-    named = resolve_place(place)
-    if isinstance(named, Path):
-        yield Storage(named)
+    location = resolve_place(place)
+    if isinstance(location, Path):
+        yield Storage(location)
         return
     with TemporaryDirectory(prefix="integ-gym-run-", ignore_cleanup_errors=True) as folder:
-        yield StoredRun(named, Path(folder))
+        yield StoredRun(location, Path(folder))
 
 
 @contextmanager

@@ -465,8 +465,8 @@ def report_errors(
         raise
     except Exception as error:
         if is_short_of_memory(error):
-            told = format_exception(error) or type(error).__name__
-            print_wrapped(f"{program}: {mark}{SHORT_OF_MEMORY} ({told}); {_FREE}", sys.stderr)
+            words = format_exception(error) or type(error).__name__
+            print_wrapped(f"{program}: {mark}{SHORT_OF_MEMORY} ({words}); {_FREE}", sys.stderr)
             return 2
         if not isinstance(error, (IntegGymError, OSError)):
             error.add_note(DEFECT)

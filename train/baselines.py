@@ -247,5 +247,5 @@ def _handmade(setup: Any, controller: str | None) -> Policy:
             f"there is no hand-made controller for the task {type(setup.task).__name__}, only for "
             f"{', '.join(task.__name__ for task in tasks.values())}; leave `handmade` out"
         )
-    made: Policy = HANDMADE.load(chosen)(setup)
-    return made
+    policy: Policy = HANDMADE.load(chosen)(setup)
+    return policy

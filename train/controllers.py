@@ -132,13 +132,13 @@ def caught(
     """
     substeps = math.ceil(period * rate / _STEP_RATE)
     engine = NativeEngine(PlantSystem(plant), "rk4", period / substeps)
-    kept = np.array([*limits, 0.5 * math.pi])[:, None]
+    bounds = np.array([*limits, 0.5 * math.pi])[:, None]
     inside = np.ones(state.shape[1], dtype=bool)
     for _ in range(math.ceil(_CATCH_TIME / period)):
         q, v = split_state(tuple(state))
         motion = engine.advance(ARRAY, q, v, ((regulate(state), substeps),), None)
         state = np.array(join_state(motion.q, motion.v))
-        inside &= (np.abs(np.array(motion.q)) <= kept).all(axis=0)
+        inside &= (np.abs(np.array(motion.q)) <= bounds).all(axis=0)
     near: NDArray[np.bool_] = inside & (np.abs(state[-2]) < _CATCH_ANGLE)
     return near
 

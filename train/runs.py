@@ -243,17 +243,17 @@ def _next_result(
     Raises:
         TrainingError: if it failed, or workers were lost again and again.
     """
-    kept = f"finished policies are kept ({finished})"
+    ending = f"finished policies are kept ({finished})"
     try:
         for places, future in ended:
             return places, future.result()
     except BrokenExecutor:
         raise TrainingError(
             "worker processes were killed again and again, perhaps for want of memory; give fewer "
-            f"workers, or the fleet a smaller `memory_gib`; {kept}"
+            f"workers, or the fleet a smaller `memory_gib`; {ending}"
         ) from None
     except Exception as error:
-        raise TrainingError(f"training failed: {error}; {kept}") from error
+        raise TrainingError(f"training failed: {error}; {ending}") from error
     return None
 
 
@@ -274,10 +274,10 @@ def _train_in_scratch(
 
 
 def _keep(
-    run: Run[Any], made: tuple[TrainedPolicy, dict[str, bytes], dict[str, bytes]]
+    run: Run[Any], result: tuple[TrainedPolicy, dict[str, bytes], dict[str, bytes]]
 ) -> TrainedPolicy:
     """Write here what was trained elsewhere."""
-    (policy, files, episodes), (_, folder, evidence) = made, run
+    (policy, files, episodes), (_, folder, evidence) = result, run
     if evidence is not None:
         write_files(evidence.store, episodes)
     write_files(folder, files)

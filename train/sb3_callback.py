@@ -86,8 +86,8 @@ class DiscretizationCallback(BaseCallback):
         trained_in = spec.id if spec else None
         self._env_id = self._env_id or trained_in
         if self._environment is None and self._env_id == trained_in:
-            told = setups[0].arguments()
-            self._environment = {k: x for k, x in told.items() if k not in DISCRETIZATION}
+            arguments = setups[0].arguments()
+            self._environment = {k: x for k, x in arguments.items() if k not in DISCRETIZATION}
 
     def _on_step(self) -> bool:
         if self.num_timesteps >= self._next:

@@ -347,7 +347,7 @@ def fingerprint(
     method = f"{engine}/{integrator}" + (f" {json.dumps(dict(solver))}" if solver else "")
     free = PLANTS.load(plant)()
     damped = replace(free, **dict.fromkeys(damping_parameters(free), DAMPING))
-    made = stepping.engine_of(method, PlantSystem(free), FINGERPRINT_STEP)
+    stepper = stepping.engine_of(method, PlantSystem(free), FINGERPRINT_STEP)
     groups = {
         "free": (free, False),
         "controlled": (free, True),
@@ -363,18 +363,18 @@ def fingerprint(
     overall = {
         name: max(m.defects[name] for m in matches.values()) for name in matches["free"].defects
     }
-    said = getattr(made, "map", integrator)
-    limit = IDENTICAL[made.width]
+    said = getattr(stepper, "map", integrator)
+    limit = IDENTICAL[stepper.width]
     ranked = sorted(overall, key=lambda n: (overall[n] > limit, n != said, overall[n]))
     equal = tuple(n for n in ranked if overall[n] <= limit)
-    width = stepping.WIDTH if made.width == 64 else stepping.SINGLE_WIDTH
+    width = stepping.WIDTH if stepper.width == 64 else stepping.SINGLE_WIDTH
     shift, rate = _small_oscillations(method, free, width)
     return Fingerprint(
         engine=engine,
-        version=made.version,
+        version=stepper.version,
         integrator=integrator,
         plant=plant,
-        width=made.width,
+        width=stepper.width,
         dt=FINGERPRINT_STEP,
         matching_dt=stride,
         map=ranked[0],
@@ -382,7 +382,7 @@ def fingerprint(
         defects={name: m.defects[ranked[0]] for name, m in matches.items()},
         runner_up=(ranked[1], overall[ranked[1]]),
         volume_defect=volume_defect(method, free, start, FINGERPRINT_STEP, width=width),
-        order=None if "reference" in equal else _order(method, free, start, made.width),
+        order=None if "reference" in equal else _order(method, free, start, stepper.width),
         frequency_shift=shift,
         energy_rate=rate,
     )

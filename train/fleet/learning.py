@@ -80,7 +80,7 @@ def orthogonal(rng: np.random.Generator, rows: int, columns: int, gain: float) -
 
 def state_dict(stack: Stack, policy: int) -> dict[str, Weights]:
     """Weights of one policy under the names that SB3's `ActorCriticPolicy` gives them."""
-    named: dict[str, Weights] = {}
+    entries: dict[str, Weights] = {}
     for layer, (weight, bias) in enumerate(zip(stack.weights, stack.biases, strict=True)):
         last = layer == len(stack.weights) - 1
         for side, net in enumerate(("policy", "value")):
@@ -89,11 +89,11 @@ def state_dict(stack: Stack, policy: int) -> dict[str, Weights]:
             if last:
                 prefix = "action_net" if side == 0 else "value_net"
                 outputs = outputs if side == 0 else 1
-            named[f"{prefix}.weight"] = np.array(weight[policy, side, :outputs], dtype=np.float32)
-            named[f"{prefix}.bias"] = np.array(bias[policy, side, :outputs], dtype=np.float32)
+            entries[f"{prefix}.weight"] = np.array(weight[policy, side, :outputs], dtype=np.float32)
+            entries[f"{prefix}.bias"] = np.array(bias[policy, side, :outputs], dtype=np.float32)
     if stack.log_std.shape[1]:
-        named["log_std"] = np.array(stack.log_std[policy], dtype=np.float32)
-    return named
+        entries["log_std"] = np.array(stack.log_std[policy], dtype=np.float32)
+    return entries
 
 
 def can_save() -> bool:
@@ -277,9 +277,9 @@ def _affine_forward(weight: Array, bias: Array, x: Array) -> tuple[Array, tuple[
     return affine(weight, bias, x), (weight, x)
 
 
-def _affine_backward(kept: tuple[Array, Array], dy: Array) -> tuple[Array, Array, Array]:
+def _affine_backward(residuals: tuple[Array, Array], dy: Array) -> tuple[Array, Array, Array]:
     """Sums over the batch as matrix products, which XLA does faster than its own reductions."""
-    weight, x = kept
+    weight, x = residuals
     dw = jnp.einsum("...on,...in->...oi", dy, x)
     db = jnp.einsum("...on,n->...o", dy, jnp.ones(dy.shape[-1], dy.dtype))
     if weight.shape[-2] <= 2:
@@ -391,10 +391,10 @@ def update(
             return (*_adam_step(stack, adam, gradient, knobs, rate), active), None
         active = active & (divergence <= 1.5 * knobs.target_kl)
         learned = _adam_step(stack, adam, gradient, knobs, rate)
-        kept = jax.tree.map(
+        chosen = jax.tree.map(
             lambda new, old: jnp.where(_over(active, new), new, old), learned, (stack, adam)
         )
-        return (*kept, active), None
+        return (*chosen, active), None
 
     def epoch(carry: Any, order: Array) -> Any:
         shuffled = jnp.take_along_axis(rows, order[..., None], axis=1)

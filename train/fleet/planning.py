@@ -98,8 +98,8 @@ class Kind:
         rollout = self.algorithm.rollout
         waiting = 16 * self.entries * max(rollout, ROWS_AT_ONCE)
         traced = TRACE_COPIES * 8 * self.entries / self.trace_every
-        kept = self.rollouts * rollout * (SUMMARY_BYTES + traced)
-        return DECISION_BYTES * rollout + waiting + math.ceil(kept)
+        history = self.rollouts * rollout * (SUMMARY_BYTES + traced)
+        return DECISION_BYTES * rollout + waiting + math.ceil(history)
 
 
 @dataclass(frozen=True)

@@ -77,8 +77,8 @@ def prepare_worker(cache_dir: str | None, device: Device, number: int) -> None:
         os.environ["NPROC"] = "1"
         os.environ["XLA_FLAGS"] = " ".join((os.environ.get("XLA_FLAGS", ""), *_CPU_FLAGS))
         jax.config.update("jax_platforms", "cpu")  # type: ignore[no-untyped-call]
-    kept = cache_dir or str(default_cache_dir())
-    jax.config.update("jax_compilation_cache_dir", kept)  # type: ignore[no-untyped-call]
+    folder = cache_dir or str(default_cache_dir())
+    jax.config.update("jax_compilation_cache_dir", folder)  # type: ignore[no-untyped-call]
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)  # type: ignore[no-untyped-call]
 
 
