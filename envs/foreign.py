@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from math import ceil, nan
 from operator import attrgetter, itemgetter
 from typing import Any, Final, Literal, NamedTuple, cast
 
@@ -148,7 +148,7 @@ def keep_duration(env: gym.Env[Any, Any], stretch: float) -> None:
     for one in wrappers_of(env):
         if isinstance(one, TimeLimit):
             decisions = one._max_episode_steps / stretch
-            one._max_episode_steps = max(1, ceil(decisions * (1.0 - TOLERANCE)))
+            one._max_episode_steps = max(1, math.ceil(decisions * (1.0 - TOLERANCE)))
 
 
 def return_of_success(wanted: float | None, spec: EnvSpec | None) -> float | None:
@@ -265,6 +265,43 @@ def _rewards(env: gym.Env[Any, Any]) -> str | None:
     return ASSUMED_RATE if assumed else str(env.get_wrapper_attr("rewards"))
 
 
+def flat_observations(env: gym.Env[Any, Any]) -> gym.Env[Any, Any]:
+    """An environment whose dictionaries of observations are one array, in their order."""
+    parts = env.observation_space
+    if not isinstance(parts, spaces.Dict) or not all(
+        isinstance(part, spaces.Box) for part in parts.values()
+    ):
+        return env
+    flat: Any = wrappers.FlattenObservation(env)
+    flat.names_of_observation = part_names({name: part.shape or () for name, part in parts.items()})
+    return cast("gym.Env[Any, Any]", flat)
+
+
+def observation_names(env: gym.Env[Any, Any]) -> tuple[str, ...]:
+    """Names of the numbers of its observations."""
+    if env.has_wrapper_attr("names_of_observation"):
+        names: tuple[str, ...] = env.get_wrapper_attr("names_of_observation")
+        return names
+    return tuple(f"obs{index}" for index in range(math.prod(env.observation_space.shape or (1,))))
+
+
+def part_names(shapes: Mapping[str, tuple[int, ...]]) -> tuple[str, ...]:
+    """Names of the numbers of an observation: a part's own, or that and a number each.
+
+    Raises:
+        ValueError: if two are the same.
+    """
+    sizes = {name: math.prod(shape) for name, shape in shapes.items()}
+    names = tuple(
+        name if size == 1 else f"{name}{index}"
+        for name, size in sizes.items()
+        for index in range(size)
+    )
+    if twice := sorted({name for name in names if names.count(name) > 1}):
+        raise InputError(f"two numbers of an observation are called {twice[0]!r}; rename a part")
+    return names
+
+
 def describe_setup(
     env: gym.Env[Any, Any],
     applied: Discretization,
@@ -304,7 +341,7 @@ def describe_setup(
     check_values(Settings, delays)
     discrete = int(action.n) if isinstance(action, spaces.Discrete) else None
     count = 1 if discrete is not None else int(np.prod(action.shape or (1,)))
-    size = int(np.prod(observation.shape or (1,)))
+    names = observation_names(env)
     return ForeignSetup(
         settings=Settings(
             integrator=applied.integrator, dt=applied.dt, control_period=period,
@@ -318,7 +355,7 @@ def describe_setup(
             getattr(env.unwrapped, "title", type(env.unwrapped).__name__),
             tuple((f"action{k}", "") for k in range(count))
         ),
-        task=ForeignTask(goal, tuple(f"obs{k}" for k in range(size)), ("",) * size, discrete),
+        task=ForeignTask(goal, names, ("",) * len(names), discrete),
         engine=StatedEngine(applied.engine, rewards=_rewards(env), stretch=stretch),
         action_space=action,
         environment=tuple(sorted(arguments.items())),
@@ -565,6 +602,7 @@ class StatedEnv(ForeignWrapper):
             arguments=arguments,
             stretch=stretch,
         )
+        env = flat_observations(env)
         super().__init__(env)
         keep_duration(env, stretch)
         self._goal = ReturnGoal(return_of_success(success_return, env.spec))
@@ -693,7 +731,7 @@ _UNKNOWN = dict.fromkeys(
         *("energy", "actuator_work", "dissipated", "clip_loss", "energy_residual"),
         *("solver_iterations", "solver_residual"),
     ),
-    nan,
+    math.nan,
 )
 """What an environment may leave out of ``info``."""
 
@@ -791,7 +829,9 @@ class SequentialVectorEnv(SyncVectorEnv[Any, Any], DiscretizedVectorEnv):
     ) -> dict[str, Any]:
         """What Gymnasium's does; what is not known is no 0."""
         missing = [n for n in _UNKNOWN if "time" in env_info and n not in env_info]
-        infos = super()._add_info(vector_infos, env_info | dict.fromkeys(missing, nan), env_num)
+        infos = super()._add_info(
+            vector_infos, env_info | dict.fromkeys(missing, math.nan), env_num
+        )
         for name in missing:
             infos[f"_{name}"][env_num] = False
         return infos

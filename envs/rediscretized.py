@@ -39,6 +39,7 @@ from .foreign import (
     StatedEngine,
     check_wrappers,
     keep_duration,
+    observation_names,
     return_of_success,
     time_limit,
     wrappers_of,
@@ -767,8 +768,7 @@ class RediscretizedEnv(ForeignWrapper):
         model.opt.integrator = known[chosen]
         model.opt.disableflags |= int(getattr(mujoco.mjtDisableBit, NO_RESET, 0))
         inner.frame_skip = timing.substeps
-        size = int(np.prod(self.observation_space.shape or (1,)))
-        names = tuple(f"obs{index}" for index in range(size))
+        names = observation_names(self)
         goal = choice.success_return
         environment = {
             **(self.spec.kwargs if self.spec else {}),
@@ -784,7 +784,7 @@ class RediscretizedEnv(ForeignWrapper):
             ),
             timing=timing,
             plant=self._describe_plant(),
-            task=ForeignTask(self._goal.words, names, ("",) * size),
+            task=ForeignTask(self._goal.words, names, ("",) * len(names)),
             engine=StatedEngine(
                 "mujoco", 64, True, accounted=Ledger(mujoco, model, chosen).accounted,
                 solver_tolerance=float(model.opt.tolerance), solver_cap=int(model.opt.iterations),

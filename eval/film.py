@@ -39,7 +39,7 @@ from integ_gym.evidence.record import EvidenceRecord
 from integ_gym.evidence.schema import parse_field
 from integ_gym.support.errors import InputError
 from integ_gym.support.optional import load, require
-from integ_gym.train.policy import Policy
+from integ_gym.train.policy import Policy, start_acting
 
 from .panel.cells import place_arguments
 
@@ -186,8 +186,9 @@ def play_episode(
     if start is not None and not np.array_equal(own.state, start):
         observation, info = env.reset(seed=seed, options={"state": tuple(start)})
     states, infos, ended = [own.state], [info], False
+    act = start_acting(policy)
     while not ended:
-        action = policy.act(observation[None])[0].reshape(env.action_space.shape)
+        action = act(observation[None])[0].reshape(env.action_space.shape)
         observation, _, terminated, truncated, info = env.step(action)
         states.append(own.state)
         infos.append(info)

@@ -65,7 +65,7 @@ INEXACT = 0.1
 """Share of a file's records that may deviate within the tolerance and still be findings."""
 
 Acting = Callable[[Array], Any]
-"""From observations of shape (n, obs_dim) to n actions, of one policy."""
+"""From observations of shape (n, obs_dim) to n actions, of one policy in episodes that begin."""
 
 _OWN_CODE = "made with code of somebody's own, see --own-code"
 
@@ -348,7 +348,8 @@ def _play(
     records = [record for _, record in alike]
     decided, tolerance = policy is not None, 0.0 if exact else ELSEWHERE
     try:
-        act = None if policy is None else policy(records[0])
+        if policy is not None:
+            policy(records[0])
     except (ModuleNotFoundError, ValueError) as error:
         done.skipped[f"whose policy cannot decide again: {_line(error)}"] += len(records)
         return
@@ -358,7 +359,7 @@ def _play(
         done.skipped[f"that cannot be made here: {_line(error)}"] += len(records)
         return
     try:
-        played = _simulate(env, records, act)
+        played = _simulate(env, records, policy)
     except (LookupError, TypeError, ValueError) as error:
         message = f"cannot be played again from what it holds: {_line(error)}"
         names = ((file, str(record.fields["record_id"])) for file, record in alike)
@@ -386,7 +387,7 @@ def _play(
     nudged: dict[str, EvidenceRecord] = {}
     settable = is_integ_environment(records[0].fields["env_id"])
     if off and settable and not (exact or any(_has_lost_noise(record) for _, record in off)):
-        nudged = _simulate(_make_env(records), records, act, nudged=True)
+        nudged = _simulate(_make_env(records), records, policy, nudged=True)
     for file, record in off:
         name = str(record.fields["record_id"])
         again, other = played.get(name), nudged.get(name)
@@ -420,7 +421,10 @@ def _make_env(records: Sequence[EvidenceRecord]) -> Any:
 
 
 def _simulate(
-    env: Any, records: Sequence[EvidenceRecord], act: Acting | None, nudged: bool = False
+    env: Any,
+    records: Sequence[EvidenceRecord],
+    policy: Callable[[EvidenceRecord], Acting] | None,
+    nudged: bool = False,
 ) -> dict[str, EvidenceRecord]:
     """The records of the same episodes as they come out here, by id.
 
@@ -432,16 +436,18 @@ def _simulate(
     contexts = [context_of(record.fields) for record in records]
     recorder = RecordVectorEvidence(env, "", contexts, episodes=indices, commit_on_close=False)
     setup = recorder.unwrapped.setup  # type: ignore[attr-defined]
-    asked = _actions(setup, records) if act is None else None
+    asked = _actions(setup, records) if policy is None else None
     together = is_integ_environment(records[0].fields["env_id"])
-    nudge = (NUDGE if act is None else DECIDED_NUDGE) if nudged else 0.0
+    acting = [] if policy is None else [policy(one) for one in records[: 1 if together else None]]
+    nudge = (NUDGE if policy is None else DECIDED_NUDGE) if nudged else 0.0
     observation = _start(recorder, records, nudge)
     for step in range(max(record.fields["length"] for record in records)):
-        if act is None:
+        if policy is None:
             actions = asked[:, step]  # type: ignore[index]
         else:
-            seen = [observation] if together else np.split(observation, len(observation))
-            parts = [np.asarray(act(part), dtype=np.float64) for part in seen]
+            seen = np.split(observation, len(acting))
+            decided = zip(acting, seen, strict=True)
+            parts = [np.asarray(act(part), dtype=np.float64) for act, part in decided]
             actions = np.concatenate(parts).reshape(recorder.action_space.shape)
         observation = recorder.step(actions)[0]
     replays = [{i: replays_of(r.fields)} for i, r in zip(indices, records, strict=True)]

@@ -127,12 +127,12 @@ def _played(
 ) -> tuple[float, float]:
     """Mean return and success over the starts."""
     environments = make_checked(testbed, cell, episodes, autoreset_mode=AutoresetMode.NEXT_STEP)
-    asked = CalledPolicy(policy, environments.single_action_space, "policy")
+    act = CalledPolicy(policy, environments.single_action_space, "policy").begin()
     observation, _ = environments.reset(seed=list(range(seed, seed + episodes)))  # type: ignore[arg-type]
     running = np.ones(episodes, dtype=bool)
     returns, success = np.zeros(episodes), np.zeros(episodes)
     while running.any():
-        actions = asked.act(observation)
+        actions = act(observation)
         observation, reward, terminated, truncated, info = environments.step(
             actions.reshape(environments.action_space.shape)
         )
@@ -149,21 +149,13 @@ class RawModel:
 
     Args:
         model: of stable-baselines3, with the `VecNormalize` that it was trained with, if any.
-
-    Raises:
-        ValueError: for one that remembers earlier observations, which is asked one by one here.
     """
 
     def __init__(self, model: Any) -> None:
-        if hasattr(model.policy, "lstm_actor"):
-            raise InputError(
-                f"{type(model).__name__} remembers earlier observations, and is not judged; train "
-                "a feed-forward policy, or give a function that keeps no memory"
-            )
         self._model = model
 
-    def predict(self, observations: Any, deterministic: bool = True) -> Any:
-        """Actions of the model for a batch."""
+    def predict(self, observations: Any, state: Any = None, deterministic: bool = True) -> Any:
+        """Actions of the model for a batch, and the state of one that remembers."""
         normalize = self._model.get_vec_normalize_env()
         seen = observations if normalize is None else normalize.normalize_obs(observations)
-        return self._model.predict(seen, deterministic=deterministic)
+        return self._model.predict(seen, state=state, deterministic=deterministic)

@@ -53,6 +53,16 @@ class Policy(Protocol):
         """
 
 
+def start_acting(policy: Policy) -> Callable[[Array], Array]:
+    """What acts, as `Policy.act` does, in episodes that begin now.
+
+    A policy that remembers has a method ``begin``: the observations of one call after the other
+    are those of the same lanes, each of which has a memory of its own.
+    """
+    begin: Callable[[], Callable[[Array], Array]] | None = getattr(policy, "begin", None)
+    return policy.act if begin is None else begin()
+
+
 def expand_bound(bound: ArrayLike, size: int) -> FloatArray:
     """A bound as float32 of shape (size,), from one number for all actions or one for each."""
     flat: FloatArray = np.asarray(bound, dtype=np.float32).ravel()
@@ -498,7 +508,9 @@ def _describe(space: spaces.Space[Any]) -> str:
 
 
 class PolicyStack:
-    """Policies that act together: networks of one shape as one product of stacked matrices.
+    """Policies that act together in episodes that begin now.
+
+    Networks of one shape act as one product of stacked matrices.
 
     A policy's actions are those of its own `act` on its own observations, to the last bit,
     whichever policies are beside it.
@@ -517,12 +529,14 @@ class PolicyStack:
         self.count, self.batched = len(policies), batched
         self._together = batched or all(getattr(own, "any_batch", False) for own in policies)
         self._parts = [_part(policies, places) for places in _alike(policies)]
+        self._begun: dict[int, list[tuple[list[int], Callable[[Array], Array]]]] = {}
 
-    def act(self, observations: Array) -> NDArray[np.float64]:
+    def act(self, observations: Array, lanes: Iterable[int] | None = None) -> NDArray[np.float64]:
         """Actions of every policy.
 
         Args:
             observations: shape (policies, n, obs_dim), in the environment's units.
+            lanes: which ones they are of; None: the first n.
 
         Returns:
             Shape (policies, n, action_dim) for a `Box` action space, (policies, n) for a
@@ -531,10 +545,17 @@ class PolicyStack:
         Raises:
             ValueError: as `Policy.act` does.
         """
-        if not self._together and observations.shape[1] > 1:
-            alone = np.split(observations, observations.shape[1], axis=1)
-            return np.concatenate([self.act(np.ascontiguousarray(own)) for own in alone], axis=1)
-        taken = [(places, act(observations[places])) for places, act in self._parts]
+        if self._together:
+            return self._act(np.ascontiguousarray(observations), 0)
+        order = enumerate(range(observations.shape[1]) if lanes is None else lanes)
+        alone = [self._act(observations[:, [place]], lane) for place, lane in order]
+        return np.concatenate(alone, axis=1)
+
+    def _act(self, observations: Array, lane: int) -> NDArray[np.float64]:
+        """Actions by what has begun with a lane, or with all."""
+        if lane not in self._begun:
+            self._begun[lane] = [(places, begin()) for places, begin in self._parts]
+        taken = [(places, act(observations[places])) for places, act in self._begun[lane]]
         actions = np.empty((self.count, *taken[0][1].shape[1:]))
         for places, values in taken:
             actions[places] = values
@@ -563,11 +584,18 @@ def _form(policy: Policy) -> Hashable:
 
 def _part(
     policies: Sequence[Policy], places: list[int]
-) -> tuple[list[int], Callable[[Array], Array]]:
+) -> tuple[list[int], Callable[[], Callable[[Array], Array]]]:
+    """Places of policies, and what begins to act for them."""
     chosen = [policies[place] for place in places]
     if len(chosen) > 1:
-        return places, _together(chosen)  # type: ignore[arg-type]
-    return places, lambda observations: chosen[0].act(observations[0])[None]
+        together = _together(chosen)  # type: ignore[arg-type]
+        return places, lambda: together
+
+    def begin() -> Callable[[Array], Array]:
+        act = start_acting(chosen[0])
+        return lambda observations: act(observations[0])[None]
+
+    return places, begin
 
 
 def _together(policies: Sequence[MlpPolicy]) -> Callable[[Array], Array]:
@@ -589,13 +617,18 @@ def _together(policies: Sequence[MlpPolicy]) -> Callable[[Array], Array]:
     return act
 
 
+Way = Literal["act", "predict", "call"]
+
+
 @dataclass(frozen=True, eq=False)
 class CalledPolicy:
     """A policy in somebody else's code, asked as its author asks it.
 
     With ``act`` or ``predict``, as of stable-baselines3, it is given a batch of observations, and
     ``deterministic=True`` where ``predict`` takes that; anything else that is callable is given one
-    observation at a time, so that its actions do not depend on how many are asked for.
+    observation at a time, so that its actions do not depend on how many are asked for. What takes a
+    ``state`` besides remembers: it gives an action and its next state, and is given None for the
+    first one of an episode, one observation at a time but by ``predict``.
 
     Attributes:
         target: the object.
@@ -614,25 +647,27 @@ class CalledPolicy:
 
     def __post_init__(self) -> None:
         """Check that there is a way to ask."""
-        self._ask()
+        self._way()
 
-    def _ask(self) -> Callable[[NDArray[Any]], Any]:
-        """From observations of shape (n, obs_dim) to what the object answers."""
-        target, predict = self.target, getattr(self.target, "predict", None)
-        if hasattr(target, "act"):
-            return target.act  # type: ignore[no-any-return]
-        if predict is not None:
-            options = {"deterministic": True} if _takes_deterministic(predict) else {}
-            return lambda observations: _first(predict(observations, **options))
-        if not callable(target):
+    def _way(self) -> Way:
+        if hasattr(self.target, "act"):
+            return "act"
+        if getattr(self.target, "predict", None) is not None:
+            return "predict"
+        if not callable(self.target):
             raise InputTypeError(
-                f"a policy must be callable or have `predict`, got {type(target).__name__}; "
+                f"a policy must be callable or have `predict`, got {type(self.target).__name__}; "
                 "give a function from one observation to one action"
             )
-        return lambda observations: np.stack([_array(target(one)) for one in observations])
+        return "call"
+
+    def begin(self) -> Callable[[NDArray[Any]], ActionArray]:
+        """See :func:`start_acting`."""
+        states: list[Any] = []
+        return lambda observations: self._act(observations, states)
 
     def act(self, observations: NDArray[Any]) -> ActionArray:
-        """Actions for a batch of observations.
+        """Actions for a batch of observations, with which episodes begin.
 
         Args:
             observations: shape (n, obs_dim), in the environment's units.
@@ -644,8 +679,11 @@ class CalledPolicy:
         Raises:
             ValueError: if it fails, or what comes back are no such actions.
         """
+        return self._act(observations, [])
+
+    def _act(self, observations: NDArray[Any], states: list[Any]) -> ActionArray:
         try:
-            given = _array(self._ask()(observations))
+            given = self._ask(observations, states)
         except Exception as error:
             raise InputError(
                 f"policy {self.policy_id!r} raised {type(error).__name__}: {error}; give a "
@@ -653,6 +691,25 @@ class CalledPolicy:
                 "one action"
             ) from error
         return self._as_actions(given, len(observations))
+
+    def _ask(self, observations: NDArray[Any], states: list[Any]) -> NDArray[Any]:
+        """Actions; ``states`` is what it remembers, empty at first, and is changed."""
+        way = self._way()
+        if way == "predict":
+            predict = self.target.predict
+            known = {"deterministic": True} if _takes(predict, "deterministic") else {}
+            given = predict(observations, **known, **({"state": states[0]} if states else {}))
+            if not isinstance(given, tuple):
+                return _array(given)
+            states[:] = [given[1]] if given[1:] and given[1] is not None else []
+            return _array(given[0])
+        ask = self.target.act if way == "act" else self.target
+        if not _takes(ask, "state"):
+            together = way == "act"
+            return _array(ask(observations)) if together else _stacked(map(ask, observations))
+        states.extend([None] * (len(observations) - len(states)))
+        actions, states[:] = zip(*map(ask, observations, states), strict=True)
+        return _stacked(actions)
 
     def _as_actions(self, given: NDArray[Any], count: int) -> ActionArray:
         discrete = isinstance(self.action_space, spaces.Discrete)
@@ -688,28 +745,31 @@ def behaviour_hash(policy: CalledPolicy, observations: NDArray[Any]) -> str:
     Raises:
         ValueError: if it gives other actions when asked again.
     """
-    first, second = policy.act(observations), policy.act(observations)
-    if not np.array_equal(first, second, equal_nan=True):
+    runs = [[act(observations) for _ in range(2)] for act in (policy.begin(), policy.begin())]
+    if not np.array_equal(runs[0], runs[1], equal_nan=True):
         raise InputError(
             f"policy {policy.policy_id!r} gives other actions when it is asked again about the "
-            "same observations; judge one that does not remember and takes its mean action"
+            "same observations; judge one that takes its mean action, and that remembers nothing "
+            "but the state which `act(observation, state)` is given and gives with the action"
         )
     digest = hashlib.sha256(b"integ-gym behaviour 1\n")
-    for array in (observations, first):
+    first, later = runs[0]
+    remembers = not np.array_equal(first, later, equal_nan=True)
+    for array in (observations, first, later) if remembers else (observations, first):
         digest.update(np.ascontiguousarray(array, array.dtype.newbyteorder("<")).tobytes())
     return digest.hexdigest()
 
 
-def _takes_deterministic(predict: Any) -> bool:
+def _takes(function: Any, name: str) -> bool:
+    """Whether a function takes something of this name behind the observation."""
     try:
-        return "deterministic" in inspect.signature(predict).parameters
+        return name in [*inspect.signature(function).parameters][1:]
     except (TypeError, ValueError):
         return False
 
 
-def _first(given: Any) -> Any:
-    """Actions alone of the pair (actions, state)."""
-    return given[0] if isinstance(given, tuple) else given
+def _stacked(given: Iterable[Any]) -> NDArray[Any]:
+    return np.stack([_array(one) for one in given])
 
 
 def _array(given: Any) -> NDArray[Any]:

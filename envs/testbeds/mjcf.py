@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import cached_property
-from inspect import signature
+from inspect import Parameter, signature
 from math import ceil
 from types import SimpleNamespace
 from typing import Any
@@ -135,6 +135,15 @@ def model_arguments(arguments: Mapping[str, Any]) -> dict[str, Any]:
     return {name: x for name, x in without_stated(arguments).items() if name not in every}
 
 
+def stock_arguments(testbed: Any) -> dict[str, Any]:
+    """Arguments of a testbed of one's own, but the defaults of its code where it has them."""
+    own = model_arguments(testbed.arguments)
+    make = getattr(testbed, "model", None) or getattr(testbed, "build", None)
+    known = signature(make).parameters if make else {}
+    defaults = {name: known[name].default for name in own if name in known}
+    return own | {name: x for name, x in defaults.items() if x is not Parameter.empty}
+
+
 class MjcfTestbed(MujocoTestbed):
     """Base of a testbed of one's own robot: a model file, what a policy sees, and what it does.
 
@@ -197,7 +206,7 @@ class MjcfTestbed(MujocoTestbed):
         raise NotImplementedError(f"{self.title} must define `model`")
 
     def observe(self, robot: Robot, memory: Memory, command: Array) -> Any:
-        """What a policy sees at a decision, numbers in its order."""
+        """What a policy sees at a decision: numbers in its order, or a dictionary of parts."""
         raise NotImplementedError(f"{self.title} must define `observe`")
 
     def act(self, action: Array, robot: Robot) -> Any:

@@ -6,6 +6,7 @@ Imported where one is made: its base class needs MuJoCo.
 from __future__ import annotations
 
 import copy
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +19,7 @@ from gymnasium.envs.mujoco import MujocoEnv
 from integ_gym.support.errors import InputError
 
 from ..environment import at_bounds
-from ..foreign import FURTHER, ForeignPlant, ReturnGoal
+from ..foreign import FURTHER, ForeignPlant, ReturnGoal, part_names
 from ..rediscretized import RediscretizedEnv
 from ..registries import ENGINES
 from .making import ENGINE
@@ -58,6 +59,10 @@ class MjcfTask(MujocoEnv):
         super().__init__(".", substeps, None, render_mode)  # a path that is there: none is read
         self.robot = Robot(self.model, self.data, testbed.keyframe)
         self._begin(np.random.default_rng(0))
+        seen = testbed.observe(self.robot, self.memory, self.command)
+        if isinstance(seen, Mapping):
+            parts = {name: np.shape(part) for name, part in seen.items()}
+            self.names_of_observation = part_names(parts)
         size = self._get_obs().shape
         self.observation_space = spaces.Box(-np.inf, np.inf, size, np.float64)
 
@@ -121,6 +126,8 @@ class MjcfTask(MujocoEnv):
 
     def _get_obs(self) -> Array:
         seen = self.testbed.observe(self.robot, self.memory, self.command)
+        if isinstance(seen, Mapping):
+            return np.concatenate([np.array(part, np.float64).ravel() for part in seen.values()])
         return np.array(seen, dtype=np.float64).ravel()
 
     def _get_reset_info(self) -> dict[str, Any]:

@@ -21,15 +21,13 @@ class CompiledModel(NamedTuple):
         model: MuJoCo's `MjModel`, which its users copy.
         xml: the model as one file, which names meshes and does not hold them; None under a MuJoCo
             that cannot write it.
+        sha256: of the model as one file of XML and of the meshes, textures and height fields that
+            it reads; None under a MuJoCo that cannot write it.
     """
 
     model: Any
-    xml: str | None
-
-    @property
-    def sha256(self) -> str | None:
-        """Of that file."""
-        return None if self.xml is None else hashlib.sha256(self.xml.encode()).hexdigest()
+    xml: str | None = None
+    sha256: str | None = None
 
 
 def compile_model(source: Any) -> CompiledModel:
@@ -64,7 +62,7 @@ def _compile(source: Any) -> CompiledModel:
     title = source if is_path else "the MjSpec"
     try:
         if is_path and not hasattr(mujoco, "MjSpec"):  # as before MuJoCo 3.2
-            return CompiledModel(mujoco.MjModel.from_xml_path(source), None)
+            return CompiledModel(mujoco.MjModel.from_xml_path(source))
         spec = mujoco.MjSpec.from_file(source) if is_path else source.copy()
         folder = Path(source).parent if is_path else Path(spec.modelfiledir)
         left_out = _leave_out_missing(mujoco, spec, folder)
@@ -80,7 +78,17 @@ def _compile(source: Any) -> CompiledModel:
             f"and left out, which changes no motion: {', '.join(left_out[:3])}{more}",
             stacklevel=4,
         )
-    return CompiledModel(model, spec.to_xml())
+    return CompiledModel(model, spec.to_xml(), _hash(spec, folder))
+
+
+def _hash(spec: Any, folder: Path) -> str:
+    digest = hashlib.sha256(spec.to_xml().encode())
+    for asset in (*spec.meshes, *spec.textures, *spec.hfields, *spec.skins):
+        for file in (asset.file, *getattr(asset, "cubefiles", ())):
+            places = [folder / own / file for own in (spec.meshdir, spec.texturedir, "")]
+            found = next((place for place in places if file and place.is_file()), None)
+            digest.update(spec.assets.get(file, b"") if found is None else found.read_bytes())
+    return digest.hexdigest()
 
 
 def _leave_out_missing(mujoco: Any, spec: Any, folder: Path) -> list[str]:

@@ -20,7 +20,7 @@ from integ_gym.support.interpreters import (
 )
 from integ_gym.support.terminal import print_wrapped
 from integ_gym.train.policy import Policy
-from integ_gym.train.policy_files.onnx import OnnxPolicy
+from integ_gym.train.policy_files.programs import ProgramPolicy
 
 from .cells import Cell, environments_of
 from .spec import PanelSpec
@@ -38,7 +38,7 @@ def other_packages(cells: Iterable[Cell]) -> list[tuple[str, ...]]:
 def needed_by(spec: PanelSpec, cells: Iterable[Cell], policies: Sequence[Policy]) -> dict[str, str]:
     """Versions, as they are here, of what the evaluation of policies in cells imports."""
     names = [spec.env_id.partition(":")[0], *sorted({cell.engine for cell in cells})]
-    names += ["onnx"] if any(isinstance(policy, OnnxPolicy) for policy in policies) else []
+    names += [policy.extra for policy in policies if isinstance(policy, ProgramPolicy)]
     return needed_versions(names, modules_in(policies))
 
 

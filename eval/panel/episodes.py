@@ -21,7 +21,7 @@ from integ_gym.evidence.store import EvidenceStore
 from integ_gym.evidence.vector_recorder import RecordVectorEvidence
 from integ_gym.support.interpreters import PACKAGES, are_running, call_there, describe_versions
 from integ_gym.support.processes import report_work
-from integ_gym.train.policy import Policy, PolicyStack
+from integ_gym.train.policy import Policy, PolicyStack, start_acting
 
 from .cells import Cell, Home, environments_of, place_arguments
 from .contracts import Contracts, is_kept
@@ -430,7 +430,6 @@ def roll_out(
     As many starts are run side by side as there are lanes for each policy, the rest after them.
     """
     together = environments.num_envs // len(subjects)
-    stack = PolicyStack([subject.policy for subject in subjects], spec.testbed.batched)
     rounds = []
     for done in range(0, len(episodes), together):
         part = episodes[done : done + together]
@@ -440,6 +439,7 @@ def roll_out(
             environments.assign([k if numbers is None else numbers(place, k) for place, k in own])
         seeds = [spec.start_seed(subject.starts, k) for subject in subjects for k in lanes]
         running = np.tile(np.arange(together) < len(part), len(subjects))
+        stack = PolicyStack([subject.policy for subject in subjects], spec.testbed.batched)
         rounds.append(_round(environments, stack, seeds, running)[:, : len(part)])
     return np.concatenate(rounds, axis=1)
 
@@ -462,7 +462,7 @@ def _round(
         if asked.all():
             actions = stack.act(seen)
         else:
-            actions[:, asked] = stack.act(np.ascontiguousarray(seen[:, asked]))
+            actions[:, asked] = stack.act(seen[:, asked], np.flatnonzero(asked))
         observation, _, terminated, truncated, info = environments.step(actions.reshape(shape))
         ended = running & (terminated | truncated)
         success[ended] = info["success"][ended]
@@ -546,10 +546,10 @@ def inference_latencies(spec: PanelSpec, subjects: Sequence[Subject]) -> list[tu
 
 def inference_latency(policy: Policy, observation: Array) -> tuple[float, float]:
     """Mean and 99th percentile of the time of one decision about observations (1, n), ns."""
-    times = []
+    times, act = [], start_acting(policy)
     for _ in range(LATENCY_SAMPLES):
         start = time.perf_counter_ns()
-        policy.act(observation)
+        act(observation)
         times.append(time.perf_counter_ns() - start)
     return float(np.mean(times)), float(np.percentile(times, 99))
 

@@ -10,7 +10,7 @@ from typing import Any
 from integ_gym.envs.lanes import DiscretizedVectorEnv
 from integ_gym.envs.settings import DISCRETIZATION, Discretization, Mixture
 from integ_gym.envs.testbeds.making import find_testbed, make_training_environments
-from integ_gym.envs.testbeds.mjcf import model_arguments
+from integ_gym.envs.testbeds.mjcf import stock_arguments
 from integ_gym.support.errors import InputError
 from integ_gym.support.parameters import texts_of
 from integ_gym.train.policy_files.card import HASH_KEY
@@ -149,7 +149,7 @@ def provenance(
     trained_with = {name: x for name, x in arguments.items() if name not in VARIED}
     told_of = trained_with
     if (card is not None or stated == STOCK) and set(given) - {*trained_with, *_OF_THE_EPISODE}:
-        without = model_arguments(given) if ":" in env_id else {}
+        without = stock_arguments(find_testbed(env_id, given)) if ":" in env_id else {}
         told_of = _defaults(env_id, {**without, **arguments}) | trained_with
     overridden = {n: x for n, x in told_of.items() if n in given and given[n] != x}
     environment = {**trained_with, **given}

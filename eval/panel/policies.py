@@ -25,9 +25,10 @@ from integ_gym.support.errors import InputError
 from integ_gym.support.files import read_object
 from integ_gym.train.baselines import BASELINES, make_baseline
 from integ_gym.train.monitoring import RawModel
-from integ_gym.train.policy import CalledPolicy, MlpPolicy, Policy, behaviour_hash
+from integ_gym.train.policy import CalledPolicy, MlpPolicy, Policy, behaviour_hash, start_acting
 from integ_gym.train.policy_files.card import PolicyFileError
-from integ_gym.train.policy_files.onnx import OnnxPolicy, onnx_card, onnx_data
+from integ_gym.train.policy_files.onnx import onnx_card, onnx_data
+from integ_gym.train.policy_files.programs import ProgramPolicy, TorchScriptPolicy
 from integ_gym.train.policy_files.reading import (
     ONNX_ENDING,
     POLICY_ENDINGS,
@@ -98,7 +99,8 @@ def read_existing(
         given: environment arguments that override those of its training; not the discretization,
             which is what the evaluation varies.
         obs_stats: VecNormalize's statistics, as its pickle or as JSON.
-        own_code: whether a class that the side-car names as ``"module:Class"`` may be loaded.
+        own_code: whether a class that the side-car names as ``"module:Class"`` may be loaded, and
+            a TorchScript program run.
         home: what it was trained on.
 
     Raises:
@@ -107,13 +109,17 @@ def read_existing(
     """
     read, card, files = read_policy_file(path, obs_stats)
     known, environments = provenance(env_id, card, home, given, own_code)
-    space = environments.single_action_space
-    policy = fitted(read, space)
-    policy.check_spaces(environments.single_observation_space, space)
+    if isinstance(read, TorchScriptPolicy) and not own_code:
+        raise PolicyFileError(
+            f"{path}: is a TorchScript program, whose code would be run; if you trust it, pass "
+            "--own-code, or export it with torch.onnx.export"
+        )
+    policy = fitted(read, environments)
     name, seed = (path.stem, None)
     if card is not None:
         name, seed = str(card.get("policy_id", name)), card.get("seed")
     bare = obs_stats is None and unscaled(path, card)
+    space = environments.single_action_space
     return Existing(replace(policy, policy_id=row_name(name)), known, files, seed, space, bare)
 
 
@@ -150,25 +156,30 @@ def kept_policy(folder: Path) -> tuple[Path, Path | None] | None:
 
 
 def hashes_of(folder: Path) -> set[str]:
-    """Hashes that the policy in a folder of a run can have in evidence; empty without a file.
-
-    Whether its outputs are actions or values of actions is for the environment to say.
+    """Hash that the policy in a folder of a run has in evidence; empty without a file.
 
     Raises:
         PolicyFileError: see :func:`read_policy_file`.
     """
     kept = kept_policy(folder)
-    if kept is None:
-        return set()
-    policy, _, _ = read_policy_file(*kept)
-    acting = (fitted(policy, space) for space in (spaces.Box(-1.0, 1.0), spaces.Discrete(2)))
-    return {one.content_hash for one in acting}
+    return set() if kept is None else {read_policy_file(*kept)[0].content_hash}
 
 
-def fitted(policy: Any, action_space: spaces.Space[Any]) -> Any:
-    """A graph's outputs are values of actions where the environment's actions are discrete."""
-    if isinstance(policy, OnnxPolicy) and isinstance(action_space, spaces.Discrete):
-        return replace(policy, discrete=True)
+def fitted(policy: Any, environments: DiscretizedVectorEnv) -> Any:
+    """A policy for these environments, whose spaces it is checked against.
+
+    A program's outputs are values of actions where these are discrete, and its inputs may be parts
+    of the observation.
+
+    Raises:
+        ValueError: if it cannot act there.
+    """
+    action_space = environments.single_action_space
+    if isinstance(policy, ProgramPolicy):
+        names = environments.setups[0].task.observation_names
+        discrete = isinstance(action_space, spaces.Discrete)
+        policy = replace(policy, discrete=discrete, names=names)
+    policy.check_spaces(environments.single_observation_space, action_space)
     return policy
 
 
@@ -246,31 +257,21 @@ def _as_policy(
 
     A model of stable-baselines3 is read as its file would be, so that it acts by the same numbers.
     """
-    observation_space = environments.single_observation_space
     action_space = environments.single_action_space
     if _is_sb3_model(target):
         try:
-            read = read_sb3_model(target, name)
-            read.check_spaces(observation_space, action_space)
-            return read
+            return fitted(read_sb3_model(target, name), environments)
         except PolicyFileError:  # what is not read is asked
             target = RawModel(target)
     if isinstance(target, Policy):
+        if isinstance(target, MlpPolicy | ProgramPolicy):
+            return fitted(target, environments)
         if is_dataclass(target):
-            return _checked(target, observation_space, action_space)
+            return target
         return CalledPolicy(target, action_space, target.policy_id, target.content_hash)
     called = CalledPolicy(target, action_space, name)
     observations = _observations(env_id, arguments)
     return replace(called, content_hash=behaviour_hash(called, observations))
-
-
-def _checked(policy: Any, observation_space: Any, action_space: Any) -> Any:
-    """One of our own policies, for these spaces."""
-    if not isinstance(policy, MlpPolicy | OnnxPolicy):
-        return policy
-    fitting = fitted(policy, action_space)
-    fitting.check_spaces(observation_space, action_space)
-    return fitting
 
 
 def _is_sb3_model(target: Any) -> bool:
@@ -332,14 +333,14 @@ class ActingIn:
 
     store: EvidenceStore
     own_code: bool = False
-    _found: dict[tuple[str, str], Acting] = field(default_factory=dict, repr=False)
+    _found: dict[tuple[str, str], Policy] = field(default_factory=dict, repr=False)
 
     def __call__(self, record: EvidenceRecord) -> Acting:
-        """The policy of a record."""
+        """The policy of a record, at the beginning of episodes."""
         key = (record["policy_id"], record["policy_hash"])
         if key not in self._found:
-            self._found[key] = policy_of(record, self.store, self.own_code).act
-        return self._found[key]
+            self._found[key] = policy_of(record, self.store, self.own_code)
+        return start_acting(self._found[key])
 
     def __getstate__(self) -> dict[str, Any]:
         """Without the policies, which another process finds for itself."""

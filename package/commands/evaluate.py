@@ -132,7 +132,7 @@ def parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     add(
         "--own-code", action="store_true",
-        help="load the classes that the side-car names as module:Class",
+        help="load the classes that the side-car names as module:Class; run a TorchScript program",
     )  # fmt: skip
     add(
         "--episodes",
@@ -151,7 +151,9 @@ def main(argv: Sequence[str]) -> int:
     if (given.file is None) == (given.policy is None):
         raise InputError("give either a policy's file or --policy MODULE:FUNCTION")
     if given.policy is not None and given.own_code:
-        raise InputError("--own-code is for what a side-car names, and --policy has none; omit it")
+        raise InputError(
+            "--own-code is for what a policy's file holds or names, and --policy has none; omit it"
+        )
     if given.policy is not None and ":" not in given.policy:
         raise InputError(f"--policy must be MODULE:FUNCTION, got {given.policy!r}")
     if given.episodes is not None and given.episodes < 1:

@@ -59,6 +59,11 @@ torch.save(actor, model_path)
 class writer:
     add_scalar = print
 global_step = 0
+class agent:
+    _observation_preprocessor = torch.nn.Identity()
+    class policy:
+        compute = staticmethod(lambda inputs, role: (2.0 * inputs["observations"], {}))
+observation_size = 3
 """
 HERE = {
     "how-to/films.md": (TRAINED, {}),

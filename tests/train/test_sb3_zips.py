@@ -340,7 +340,7 @@ def test_other_policies_are_refused(tmp_path):
         sb3.PPO(policy, env, device="cpu").save(path)
         assert reason in refusal(path)
     sb3_contrib.RecurrentPPO("MlpLstmPolicy", PENDULUM, device="cpu").save(path)
-    assert "a policy that remembers is not judged here; train with PPO" in refusal(path)
+    assert "judge the loaded model from Python" in refusal(path)
     kwargs = {"activation_fn": torch.nn.PReLU}
     model = sb3.PPO("MlpPolicy", PENDULUM, device="cpu", policy_kwargs=kwargs)
     with pytest.raises(PolicyFileError, match="the model mine: the activation function"):

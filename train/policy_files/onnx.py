@@ -2,25 +2,25 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
-from collections.abc import Mapping
+import re
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar
+from types import MappingProxyType
+from typing import Any
 
 import numpy as np
-from gymnasium import spaces
 from numpy.typing import NDArray
 
-from integ_gym.support.errors import InputError
 from integ_gym.support.files import parse_json, read_bounded
 from integ_gym.support.optional import load
 
-from ..policy import ActionArray, DiscreteActions, MlpPolicy, ObservationStatistics
+from ..policy import ActionArray, DiscreteActions, MlpPolicy
 from .card import PolicyFileError, check_own_hash, hashed
+from .programs import ProgramPolicy, columns_of
 
 METADATA = "integ_gym"
 """Key of the metadata that holds what a side-car does, as JSON."""
@@ -44,36 +44,23 @@ def onnx() -> Any:
 
 
 @dataclass(frozen=True, eq=False)
-class OnnxPolicy:
+class OnnxPolicy(ProgramPolicy):
     """A graph from observations to actions, or to the values of discrete ones.
 
     An action does not depend on how many observations are given: a graph that takes one at a time
     is widened, and one for which onnxruntime's numbers would depend on that gets them one by one.
-
-    Attributes:
-        content: the file's.
-        discrete: whether its environment has discrete actions.
-        policy_id: name that people read in tables; it is not part of `content_hash`.
-        statistics: scaling of observations in front of the graph; None where there is none.
+    An input ``NAME_in`` that has an output ``NAME_out`` is its memory, of zeros when an episode
+    begins. Of several other inputs, each is the part of the observation that has its name.
     """
 
-    content: bytes
-    discrete: bool = False
     policy_id: str = "onnx"
-    statistics: ObservationStatistics | None = None
-    any_batch: ClassVar[bool] = True
 
-    @cached_property
-    def content_hash(self) -> str:
-        """SHA-256 (hex) of the file, and of the statistics if there are any."""
-        digest = hashlib.sha256(self.content)
-        if (own := self.statistics) is not None:
-            digest.update(np.array([*own.mean, *own.var, own.epsilon, own.clip_obs]).tobytes())
-        return digest.hexdigest()
+    extra = "onnx"
 
-    def __getstate__(self) -> dict[str, Any]:
-        """Without what runs it, which another process makes anew."""
-        return {k: v for k, v in self.__dict__.items() if k not in ("_session", "_of_batches")}
+    @property
+    def any_batch(self) -> bool:
+        """Whether it may be asked about any of its lanes together."""
+        return not self._memory
 
     @cached_property
     def _session(self) -> Any:
@@ -90,94 +77,100 @@ class OnnxPolicy:
             text = " ".join(str(error).split())[:200]
             raise PolicyFileError(f"onnxruntime cannot run it ({text}); export it again") from error
 
-    def outputs(self, observations: NDArray[Any]) -> NDArray[Any]:
-        """What the graph gives for each of a batch of observations, shape (n, …)."""
-        given = np.asarray(observations)
-        if self.statistics is not None:
-            given = self.statistics.normalize(given.reshape(len(given), -1))
-        given = given.astype(np.float64 if "double" in self._input.type else np.float32)
-        shape = self.observation_shape
-        if shape is not None and math.prod(shape) == math.prod(given.shape[1:]):
-            given = given.reshape(len(given), *shape)
-        if len(given) == 1 or self._of_batches is None:
-            return np.concatenate([self._run(self._session, row[None])[:1] for row in given])
-        return self._run(self._of_batches, given)
+    @cached_property
+    def _memory(self) -> dict[str, str]:
+        """Inputs that carry its memory, to the outputs that say what they are next."""
+        outputs = {one.name for one in self._session.get_outputs()}
+        names = [one.name for one in self._session.get_inputs()]
+        carried = {name: re.sub(r"(^|_)in(?=_|$)", r"\1out", name) for name in names}
+        return {name: after for name, after in carried.items() if after in outputs - {name}}
+
+    @cached_property
+    def _inputs(self) -> list[tuple[Any, Any]]:
+        """Inputs that take observations, each with the columns that it takes."""
+        taken = [one for one in self._session.get_inputs() if one.name not in self._memory]
+        if len(taken) == 1:
+            return [(taken[0], slice(None))]
+        columns = {one.name: columns_of(one.name, self.names) for one in taken}
+        for name, own in columns.items():
+            if not own:
+                raise PolicyFileError(
+                    f"takes the inputs {', '.join(columns)}, and no part of the observation is "
+                    f"called {name!r}; give the observation as a dictionary of these names, call "
+                    "an input of its memory NAME_in and the output NAME_out, or export the actor "
+                    "alone"
+                )
+        return [(one, columns[one.name]) for one in taken]
+
+    @cached_property
+    def _output(self) -> str:
+        """The output that has the actions."""
+        names: list[str] = [one.name for one in self._session.get_outputs()]
+        return next((name for name in names if name not in self._memory.values()), names[0])
+
+    def begin(self) -> Callable[[NDArray[Any]], ActionArray]:
+        """See :func:`~integ_gym.train.policy.start_acting`."""
+        held: list[dict[str, Any]] = []
+
+        def act(observations: NDArray[Any]) -> ActionArray:
+            given = self._scaled(observations)
+            if not self._memory and len(given) > 1 and self._of_batches is not None:
+                return self._as_actions(self._run(self._of_batches, given)[0], len(given))
+            held.extend(self._first_memory for _ in given[len(held) :])
+            rows = []
+            for lane, row in enumerate(given):
+                actions, held[lane] = self._run(self._session, row[None], held[lane])
+                rows.append(actions[:1])
+            return self._as_actions(np.concatenate(rows), len(given))
+
+        return act
+
+    @cached_property
+    def _first_memory(self) -> dict[str, Any]:
+        first = {}
+        for one in self._session.get_inputs():
+            if one.name in self._memory:
+                shape = [size if isinstance(size, int) else 1 for size in one.shape]
+                first[one.name] = np.zeros(shape, _dtype(one))
+        return first
 
     @cached_property
     def _of_batches(self) -> Any:
         """A session whose batches give the numbers, to the last bit, that their observations give
         alone; None where there is none."""
-        shape = self.observation_shape
-        if shape is None:
+        inputs = [one.shape for one, _ in self._inputs]
+        if not all(shape[1:] and all(isinstance(x, int) for x in shape[1:]) for shape in inputs):
             return None
-        dtype = np.float64 if "double" in self._input.type else np.float32
-        probes = np.random.default_rng(0).normal(size=(_PROBES, *shape)).astype(dtype)
-        alone = np.concatenate([self._run(self._session, row[None])[:1] for row in probes])
+        size = sum(math.prod(shape[1:]) for shape in inputs)
+        probes = np.random.default_rng(0).normal(size=(_PROBES, size))
+        alone = np.concatenate([self._run(self._session, row[None])[0][:1] for row in probes])
         try:
-            fixed = isinstance(self._input.shape[0], int)
+            fixed = any(isinstance(shape[0], int) for shape in inputs)
             session = self._open_session(_widen(self.content)) if fixed else self._session
-            batches = [self._run(session, probes[:count]) for count in range(1, _PROBES + 1)]
+            batches = [self._run(session, probes[:count])[0] for count in range(1, _PROBES + 1)]
         except Exception:  # onnxruntime's and protobuf's errors have no common class
             return None
         every = enumerate(batches, 1)
         return session if all(np.array_equal(own, alone[:n]) for n, own in every) else None
 
-    def _run(self, session: Any, given: NDArray[Any]) -> NDArray[Any]:
-        return np.asarray(session.run(None, {self._input.name: given})[0])
+    def _run(
+        self, session: Any, given: NDArray[Any], memory: Mapping[str, Any] = MappingProxyType({})
+    ) -> tuple[NDArray[Any], dict[str, Any]]:
+        """What the graph gives for observations, and the memory after them."""
+        feeds = dict(memory)
+        for one, columns in self._inputs:
+            part, shape = given[:, columns].astype(_dtype(one)), tuple(one.shape[1:])
+            known = bool(shape) and all(isinstance(size, int) for size in shape)
+            fits = known and math.prod(shape) == part[0].size
+            feeds[one.name] = part.reshape(len(part), *shape) if fits else part
+        actions, *after = session.run([self._output, *self._memory.values()], feeds)
+        return np.asarray(actions), dict(zip(self._memory, after, strict=True))
 
-    @property
-    def _input(self) -> Any:
-        taken = self._session.get_inputs()
-        if len(taken) != 1:
-            raise PolicyFileError(
-                f"takes {len(taken)} inputs, and only a graph from observations alone can be "
-                "judged; a policy that remembers is not judged here"
-            )
-        return taken[0]
 
-    @property
-    def observation_shape(self) -> tuple[int, ...] | None:
-        """Shape of one observation, behind the number of them; None where the graph leaves it
-        open."""
-        sizes = tuple(self._input.shape[1:])
-        return sizes if sizes and all(isinstance(size, int) for size in sizes) else None
-
-    def act(self, observations: NDArray[Any]) -> ActionArray:
-        """Actions for a batch of observations; see `Policy.act`."""
-        given = self.outputs(observations)
-        if not self.discrete:
-            return given.reshape(len(observations), -1).astype(np.float32)
-        rows = given.reshape(len(observations), -1)
-        chosen = rows.argmax(axis=1) if rows.dtype.kind == "f" and rows.shape[1] > 1 else rows[:, 0]
-        return chosen.astype(np.int64)
-
-    def check_spaces(
-        self, observation_space: spaces.Space[Any], action_space: spaces.Space[Any]
-    ) -> None:
-        """Check that the graph takes these observations and gives as many actions.
-
-        Raises:
-            ValueError: in one sentence, if not.
-        """
-        shape, own = observation_space.shape or (), self._input.shape
-        size = math.prod(shape)
-        try:
-            given = self.act(np.zeros((1, size), np.float32))
-        except PolicyFileError:
-            raise
-        except Exception as error:  # onnxruntime's errors have no common class
-            raise InputError(
-                f"policy {self.policy_id!r} takes an input of shape {tuple(own)} and the "
-                f"environment gives observations of shape {shape}, as a batch of shape "
-                f"(1, {size}); evaluate it in the kind of environment it was trained in"
-            ) from error
-        count = 1 if self.discrete else math.prod(action_space.shape or ())
-        if given.size != count:
-            raise InputError(
-                f"policy {self.policy_id!r} gives {given.size} numbers for an action and the "
-                f"environment takes {action_space}; evaluate it in the kind of environment it was "
-                "trained in"
-            )
+def _dtype(taken: Any) -> Any:
+    """NumPy's type for an input's."""
+    name = str(taken.type).removeprefix("tensor(").removesuffix(")")
+    return np.dtype({"float": "float32", "double": "float64", "float16": "float16"}.get(name, name))
 
 
 def _widen(content: bytes) -> bytes:

@@ -20,7 +20,8 @@ from ..policy import (
     expand_bound,
 )
 from .card import MAX_WEIGHTS_BYTES, PolicyFileError
-from .onnx import OnnxPolicy, read_onnx
+from .onnx import read_onnx
+from .programs import ProgramPolicy, TorchScriptPolicy, is_torchscript
 from .safetensors_file import read_safetensors
 from .sb3_weights import load_tensors
 from .sb3_zip import (
@@ -156,12 +157,13 @@ _WAY = (
 
 def read_weights(
     path: Path, card: Mapping[str, Any] | None = None, obs_stats: GivenStatistics = None
-) -> MlpPolicy | OnnxPolicy:
+) -> MlpPolicy | ProgramPolicy:
     """The policy of a file, without what a side-car says of its training.
 
     Args:
         path: a zip of stable-baselines3 or sb3-contrib, ``.safetensors``, ``.onnx``, or a state
-            dict: ``.pt``, ``.pth`` or ``.cleanrl_model``.
+            dict or TorchScript program: ``.pt``, ``.pth`` or ``.cleanrl_model``. A program is not
+            run before it acts.
         card: content of its side-car.
         obs_stats: statistics of its observations; by default those that the side-car holds.
 
@@ -192,10 +194,12 @@ def unscaled(path: Path, card: Mapping[str, Any] | None = None) -> bool:
         return False
     if network.get("observation_statistics") is not None or network.get("scaled") is False:
         return False
-    return normalizes(path) if suffix in STATE_DICT_ENDINGS else is_scaled(path)
+    if suffix in STATE_DICT_ENDINGS:
+        return not is_torchscript(path) and normalizes(path)
+    return is_scaled(path)
 
 
-def _read(path: Path, network: Mapping[str, Any], bounds: Any) -> MlpPolicy | OnnxPolicy:
+def _read(path: Path, network: Mapping[str, Any], bounds: Any) -> MlpPolicy | ProgramPolicy:
     suffix = path.suffix.lower()
     _check_file(path)
     if suffix == SAFETENSORS_ENDING:
@@ -206,6 +210,8 @@ def _read(path: Path, network: Mapping[str, Any], bounds: Any) -> MlpPolicy | On
         raise PolicyFileError(
             f"{path}: is a pickle, which runs what it holds when it is read; {_WAY}"
         )
+    if suffix in STATE_DICT_ENDINGS and is_torchscript(path):
+        return TorchScriptPolicy(read_bounded(path, MAX_WEIGHTS_BYTES), policy_id=path.stem)
     if suffix in STATE_DICT_ENDINGS:
         return read_state_dict(path, {"action_bounds": bounds, **network})
     return read_sb3_zip(path, action_bounds=bounds)
@@ -247,8 +253,8 @@ def _statistics(network: Mapping[str, Any]) -> ObservationStatistics | None:
 
 
 def _with(
-    policy: MlpPolicy | OnnxPolicy, statistics: ObservationStatistics, path: Path
-) -> MlpPolicy | OnnxPolicy:
+    policy: MlpPolicy | ProgramPolicy, statistics: ObservationStatistics, path: Path
+) -> MlpPolicy | ProgramPolicy:
     try:
         return replace(policy, statistics=statistics)
     except ValueError as error:

@@ -124,8 +124,6 @@ def actor_class(data: Json) -> Actor:
         return ACTORS[module, name]
     known = ", ".join(algorithm for actor in ACTORS.values() for algorithm in actor.algorithms)
     way = "judge the loaded model from Python with integ_gym.evaluate(model, env_id, out); or"
-    if "recurrent" in module:
-        way = "a policy that remembers is not judged here;"
     raise PolicyFileError(
         f"the policy class is {name} of {module}, and only the 'MlpPolicy' of {known} can be read; "
         f"{way} {RETRAIN}"
@@ -278,6 +276,11 @@ def load_tensors(
                 "is a checkpoint of rsl_rl, which does not say how its network is built; export it "
                 'to ONNX with runner.export_policy_to_onnx("exported") and give '
                 "exported/policy.onnx"
+            )
+        elif isinstance(tensors.get("policy"), dict):
+            kind = (
+                "is a checkpoint of skrl, which does not say how its network is built; export "
+                "agent.policy behind its preprocessor of observations with torch.onnx.export"
             )
         raise PolicyFileError(f"{what} {kind}")
     if not isinstance(tensors, dict) or not all(

@@ -34,7 +34,7 @@ from .card import (
     check_own_hash,
     hashed,
 )
-from .onnx import OnnxPolicy
+from .programs import ProgramPolicy
 from .reading import read_weights
 from .safetensors_file import safetensors_bytes
 from .sb3_zip import read_archive
@@ -339,7 +339,7 @@ def read_sidecar(policy: str | os.PathLike[str]) -> dict[str, Any]:
 
 def read_trained(
     policy: str | os.PathLike[str],
-) -> tuple[MlpPolicy | OnnxPolicy, dict[str, Any]]:
+) -> tuple[MlpPolicy | ProgramPolicy, dict[str, Any]]:
     """A policy with a side-car, named as that says, and the side-car.
 
     Args:

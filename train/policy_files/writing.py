@@ -21,7 +21,8 @@ from integ_gym.support.files import replace_file
 
 from ..policy import BoxActions, MlpPolicy
 from .card import FORMAT, PolicyFileError, card_bytes, hashed
-from .onnx import OnnxPolicy, onnx_bytes
+from .onnx import onnx_bytes
+from .programs import ProgramPolicy, is_torchscript
 from .reading import (
     ONNX_ENDING,
     SAFETENSORS_ENDING,
@@ -126,7 +127,7 @@ def write_sidecar(
 
 def _check_arguments(file: Path, activation: Any, actions: Any, action_bounds: Any) -> None:
     """Refuse what is said of a file that says it itself, or twice."""
-    of_state_dict = file.suffix.lower() in STATE_DICT_ENDINGS
+    of_state_dict = file.suffix.lower() in STATE_DICT_ENDINGS and not is_torchscript(file)
     given = {"activation": activation, "actions": actions}
     if file.suffix.lower() in (ONNX_ENDING, SAFETENSORS_ENDING):
         given["action_bounds"] = action_bounds
@@ -240,7 +241,7 @@ def _feed_forward(policy: Any, name: str, obs_stats: GivenStatistics) -> MlpPoli
             raise PolicyFileError(f"{path}: {_NORMALIZED if known else _UNSCALED}")
     else:
         given = observation_statistics_of(obs_stats)
-        if not isinstance(policy, MlpPolicy | OnnxPolicy):
+        if not isinstance(policy, MlpPolicy | ProgramPolicy):
             model, policy = policy, read_sb3_model(policy, name)
             if obs_stats is None and lacks_statistics(model):
                 raise PolicyFileError(
@@ -251,10 +252,10 @@ def _feed_forward(policy: Any, name: str, obs_stats: GivenStatistics) -> MlpPoli
             raise PolicyFileError(
                 f"the policy {name} has statistics of its own; leave out obs_stats"
             )
-    if isinstance(policy, OnnxPolicy):
+    if isinstance(policy, ProgramPolicy):
         raise PolicyFileError(
-            "onnxruntime runs an ONNX graph as it is, and it is written in no other format; give "
-            "the model that it was exported from"
+            "an ONNX graph or a TorchScript program is run as it is, and written in no other "
+            "format; give the model that it was exported from"
         )
     own: MlpPolicy = replace(policy, policy_id=name, statistics=given or policy.statistics)
     return own

@@ -16,8 +16,10 @@ from house import ROOT, page_blocks
 import integ_gym
 from integ_gym import Discretization, IntegGymError, MjcfTestbed
 from integ_gym.envs.testbeds.making import find_testbed, make_checked
+from integ_gym.envs.testbeds.mjcf_model import compile_model
 from integ_gym.eval.panel.cells import Cell
 from integ_gym.eval.panel.episodes import Subject, evaluate
+from integ_gym.eval.panel.home import provenance
 from integ_gym.eval.panel.spec import PanelSpec
 from integ_gym.evidence.fields import VOLATILE_NAMES
 from integ_gym.evidence.labels import EpisodeContext
@@ -383,6 +385,30 @@ def test_the_example_of_the_page_takes_a_file(tmp_path, monkeypatch):
     assert testbed.success.goal == "no fall within `duration` (the trunk tips by more than 60°)"
     arguments = stated_arguments("stock", "my_robot:Walker", {"folder": str(tmp_path)})
     assert arguments == testbed.home.arguments()
+
+
+def test_a_changed_mesh_is_another_model(tmp_path):
+    from mujoco import MjSpec
+
+    hashes = set()
+    for size in (0.1, 0.2, 0.1):
+        corners = np.array([[0, 0, 0], [size, 0, 0], [0, 0.1, 0], [0, 0, 0.1]])
+        faces = corners[[(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]].astype("<f4")
+        facets = b"".join(bytes(12) + face.tobytes() + bytes(2) for face in faces)
+        (tmp_path / "shell.stl").write_bytes(bytes(80) + (4).to_bytes(4, "little") + facets)
+        text = MODEL.format(contact=HIDDEN, inertial=HEAVY, from_geoms="auto")
+        spec = MjSpec.from_string(text)
+        spec.modelfiledir = str(tmp_path)
+        hashes.add(compile_model(spec).sha256)
+    assert len(hashes) == 2
+
+
+def test_an_argument_that_is_not_the_codes_own_is_told():
+    given = {"inertial": HEAVY.replace("3", "4"), "contact": HIDDEN}
+    env_id = f"{__name__}:Stub"
+    with pytest.warns(UserWarning, match="shell"):
+        known, _ = provenance(env_id, None, "stock", given)
+    assert known.overridden == {"inertial": HEAVY}
 
 
 @pytest.mark.slow

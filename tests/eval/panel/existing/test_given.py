@@ -18,7 +18,7 @@ from torch import nn
 import integ_gym
 from integ_gym.cli import main
 from integ_gym.eval.panel.policies import given_policy, read_existing
-from integ_gym.train.policy import MlpPolicy
+from integ_gym.train.policy import MlpPolicy, start_acting
 
 PENDULUM = "IntegPendulum-v0"
 
@@ -158,10 +158,18 @@ def test_a_script_without_a_guard_is_told_so_before_anything_is_created(how, tmp
     assert not (tmp_path / "out").exists()
 
 
-def test_a_model_that_remembers_is_refused():
-    model = RecurrentPPO("MlpLstmPolicy", "Pendulum-v1", n_steps=8, device="cpu")
-    with pytest.raises(ValueError, match="RecurrentPPO remembers earlier observations"):
-        given_policy(model, "IntegPendulum-v0", {}, "stock")
+def test_a_model_that_remembers_does_so_from_the_start_of_an_episode():
+    model = RecurrentPPO("MlpLstmPolicy", "Pendulum-v1", n_steps=8, device="cpu", seed=0)
+    policy = given_policy(model, "IntegPendulum-v0", {}, "stock").policy
+    seen = np.random.default_rng(0).normal(size=(4, 5, 3)).astype(np.float32)
+    state, expected = None, []
+    for observations in seen:
+        actions, state = model.predict(observations, state, deterministic=True)
+        expected.append(actions)
+    assert not np.array_equal(expected[1], model.predict(seen[1], deterministic=True)[0])
+    for _ in range(2):
+        act = start_acting(policy)
+        assert np.array_equal([act(observations) for observations in seen], expected)
 
 
 def test_a_model_that_cannot_be_read_is_asked_with_its_statistics():
