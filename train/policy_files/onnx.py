@@ -102,6 +102,12 @@ class OnnxPolicy(ProgramPolicy):
                 )
         return [(one, columns[one.name]) for one in taken]
 
+    @property
+    def takes(self) -> str:
+        """Shapes of its inputs."""
+        shapes = [str(tuple(one.shape)) for one, _ in self._inputs]
+        return f"an input of shape {' and one of shape '.join(shapes)}"
+
     @cached_property
     def _output(self) -> str:
         """The output that has the actions."""

@@ -62,6 +62,11 @@ class ProgramPolicy:
         """See :func:`~integ_gym.train.policy.start_acting`."""
         raise NotImplementedError
 
+    @property
+    def takes(self) -> str:
+        """What it is given, in words."""
+        return "another input"
+
     def act(self, observations: NDArray[Any]) -> ActionArray:
         """Actions for a batch of observations, with which episodes begin; see `Policy.act`."""
         return self.begin()(observations)
@@ -94,9 +99,9 @@ class ProgramPolicy:
             raise
         except Exception as error:  # neither onnxruntime's errors nor a program's have a class
             raise InputError(
-                f"policy {self.policy_id!r} does not take the environment's observations of shape "
-                f"{shape}, as a batch of shape (1, {size}); evaluate it in the kind of environment "
-                "it was trained in"
+                f"policy {self.policy_id!r} takes {self.takes} and the environment gives "
+                f"observations of shape {shape}, as a batch of shape (1, {size}); evaluate it in "
+                "the kind of environment it was trained in"
             ) from error
         if given.size != (1 if self.discrete else math.prod(action_space.shape or ())):
             raise InputError(
@@ -154,7 +159,7 @@ class TorchScriptPolicy(ProgramPolicy):
 
 def is_torchscript(path: Path) -> bool:
     """Whether a file is a TorchScript program, which `torch.jit.save` wrote."""
-    if not zipfile.is_zipfile(path):
+    if not (path.is_file() and zipfile.is_zipfile(path)):
         return False
     with zipfile.ZipFile(path) as archive:
         return any(Path(name).name == "constants.pkl" for name in archive.namelist())
