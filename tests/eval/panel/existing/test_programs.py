@@ -117,7 +117,7 @@ def test_recurrent_policies_are_replayed_to_the_last_bit(
     integ_gym.evaluate(
         _recurrent(tmp_path / "recurrent.onnx", inputs, outputs), env_id, tmp_path / "run",
         home="stock", integrators=["reference" if env_id == PENDULUM else "Euler"], episodes=3,
-        environment={"duration": 0.4}, limit=False, workers=1, progress=False,
+        environment={"duration": 1.0}, limit=False, workers=1, progress=False,
         on_doubt=lambda doubt: None,
     )  # fmt: skip
     store = EvidenceStore(tmp_path / "run" / "evidence")
