@@ -416,7 +416,7 @@ def is_own_horizon(
         horizon_of: gives the horizon of those arguments of a spec that determine it.
     """
     given = [maker.f_locals["id"] for maker in makers if "id" in maker.f_locals]
-    specs = [x if isinstance(x, EnvSpec) else gym.spec(x) for x in given]
+    specs = [x if isinstance(x, EnvSpec) else gym.spec(x.rpartition(":")[2]) for x in given]
     if limit is None or not specs:
         return False
     # make_vec gives make the arguments of the spec apart from it
