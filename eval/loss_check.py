@@ -30,14 +30,7 @@ from .panel.result import Panel
 from .panel.run import check_spec, run_panel
 from .panel.run_directory import MANIFEST, read_manifest
 from .panel.spec import PanelSpec, check_parts
-from .statistics import (
-    DRAWS,
-    Estimate,
-    RatesLike,
-    equal_tailed,
-    mean_of,
-    paired_posterior,
-)
+from .statistics import DRAWS, Estimate, RatesLike, equal_tailed, mean_of, paired_posterior
 from .verdict import EQUIVALENCE_MARGIN, FAIL_MARGIN, LEARNED, Achievability
 
 NARROW: Final = 0.2

@@ -7,13 +7,7 @@ from collections.abc import Iterable
 from itertools import product
 from typing import Final
 
-from integ_gym.support.figures import (
-    DASHES,
-    HUES,
-    MARKERS,
-    SeriesStyle,
-    SeriesStyles,
-)
+from integ_gym.support.figures import DASHES, HUES, MARKERS, SeriesStyle, SeriesStyles
 
 NATIVE: Final[SeriesStyles] = {
     "explicit_euler": SeriesStyle("vermilion", "circle"),

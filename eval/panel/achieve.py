@@ -21,28 +21,12 @@ from integ_gym.envs import numerics
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.support.processes import report_work
 
-from ..verdict import (
-    ACHIEVED,
-    Achieved,
-    Attempt,
-    Search,
-    achieved,
-)
-from .cells import (
-    Cell,
-    engine_versions,
-    environments_of,
-    file_name,
-)
+from ..verdict import ACHIEVED, Achieved, Attempt, Search, achieved
+from .cells import Cell, engine_versions, environments_of, file_name
 from .costs import trying_seconds
 from .episodes import attempts
 from .plan import inputs
-from .run_directory import (
-    RunDirectory,
-    first_of,
-    key_of,
-    told_first,
-)
+from .run_directory import RunDirectory, first_of, key_of, told_first
 from .spec import PanelSpec
 from .units import HANDMADE, Work, baseline_of, has_controller
 

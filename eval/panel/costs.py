@@ -11,12 +11,7 @@ from integ_gym.envs.registries import ENGINES
 from integ_gym.envs.settings import Discretization, Timing
 from integ_gym.evidence.episodes import Layout
 
-from .cells import (
-    Cell,
-    Home,
-    SpecError,
-    is_engine,
-)
+from .cells import Cell, Home, SpecError, is_engine
 from .spec import PanelSpec
 from .units import Unit, has_controller, trained_units, training_config
 

@@ -19,13 +19,7 @@ from integ_gym.train.policy_files.sidecar import how_to_state
 from ..statistics import Estimate
 from ..verdict import ALPHA, FAIL_MARGIN, p_text
 from .findings import paired_episodes
-from .matrix import (
-    Matrix,
-    PanelLayout,
-    compares_success,
-    home_cell,
-    reward_doubts,
-)
+from .matrix import Matrix, PanelLayout, compares_success, home_cell, reward_doubts
 from .policies import Existing
 from .result import PairedEpisodes
 from .spec import PanelSpec

@@ -19,23 +19,13 @@ from integ_gym.evidence.episodes import Layout
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.support.executors import Cluster
 
-from .achieve import (
-    Tried,
-    not_tried,
-    tried,
-    try_cells,
-)
+from .achieve import Tried, not_tried, tried, try_cells
 from .cells import Cell, engine_versions
 from .contracts import Contracts, compare_engines, contracts_in, not_compared
 from .costs import cell_seconds, cell_timing, trying_seconds
 from .episodes import Subject, divided, evaluate
 from .plan import inputs
-from .run_directory import (
-    RunDirectory,
-    first_of,
-    key_of,
-    told_first,
-)
+from .run_directory import RunDirectory, first_of, key_of, told_first
 from .spec import PanelSpec
 from .training import preparation_of
 from .units import Work, open_work, panel_bar

@@ -27,12 +27,7 @@ from .evaluate import evaluated
 from .findings import agreements, training_costs
 from .matrix import COLUMNS, Matrix, PanelLayout, applied_in, reward_doubts
 from .result import Cost, Panel, Policy, Row, Stage, write_panel
-from .run_directory import (
-    CALLED,
-    MANIFEST,
-    RunDirectory,
-    Seen,
-)
+from .run_directory import CALLED, MANIFEST, RunDirectory, Seen
 from .spec import PanelSpec
 from .units import panel_bar, training_config, units_of
 

@@ -15,22 +15,9 @@ from integ_gym.support.terminal import plural
 
 from ..power import Power, fewest_seeds, verdict_chances
 from ..verdict import ALPHA, Looks, Shares
-from .cells import (
-    UNNAMED,
-    Cell,
-    DiscretizationMixture,
-    Home,
-    SpecError,
-    changes_name,
-)
+from .cells import UNNAMED, Cell, DiscretizationMixture, Home, SpecError, changes_name
 from .result import Look
-from .spec import (
-    LATER,
-    NO_RESULT,
-    TRAINERS,
-    PanelSpec,
-    derived_table,
-)
+from .spec import LATER, NO_RESULT, TRAINERS, PanelSpec, derived_table
 
 _CODE = ("env_id", "environment", "train", "grid")
 """Parts whose texts may name code of somebody's own."""

@@ -36,12 +36,7 @@ from integ_gym.train.policy_files.reading import (
     unscaled,
 )
 from integ_gym.train.policy_files.sb3_zip import lacks_statistics, read_sb3_model
-from integ_gym.train.policy_files.sidecar import (
-    Stated,
-    has_sidecar,
-    read_trained,
-    readable_file,
-)
+from integ_gym.train.policy_files.sidecar import Stated, has_sidecar, read_trained, readable_file
 
 from .cells import Home
 from .home import Provenance, provenance

@@ -27,20 +27,9 @@ from .outputs import phases, write_artefact
 from .plan import stages, with_episode_parts
 from .result import Panel
 from .run_directory import MANIFEST, RunDirectory, read_manifest
-from .spec import (
-    BUILT_IN,
-    PanelSpec,
-    built_in_spec,
-    read_spec,
-)
+from .spec import BUILT_IN, PanelSpec, built_in_spec, read_spec
 from .training import bring, check_training, finished_policies, memory_of, train_units
-from .units import (
-    PanelError,
-    Unit,
-    baseline_of,
-    is_card_of,
-    units_of,
-)
+from .units import PanelError, Unit, baseline_of, is_card_of, units_of
 
 
 def check_spec(spec: PanelSpec, cluster: Cluster | None = None) -> None:

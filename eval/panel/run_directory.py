@@ -16,12 +16,7 @@ from typing import Any
 
 import msgspec
 
-from integ_gym.evidence.sealing import (
-    SEAL_FILE,
-    broken_seals,
-    restore_seal,
-    suspend_seal,
-)
+from integ_gym.evidence.sealing import SEAL_FILE, broken_seals, restore_seal, suspend_seal
 from integ_gym.support.errors import IntegGymError
 from integ_gym.support.files import (
     Kinds,

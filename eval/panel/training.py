@@ -19,22 +19,9 @@ from integ_gym.train.policy_files.card import card_hash
 from integ_gym.train.policy_files.sidecar import TrainedPolicy
 
 from .plan import stages
-from .run_directory import (
-    MANIFEST,
-    WORK,
-    RunDirectory,
-    RunDirectoryError,
-    read_manifest,
-)
+from .run_directory import MANIFEST, WORK, RunDirectory, RunDirectoryError, read_manifest
 from .spec import PanelSpec
-from .units import (
-    Unit,
-    is_there,
-    is_trained,
-    trained_units,
-    training_config,
-    training_key,
-)
+from .units import Unit, is_there, is_trained, trained_units, training_config, training_key
 
 _CHUNKS = "together"
 _DIVISION = "division.json"

@@ -22,12 +22,7 @@ from integ_gym.train.policy import Policy
 from integ_gym.train.policy_files.card import card_hash
 from integ_gym.train.policy_files.sidecar import policy_file
 
-from .cells import (
-    Home,
-    engine_versions,
-    file_name,
-    training_arguments,
-)
+from .cells import Home, engine_versions, file_name, training_arguments
 from .run_directory import RunDirectory, key_of
 from .spec import ALGORITHM, PanelSpec
 

@@ -27,12 +27,7 @@ from integ_gym.train.policy_files.sidecar import (
 from ..achieve import unit_of_cell
 from ..cells import SpecError, engine_versions
 from ..evaluate import Evaluated, evaluated
-from ..plan import (
-    inputs,
-    names_code,
-    planned_home,
-    planned_spec,
-)
+from ..plan import inputs, names_code, planned_home, planned_spec
 from ..policies import ActingIn, hashes_of
 from ..result import FILE_NAME, read_panel
 from ..run_directory import (

@@ -20,21 +20,11 @@ from integ_gym.evidence.fields import recorded_arguments
 from integ_gym.evidence.schema import EvidenceError, Finding, argument_values, parse_field
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.support.interpreters import PACKAGES, parse_packages, versions_of
-from integ_gym.train.policy_files.card import (
-    LAST_EPISODES,
-    episode_summary,
-    make_card,
-    mixture_of,
-)
+from integ_gym.train.policy_files.card import LAST_EPISODES, episode_summary, make_card, mixture_of
 from integ_gym.train.policy_files.sb3_published import zip_faults
 from integ_gym.train.policy_files.sidecar import POLICY_FILE, WEIGHTS_FILE
 
-from ..cells import (
-    Cell,
-    Home,
-    engine_versions,
-    environments_of,
-)
+from ..cells import Cell, Home, engine_versions, environments_of
 from ..plan import planned_home
 from ..run_directory import PACKAGES as OF_EVERY_RUN
 from ..run_directory import key_of
