@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections import Counter, defaultdict
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
-
-import numpy as np
 
 from integ_gym.evidence.schema import Finding
 from integ_gym.evidence.sealing import broken_seals
@@ -21,8 +18,9 @@ from ..existing import given_panel, other_facts
 from ..outputs import panel_of, read_call, seen_now
 from ..plan import names_code, planned_spec
 from ..result import FILE_NAME, OtherVersionError, Panel, read_panel
-from ..run_directory import MANIFEST, RunDirectory, RunDirectoryError, read_manifest
+from ..run_directory import MANIFEST, RunDirectory, RunDirectoryError
 from ..spec import PanelSpec
+from .comparing import ROUNDING, denial, deny
 from .plan import UNFIT, of_sample, planned, refuse_first
 
 
@@ -44,14 +42,14 @@ def deviations(
     """
     called = read_call(directory)
     if "policy" in directory.manifest()["specification"]:
-        for name, *told in other_facts(spec, directory, own_code):
-            yield _deviation(MANIFEST, f"given.{name}", *told)
+        for name, *both in other_facts(spec, directory, own_code):
+            yield denial(MANIFEST, None, f"given.{name}", *both, how="comes out")
         made = given_panel(spec, directory, called)
     else:
         part = _part(directory, spec, said)
         made = panel_of(part, directory, called, None if part is spec else spec)
-    for place, *told in differences(said, made):
-        yield _deviation(FILE_NAME, place, *told)
+    for place, *both in differences(said, made):
+        yield denial(FILE_NAME, None, place, *both, how="comes out")
 
 
 def _part(directory: RunDirectory, spec: PanelSpec, said: Panel) -> PanelSpec:
@@ -68,18 +66,10 @@ def _part(directory: RunDirectory, spec: PanelSpec, said: Panel) -> PanelSpec:
     return replace(spec, seeds=spec.seeds[:seeds])
 
 
-def _deviation(file: str, place: str, said: Any, made: Any) -> Finding:
-    return Finding(
-        file, None, f"`{place}` is recorded as {said!r:.80}, and comes out as {made!r:.80}"
-    )
-
-
 _LABELS = """
 SELECT policy_id, cell, failure_label, count(*) AS records
 FROM records WHERE phase = 'evaluation' GROUP BY ALL
 """
-
-_SUCCESS = "none"
 
 
 def check_finished(path: Path) -> None:
@@ -125,15 +115,10 @@ def against_plan(
         yield Finding(FILE_NAME, None, str(error))
         return
     directory = RunDirectory(path, {})
-    yield from _counted(directory, panel)
-    plan = read_manifest(path / MANIFEST)["specification"]
-    if own_code or not names_code(plan):
-        yield from _recomputed(directory, plan, panel, own_code)
-
-
-def _recomputed(
-    directory: RunDirectory, plan: Mapping[str, Any], panel: Panel, own_code: bool
-) -> Iterator[Finding]:
+    plan = directory.manifest()["specification"]
+    if names_code(plan) and not own_code:
+        yield from _count(directory, panel)
+        return
     try:
         yield from deviations(directory, planned_spec(plan), panel, own_code)
     except UNFIT as error:
@@ -141,28 +126,18 @@ def _recomputed(
         yield Finding(FILE_NAME, None, f"{message}; run the panel's command again")
 
 
-def _counted(directory: RunDirectory, panel: Panel) -> Iterator[Finding]:
+def _count(directory: RunDirectory, panel: Panel) -> Iterator[Finding]:
     """Counts and rates of the matrix that the records deny."""
-    found: dict[tuple[str, str], Counter[str]] = {}
+    found: defaultdict[tuple[str, str], Counter[str]] = defaultdict(Counter)
     for row in EvidenceStore(directory.evidence).query(_LABELS).to_pylist():
-        own = found.setdefault((row["policy_id"], row["cell"]), Counter())
-        own[row["failure_label"]] += row["records"]
-    policies = {row.name: [policy.id for policy in row.policies] for row in panel.rows}
+        found[row["policy_id"], row["cell"]][row["failure_label"]] = row["records"]
     for entry in panel.matrix:
-        each = [found.get((name, entry.cell), Counter()) for name in policies[entry.row]]
-        rates = [own[_SUCCESS] / max(1, own.total()) for own in each]
-        records = sum(each, Counter())
-        told = (entry.episodes, dict(entry.labels), tuple(entry.success_by_seed))
-        if not _alike(told, (records.total(), dict(records), tuple(rates))):
-            yield Finding(
-                FILE_NAME,
-                None,
-                f"what it says of {entry.row!r} in cell {entry.cell!r} is not what the records say",
-            )
-
-
-def _alike(told: tuple[Any, ...], found: tuple[Any, ...]) -> bool:
-    """Whether counts are the same, and rates to rounding."""
-    *counts, rates = told
-    *others, again = found
-    return counts == others and len(rates) == len(again) and bool(np.allclose(rates, again))
+        own = [found[policy, entry.cell] for policy in panel.row(entry.row).policy_ids]
+        made = {
+            "episodes": sum(one.total() for one in own),
+            "labels": dict(sum(own, Counter())),
+            "success_by_seed": [one["none"] / max(1, one.total()) for one in own],
+        }
+        said = {name: getattr(entry, name) for name in made}
+        place = f"matrix[{entry.row}, {entry.cell}]"
+        yield from deny(FILE_NAME, None, place, said, made, "comes out", tolerance=ROUNDING)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from itertools import chain
@@ -40,6 +41,7 @@ from ..run_directory import (
 )
 from ..spec import PanelSpec
 from ..units import Unit, is_card_of, trained_units
+from .comparing import deny
 from .setups import (
     PlannedPolicy,
     Trained,
@@ -135,8 +137,8 @@ def unfit(error: Exception) -> str:
     """What such an error says, in a sentence."""
     if isinstance(error, ValueError):
         return str(error)
-    told = f"{type(error).__name__}: {error}"
-    return f"the run cannot be held against its plan ({told}); restore it from a copy"
+    what = f"{type(error).__name__}: {error}"
+    return f"the run cannot be held against its plan ({what}); restore it from a copy"
 
 
 class _Sound(RunDirectory):
@@ -177,13 +179,13 @@ def _of_looks(directory: RunDirectory, spec: PanelSpec, is_present: bool) -> Ite
         yield Finding(MANIFEST, None, message)
     looks = [look for look in directory.looks() if look.spent is None]
     seeds, episodes = [look.seeds for look in looks], [look.episodes for look in looks]
-    if any(count > max(1, len(spec.seeds)) for count in seeds):
-        said = f"`looks` is on {seeds} seeds"
-        yield Finding(MANIFEST, None, f"{said}, and {len(spec.seeds)} are planned")
     planned_episodes = sorted({part.episodes for part in spec.parts()})
+    if any(count > max(1, len(spec.seeds)) for count in seeds):
+        message = f"`looks` is on {seeds} seeds, and {len(spec.seeds)} are planned"
+        yield Finding(MANIFEST, None, message)
     if not set(episodes) <= set(planned_episodes):
-        said = f"`looks` is on {episodes} episodes"
-        yield Finding(MANIFEST, None, f"{said}, and episodes came up to {planned_episodes}")
+        message = f"`looks` is on {episodes} episodes, and episodes came up to {planned_episodes}"
+        yield Finding(MANIFEST, None, message)
 
 
 def is_finished(directory: RunDirectory, spec: PanelSpec) -> bool:
@@ -201,21 +203,17 @@ def _missing(
     """Units of a finished run that its plan has, and of which nothing is left."""
     if not is_finished(directory, spec):
         return
-    units = directory.markers("")
+    wanted = [f"train-{name}" for name, own in policies.items() if own.seed is not None]
+    wanted += [unit_of_cell(part, cell) for part in spec.parts() for cell in part.columns()]
+    for unit in sorted({*wanted} - directory.markers("").keys()):
+        yield Finding("units", None, f"{unit}.json is missing, which the plan has")
     for policy, own in policies.items():
-        if own.seed is not None and f"train-{policy}" not in units:
-            yield Finding("units", None, f"train-{policy}.json is missing, which the plan has")
         cells = {cell.name for cell in spec.cells_of(own.home)}
         if policy not in found:
             yield Finding("units", None, f"policy {policy!r}, which the plan has, is not evaluated")
         elif lost := sorted(cells - found[policy].cells):
             message = f"policy {policy!r} is not evaluated in {len(lost)} cells of the plan"
             yield Finding("units", None, f"{message}, {lost[0]!r} among them")
-    for part in spec.parts():
-        for cell in part.columns():
-            if unit_of_cell(part, cell) not in units:
-                name = f"{unit_of_cell(part, cell)}.json"
-                yield Finding("units", None, f"{name} is missing, which the plan has")
 
 
 def of_files(directory: RunDirectory) -> Iterator[Finding]:
@@ -232,9 +230,8 @@ def _of_policies(
     training: Trained,
 ) -> Iterator[Finding]:
     """Policies that are not those that were trained or evaluated."""
-    trained = {
-        unit.removeprefix("train-"): held for unit, held in directory.markers("train-").items()
-    }
+    markers = directory.markers("train-")
+    trained = {unit.removeprefix("train-"): marker for unit, marker in markers.items()}
     for policy in {**found, **trained}:
         if policy not in policies:
             yield Finding("units", None, f"policy {policy!r} is none of the plan's")
@@ -244,11 +241,11 @@ def _of_policies(
             yield Finding(name, None, "is missing")
             continue
         try:
-            same = (
-                _is_trained(folder, trained[policy])
-                if policy in trained
-                else _is_given(folder, found[policy].policy_hash)
-            )
+            if policy in trained:
+                same = _is_trained(folder, trained[policy])
+            else:  # what did not come as a file has no hash there
+                hashes = hashes_of(folder)
+                same = not hashes or found[policy].policy_hash in hashes
         except ValueError as error:
             yield Finding(name, None, str(error))
             continue
@@ -278,18 +275,16 @@ def _of_evaluations(
             message = f"`first` is {first_of(marker)}, where the plan begins no episodes"
             yield Finding(file, None, message)
             continue
-        held = {"cell": [marker["cell"]]} if "cell" in marker else marker["cells"]
-        names = dict.fromkeys(name for own in held.values() for name in own)
-        where = [cells[name] for name in names if name in cells]
-        if len(where) < len(names):
-            continue  # records of a cell that is not planned are found as such
-        engines = engine_versions({cell.discretization.engine for cell in where})
-        told = {**inputs(part, where), "trainer": plan["trainer"]}
         last = "cell" if "cell" in marker else "policies"
-        wanted = planned_key(versions, engines, **{"spec": told, last: marker[last]})
-        if marker["key"] != wanted:
-            message = f"`key` is recorded as {marker['key']!r}, and planned as {wanted!r}"
-            yield Finding(file, None, message)
+        held = [[marker["cell"]]] if last == "cell" else marker["cells"].values()
+        names = dict.fromkeys(chain.from_iterable(held))
+        if not names.keys() <= cells.keys():
+            continue  # records of a cell that is not planned are found as such
+        where = [cells[name] for name in names]
+        engines = engine_versions({cell.discretization.engine for cell in where})
+        given = {**inputs(part, where), "trainer": plan["trainer"]}
+        wanted = planned_key(versions, engines, **{"spec": given, last: marker[last]})
+        yield from deny(file, None, "key", marker["key"], wanted)
 
 
 def _is_trained(folder: Path, marker: Mapping[str, Any]) -> bool:
@@ -298,12 +293,6 @@ def _is_trained(folder: Path, marker: Mapping[str, Any]) -> bool:
     copy = folder / WEIGHTS_FILE
     same = not copy.exists() or read_weights(copy).content_hash == card["content_hash"]
     return same and is_card_of(card, marker)
-
-
-def _is_given(folder: Path, expected: str) -> bool:
-    """Whether a policy that was evaluated, if it came as a file, has the expected hash."""
-    hashes = hashes_of(folder)
-    return not hashes or expected in hashes
 
 
 def _of_records(
@@ -319,31 +308,20 @@ def _of_records(
             yield Finding("evidence", None, f"{whose}, which no unit evaluated")
         elif row["phase"] == "evaluation" and row["policy_hash"] != found[policy].policy_hash:
             yield Finding("evidence", None, f"{whose} are of another policy of that name")
-    cells: dict[str, dict[str, tuple[int, int, int]]] = {}
+    cells: defaultdict[str, dict[str, tuple[int, int, int]]] = defaultdict(dict)
     for row in store.query(_EVALUATED).to_pylist():
-        episodes = row["present"], row["first"], row["last"]
         if row["records"] > row["present"]:
             have = f"{row['records']} records of {row['present']} episodes in cell {row['cell']!r}"
             yield Finding("evidence", None, f"policy {row['policy_id']!r} has {have}")
-        cells.setdefault(row["policy_id"], {})[row["cell"]] = episodes
-    expected = {policy: there.cells for policy, there in found.items()}
-    yield from _of_cells(cells, expected, spec.episodes)
-
-
-def _of_cells(
-    cells: Mapping[str, Mapping[str, tuple[int, int, int]]],
-    expected: Mapping[str, frozenset[str]],
-    episodes: int,
-) -> Iterator[Finding]:
-    for policy, names in expected.items():
-        own = cells.get(policy, {})
-        if not own:
+        cells[row["policy_id"]][row["cell"]] = row["present"], row["first"], row["last"]
+    for policy, there in found.items():
+        if not cells[policy]:
             yield Finding("evidence", None, f"policy {policy!r} has no evaluation records")
             continue
-        for cell in sorted(names | set(own)):
-            found = own.get(cell, (0, 0, -1))
-            if found != (episodes, 0, episodes - 1):
-                have = f"has {found[0]} of {episodes} episodes in cell {cell!r}"
+        for cell in sorted({*there.cells, *cells[policy]}):
+            episodes = cells[policy].get(cell, (0, 0, -1))
+            if episodes != (spec.episodes, 0, spec.episodes - 1):
+                have = f"has {episodes[0]} of {spec.episodes} episodes in cell {cell!r}"
                 yield Finding("evidence", None, f"policy {policy!r} {have}")
 
 

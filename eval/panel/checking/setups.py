@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import hashlib
-import json
-import math
+from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import asdict
+from contextlib import closing, suppress
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -30,6 +30,7 @@ from ..run_directory import PACKAGES as OF_EVERY_RUN
 from ..run_directory import key_of
 from ..spec import PanelSpec
 from ..units import Unit, trained_units, training_config
+from .comparing import deny, differing
 
 _SETUPS = """
 SELECT policy_id, cell, env_id, engine, integrator, dt, control_period, perturbation, arguments,
@@ -151,29 +152,23 @@ def of_training(
         native = {home.engine for home in unit.home.shares} == {NATIVE}
         if own_code and native and is_integ_environment(spec.env_id):
             if policy not in made:
-                made[policy] = _members(config)
-            told = _told_or_none(row)
-            near = [x for x in made[policy] if _same(told, x)]
-            expected |= {"arguments": near[0] if near else made[policy][0]}
-            expected["float_width"] = 32 if spec.fleet else 64
+                made[policy] = list(map(recorded_arguments, _train_on(config).setups))
+            told: Any = None
+            with suppress(EvidenceError):
+                told = argument_values(row["arguments"])
+            nearest = min(made[policy], key=lambda one: len([*differing("", told, one)]))
+            expected |= {"arguments": nearest, "float_width": 32 if spec.fleet else 64}
         yield from _held(row, expected, where)
     yield from _of_lanes(spec, units, store)
 
 
-def _members(config: Any) -> list[dict[str, Any]]:
-    """Constructor arguments of what a run trains on, as records have them."""
+def _train_on(config: Any) -> Mixture:
+    """What a run trains on."""
     env = gym.make_vec(
         config.env_id, 1, vectorization_mode="vector_entry_point", **config.env_arguments
     )
-    env.close()
-    return [json.loads(json.dumps(recorded_arguments(setup))) for setup in mixture_of(env).setups]
-
-
-def _told_or_none(row: Mapping[str, Any]) -> Any:
-    try:
-        return argument_values(row["arguments"])
-    except EvidenceError:
-        return None
+    with closing(env):
+        return mixture_of(env)
 
 
 def _of_lanes(
@@ -240,9 +235,7 @@ def _held(
         except EvidenceError as error:
             yield Finding("evidence", None, f"{told}: {error}")
             continue
-        for place, one, other in differing(name, recorded, wanted):
-            message = f"`{place}` is recorded as {one!r}, and planned as {other!r}"
-            yield Finding("evidence", None, f"{told}: {message}")
+        yield from deny("evidence", None, name, recorded, wanted, where=told)
 
 
 def _cells(spec: PanelSpec, policies: Mapping[str, PlannedPolicy]) -> dict[str, Cell]:
@@ -266,8 +259,7 @@ def _arguments(spec: PanelSpec, cell: Cell) -> dict[str, Any]:
     """Constructor arguments of a cell's environments, as records have them."""
     environments = environments_of(spec.testbed, cell, 1)
     environments.close()
-    told: dict[str, Any] = json.loads(json.dumps(recorded_arguments(environments.setups[0])))
-    return told
+    return recorded_arguments(environments.setups[0])
 
 
 def _read(name: str, row: Mapping[str, Any]) -> Any:
@@ -279,46 +271,6 @@ def _read(name: str, row: Mapping[str, Any]) -> Any:
     if name == "arguments":
         return argument_values(row[name])
     return parse_field(name, row[name]) if name in _PARSED else row[name]
-
-
-def _same(recorded: Any, wanted: Any) -> bool:
-    return next(differing("", recorded, wanted), None) is None
-
-
-def differing(
-    place: str, recorded: Any, wanted: Any, tolerance: float = 1e-12
-) -> Iterator[tuple[str, Any, Any]]:
-    """Places at which plain data differ, with what is there and what is wanted there.
-
-    Args:
-        place: of both, keys joined by dots.
-        recorded: as it was read.
-        wanted: the same, computed.
-        tolerance: of numbers, relative.
-    """
-    if isinstance(recorded, Mapping) and isinstance(wanted, Mapping):
-        for key in {**recorded, **wanted}:
-            if key in recorded and key in wanted:
-                name = f"{place}.{key}".removeprefix(".")
-                yield from differing(name, recorded[key], wanted[key], tolerance)
-            else:
-                yield f"{place}.{key}".removeprefix("."), recorded.get(key), wanted.get(key)
-    elif isinstance(recorded, list) and isinstance(wanted, list | tuple):
-        if len(recorded) != len(wanted):
-            yield f"len({place})", len(recorded), len(wanted)
-            return
-        for number, (one, other) in enumerate(zip(recorded, wanted, strict=True)):
-            yield from differing(f"{place}[{number}]", one, other, tolerance)
-    elif not _equal(recorded, wanted, tolerance):
-        yield place, recorded, wanted
-
-
-def _equal(recorded: Any, wanted: Any, tolerance: float) -> bool:
-    if isinstance(recorded, bool) or isinstance(wanted, bool):
-        return recorded is wanted
-    if isinstance(recorded, float) and isinstance(wanted, int | float):
-        return math.isclose(recorded, wanted, rel_tol=tolerance)
-    return bool(recorded == wanted)
 
 
 _ELSEWHERE = ("card_hash", "content_hash", "format", "last_episodes", "platform", "versions")
@@ -336,26 +288,21 @@ _SINGLE = 1e-5
 """Relative: trainers average returns in 32 bits."""
 
 
+@dataclass(frozen=True)
 class Trained:
     """The training units of a run.
 
-    Args:
+    Attributes:
         spec: that its plan describes.
         versions: of its manifest.
         store: its records.
         can_load: whether environments of the plan may be made here.
     """
 
-    def __init__(
-        self,
-        spec: PanelSpec,
-        versions: Mapping[str, str],
-        store: EvidenceStore,
-        can_load: bool,
-    ) -> None:
-        self._spec, self._versions, self._store = spec, versions, store
-        engines = {home.engine for home in spec.trained_on()}
-        self._can_make = can_load and engines <= {NATIVE}
+    spec: PanelSpec
+    versions: Mapping[str, str]
+    store: EvidenceStore
+    can_load: bool
 
     def faults(
         self, folder: Path, card: Mapping[str, Any], unit: Unit, marker: Mapping[str, Any]
@@ -369,37 +316,40 @@ class Trained:
             marker: of that unit.
         """
         expected = self._card(unit, float(marker["seconds"])) | _of_files(folder)
-        told = {name: x for name, x in card.items() if name not in _ELSEWHERE}
+        told: Any = {name: x for name, x in card.items() if name not in _ELSEWHERE}
         if "units" not in expected:
             told = _common(told, expected)
-        faults = [*differing("", told, expected), *self._of_versions(card)]
-        faults += self._of_episodes(card, unit.policy)
         name = f"policies/{folder.name}"
-        for place, recorded, wanted in faults:
-            yield Finding(f"{name}/policy.json", None, _told(place, recorded, wanted))
+        file = f"{name}/policy.json"
+        yield from deny(file, None, "", told, expected)
+        versions = card.get("versions")
+        yield from deny(file, None, "versions", versions, self._versions_beside(versions))
+        last = self._last_episodes(unit.policy)
+        if last is not None:
+            told = card.get("last_episodes")
+            yield from deny(file, None, "last_episodes", told, last, tolerance=_SINGLE)
         if (folder / POLICY_FILE).exists() and (folder / WEIGHTS_FILE).exists():
-            for fault in zip_faults(folder / POLICY_FILE, folder / WEIGHTS_FILE):
-                yield Finding(f"{name}/{POLICY_FILE}", None, fault)
+            for words in zip_faults(folder / POLICY_FILE, folder / WEIGHTS_FILE):
+                yield Finding(f"{name}/{POLICY_FILE}", None, words)
         wanted = planned_key(
-            self._versions,
+            self.versions,
             engine_versions({home.engine for home in unit.home.shares} if unit.home else ()),
-            config=asdict(training_config(self._spec, unit)),
+            config=asdict(training_config(self.spec, unit)),
         )
-        if marker["key"] != wanted:
-            file = f"units/{unit.training}.json"
-            yield Finding(file, None, _told("key", marker["key"], wanted))
+        yield from deny(f"units/{unit.training}.json", None, "key", marker["key"], wanted)
 
     def _card(self, unit: Unit, seconds: float) -> dict[str, Any]:
         """A unit's side-car, or what of it follows where no environment can be made here."""
-        spec = self._spec
+        spec = self.spec
         config: Any = training_config(spec, unit)
         made: dict[str, Any]
-        if self._can_make and is_integ_environment(spec.env_id):
-            mixture = self._mixture(config)
+        native = {home.engine for home in spec.trained_on()} <= {NATIVE}
+        if self.can_load and native and is_integ_environment(spec.env_id):
+            mixture = _train_on(config)
             made = make_card(config, mixture, spec.trainer, seconds, {})
             made["action_bounds"] = _bounds(mixture.setups[0].action_space)
             for member in filter(None, (made["discretization"], *(made["mixture"] or ()))):
-                member["engine_version"] = self._versions["integ-gym"]
+                member["engine_version"] = self.versions["integ-gym"]
         else:
             made = {
                 "algorithm": config.algorithm,
@@ -413,46 +363,28 @@ class Trained:
             if "mixture" not in config.env_arguments:
                 given = config.env_arguments
                 made["discretization"] = {name: given[name] for name in DISCRETIZATION}
-        for name in _ELSEWHERE:
-            made.pop(name, None)
-        plain: dict[str, Any] = json.loads(json.dumps(made))
-        return plain
+        return {name: x for name, x in made.items() if name not in _ELSEWHERE}
 
-    def _mixture(self, config: Any) -> Mixture:
-        env = gym.make_vec(
-            config.env_id, 1, vectorization_mode="vector_entry_point", **config.env_arguments
-        )
-        try:
-            return mixture_of(env)
-        finally:
-            env.close()
+    def _versions_beside(self, told: Any) -> dict[str, Any]:
+        """Versions that a side-car must tell; where they decide no result, those that it tells."""
+        known = told if isinstance(told, Mapping) else {}
+        free = {n: x for n, x in known.items() if n in _WRITERS and n not in self.versions}
+        return {**{n: self.versions.get(n) for n in (*known, *BASE)}, **free}
 
-    def _of_versions(self, card: Mapping[str, Any]) -> Iterator[tuple[str, Any, Any]]:
-        told = card.get("versions")
-        if not isinstance(told, Mapping):
-            yield "versions", told, dict(self._versions)
-            return
-        for name in sorted({*told, *BASE}):
-            if name in self._versions or name not in _WRITERS:
-                recorded, wanted = told.get(name), self._versions.get(name)
-                if recorded != wanted:
-                    yield f"versions.{name}", recorded, wanted
-
-    def _of_episodes(self, card: Mapping[str, Any], policy: str) -> Iterator[tuple[str, Any, Any]]:
-        """The last episodes of training: their number, and the means of what they came to."""
-        last = self._episodes.get(policy, [])[-LAST_EPISODES:]
+    def _last_episodes(self, policy: str) -> dict[str, Any] | None:
+        """Their number, and the means of what they came to; None where one is not finite."""
+        last = self._episodes[policy][-LAST_EPISODES:]
         returns = [x for x, _ in last if x is not None]
-        successes = [float(x) for _, x in last if x is not None]
-        if len(returns) < len(last):  # one was not finite
-            return
-        expected = {**episode_summary(returns, successes), "exploring": True}
-        yield from differing("last_episodes", card.get("last_episodes"), expected, _SINGLE)
+        if len(returns) < len(last):
+            return None
+        successes = [float(x) for _, x in last]
+        return {**episode_summary(returns, successes), "exploring": True}
 
     @cached_property
-    def _episodes(self) -> dict[str, list[tuple[float | None, bool | None]]]:
-        found: dict[str, list[tuple[float | None, bool | None]]] = {}
-        for row in self._store.query(_EPISODES).to_pylist():
-            found.setdefault(row["policy_id"], []).append((row["returned"], row["success"]))
+    def _episodes(self) -> Mapping[str, list[tuple[Any, Any]]]:
+        found = defaultdict(list)
+        for row in self.store.query(_EPISODES).to_pylist():
+            found[row["policy_id"]].append((row["returned"], row["success"]))
         return found
 
 
@@ -489,7 +421,3 @@ def _common(told: Any, expected: Any) -> Any:
     if not (isinstance(told, Mapping) and isinstance(expected, Mapping)):
         return told
     return {name: _common(told.get(name), wanted) for name, wanted in expected.items()}
-
-
-def _told(place: str, recorded: Any, wanted: Any) -> str:
-    return f"`{place}` is recorded as {recorded!r:.80}, and planned as {wanted!r:.80}"

@@ -6,15 +6,14 @@ of its cell, and what a marker says of attempts, must follow from them; searches
 
 from __future__ import annotations
 
-import math
 import random
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import product
 from typing import Any
 
 import msgspec
 import numpy as np
-import numpy.typing as npt
 
 from integ_gym.envs.engines.stepping import missing_modules
 from integ_gym.envs.settings import Discretization
@@ -26,7 +25,6 @@ from ..achieve import search_of, tried_in, unit_of_cell
 from ..cells import Cell, Home, is_engine
 from ..contracts import PREFIX as COMPARED
 from ..contracts import (
-    Contracts,
     contract_of,
     contracts_in,
     describe_comparison,
@@ -39,9 +37,8 @@ from ..evaluate import Evaluated, statuses
 from ..run_directory import RunDirectory
 from ..spec import PanelSpec
 from ..units import HANDMADE, baseline_of, has_controller
+from .comparing import ROUNDING, deny
 from .setups import PlannedPolicy, planned_key
-
-Flags = npt.NDArray[np.bool_]
 
 SEARCHES = 4
 """Searches over controls that are made again, where not all are."""
@@ -112,7 +109,7 @@ def of_replays(
     store = EvidenceStore(directory.evidence)
     later: dict[tuple[str, str], dict[int, bool]] = defaultdict(dict)
     for row in store.query(_LATER).to_pylist():
-        if not row["same"] or not _is_twice(spec, row["arguments"], row["own"]):
+        if not row["same"] or not _has_setup(row, row["own"], spec.twice_the_time):
             message = "is no second horizon of an evaluation: seed, policy or setup is another"
             yield Finding("evidence", row["record_id"], message)
         parts = (one for one in spec.parts() if row["episode_index"] in one.latest)
@@ -125,70 +122,68 @@ def of_replays(
     can = [(part, statuses(part, directory)) for part in spec.parts()]
     contracts = contracts_in(directory)
     for policy in policies.keys() & rows.keys() & found.keys():
+        home = policies[policy].home
         before: dict[Discretization, tuple[int, int]] = {}
-        undisturbed = {
-            cell.name: cell.discretization
-            for cell in spec.cells_of(policies[policy].home)
-            if cell.changes is None
-        }
         for part, status in can:
-            own = {
-                cell: [row for row in held if row["episode_index"] in part.latest]
-                for cell, held in rows[policy].items()
-            }
-            whole = {cell: held for cell, held in own.items() if len(held) == len(part.latest)}
-            unknown = given and policies[policy].home is None and policy not in spec.baselines
-            told = contracts, whole, later, status, before
-            yield from _of_policy(part, policies[policy], unknown, *told)
-            for name in whole.keys() & undisturbed.keys():
-                count, total = before.get(undisturbed[name], (0, 0))
-                succeeded = sum(bool(row["success"]) for row in whole[name])
-                before[undisturbed[name]] = count + succeeded, total + len(whole[name])
+            cells = [  # those with all their episodes
+                (cell, held)
+                for cell in part.cells_of(home)
+                if len(held := [x for x in rows[policy][cell.name] if _is_of(part, x)])
+                == len(part.latest)
+            ]
+            successes = Successes(
+                [home], [[cell for cell, _ in cells]], part.environment, part.latest.start, status,
+                whole=part.testbed.batched, before=[{**before}] if part.latest.start else [],
+                homeless=[0] if given and home is None and policy not in spec.baselines else [],
+                contracts=contracts,
+            )  # fmt: skip
+            for cell, held in cells:
+                second = later.get((policy, cell.name), {})
+                yield from _note(successes, cell, held, second, part.twice_the_time is not None)
+            for cell, held in cells:
+                yield from _of_labels(successes, cell, held)
+                if cell.changes is None:
+                    count, total = before.get(cell.discretization, (0, 0))
+                    succeeded = sum(bool(row["success"]) for row in held)
+                    before[cell.discretization] = count + succeeded, total + len(held)
 
 
-def _of_policy(
-    spec: PanelSpec,
-    policy: PlannedPolicy,
-    unknown: bool,
-    contracts: Contracts,
-    rows: Mapping[str, list[dict[str, Any]]],
-    later: Mapping[tuple[str, str], Mapping[int, bool]],
-    status: Mapping[str, str],
-    before: Mapping[Discretization, tuple[int, int]],
+def _is_of(part: PanelSpec, row: Mapping[str, Any]) -> bool:
+    """Whether an episode is among those that came last."""
+    return row["episode_index"] in part.latest
+
+
+def _note(
+    successes: Successes,
+    cell: Cell,
+    held: Sequence[Mapping[str, Any]],
+    second: Mapping[int, bool],
+    twice: bool,
 ) -> Iterator[Finding]:
-    """What the records of one policy, from the starts that came last, say of its replays."""
-    cells = [cell for cell in spec.cells_of(policy.home) if cell.name in rows]
-    successes = Successes(
-        [policy.home], [cells], spec.environment, spec.latest.start, status,
-        whole=spec.testbed.batched, before=[before] if spec.latest.start else [],
-        homeless=[0] if unknown else [], contracts=contracts,
-    )  # fmt: skip
-    for cell in cells:
-        held = rows[cell.name]
-        flags = np.array([bool(row["success"]) for row in held])
-        second = later.get((held[0]["policy_id"], cell.name), {})
-        recovered: Flags | None = None
-        if spec.twice_the_time is not None:
-            if held[0]["schema_version"] < RECORDS_SINCE:  # what cannot be derived is believed
-                told = [bool(row["replay_second_horizon"]) for row in held]
-            else:
-                told = []
-                for row, success in zip(held, flags, strict=True):
-                    if not success and row["episode_index"] not in second:
-                        message = "its second horizon is missing"
-                        yield Finding("evidence", row["record_id"], message)
-                    told.append(bool(success or second.get(row["episode_index"])))
-            recovered = np.array(told)
-        successes.note(cell, [0], flags[None], None if recovered is None else recovered[None])
-    for cell in cells:
-        (replays,) = successes.replays(cell, [0])
-        for row in rows[cell.name]:
-            made = replays[row["episode_index"]].columns()
-            compared = row["schema_version"] >= COMPARED_SINCE
-            for name in _COLUMNS if compared else _COLUMNS[:-1]:
-                if not _same(row[name], made[name]):
-                    message = f"`{name}` is recorded as {row[name]!r}, and comes out as"
-                    yield Finding("evidence", row["record_id"], f"{message} {made[name]!r}")
+    """Take in what the records of one policy in a cell say; what is missing of second horizons."""
+    flags, recovered = np.array([bool(row["success"]) for row in held]), None
+    if twice and held[0]["schema_version"] < RECORDS_SINCE:  # what cannot be derived is believed
+        recovered = np.array([bool(row["replay_second_horizon"]) for row in held])
+    elif twice:
+        for row in held:
+            if not row["success"] and row["episode_index"] not in second:
+                message = "its second horizon is missing"
+                yield Finding("evidence", row["record_id"], message)
+        recovered = flags | [bool(second.get(row["episode_index"])) for row in held]
+    successes.note(cell, [0], flags[None], None if recovered is None else recovered[None])
+
+
+def _of_labels(
+    successes: Successes, cell: Cell, held: Sequence[Mapping[str, Any]]
+) -> Iterator[Finding]:
+    """What the records of one policy in a cell say of its replays."""
+    (replays,) = successes.replays(cell, [0])
+    for row in held:
+        made = replays[row["episode_index"]].columns()
+        compared = row["schema_version"] >= COMPARED_SINCE
+        for name in _COLUMNS if compared else _COLUMNS[:-1]:
+            both = row[name], made[name]
+            yield from deny("evidence", row["record_id"], name, *both, "comes out")
 
 
 def of_attempts(directory: RunDirectory, spec: PanelSpec, all_searches: bool) -> Iterator[Finding]:
@@ -213,24 +208,23 @@ def of_attempts(directory: RunDirectory, spec: PanelSpec, all_searches: bool) ->
             marker = directory.marker(unit)
             if marker is None:
                 continue
-            told = tried_in(marker)
+            file, told = f"units/{unit}.json", tried_in(marker)
             if told.search is not None:
-                searched.append((part, cell, unit))
-            if (told.search is not None) and told.solved:
-                yield _of_marker(unit, "search", "made", "not needed")
+                searched.append((part, cell, file, marker["search"]))
+                if told.solved:
+                    yield from deny(file, None, "search", "made", "not needed", "comes out")
             if "records" not in marker and not recorded:
                 continue  # of before attempts were records
+            made: dict[str, list[float]] = {"success": [], "recovered": []}
             if has_controller(part):
                 yield from _of_rows(part, cell, unit, held[cell.name], setups.get(cell.name))
-                success, recovered = _outcomes(part, held[cell.name])
-            else:
-                success = recovered = ()
-            for name, made in (("success", success), ("recovered", recovered)):
-                if tuple(marker[name]) != made:
-                    yield _of_marker(unit, name, marker[name], list(made))
+                made = _outcomes(part, held[cell.name])
+            said = {name: marker[name] for name in made}
+            yield from deny(file, None, "", said, made, "comes out")
     random.shuffle(searched)
-    for part, cell, unit in searched if all_searches else searched[:SEARCHES]:
-        yield from _searched_again(directory, part, cell, unit)
+    for part, cell, file, search in searched if all_searches else searched[:SEARCHES]:
+        again = msgspec.to_builtins(search_of(part, cell))
+        yield from deny(file, None, "search", search, again, "comes out", tolerance=ROUNDING)
 
 
 def of_contracts(
@@ -255,35 +249,29 @@ def of_contracts(
     for unit in markers.keys() - pairs.keys():
         yield Finding(f"units/{unit}.json", None, "compares what the plan does not have")
     for unit, pair in pairs.items():
-        marker = markers.get(unit)
-        if marker is None:
+        if unit not in markers:
             if whole:
                 yield Finding("units", None, f"{unit}.json is missing, which the plan has")
             continue
-        key = planned_key(versions, engines_of(pair), **key_parts(spec, pair))
-        if marker["key"] != key:
-            yield _of_marker(unit, "key", marker["key"], key)
-        if any(is_engine(one.engine) and missing_modules(one.engine) for one in pair):
-            continue
-        for name, made in describe_comparison(pair, contract_of(spec, pair)).items():
-            if not _same(marker.get(name), msgspec.json.decode(msgspec.json.encode(made))):
-                yield _of_marker(unit, name, marker.get(name), made)
+        made = {"key": planned_key(versions, engines_of(pair), **key_parts(spec, pair))}
+        if not any(is_engine(one.engine) and missing_modules(one.engine) for one in pair):
+            made |= describe_comparison(pair, contract_of(spec, pair))
+        said = {name: markers[unit].get(name) for name in made}
+        file = f"units/{unit}.json"
+        yield from deny(file, None, "", said, made, "comes out", tolerance=ROUNDING)
 
 
 def _outcomes(
     spec: PanelSpec, rows: Mapping[str, Mapping[int, Mapping[str, Any]]]
-) -> tuple[tuple[float, ...], tuple[float, ...]]:
+) -> dict[str, list[float]]:
     """Success of the attempts from the starts that came last, within one horizon and two."""
-    places = [
-        spec.attempt(place, episode)
-        for place in range(len(spec.start_sets))
-        for episode in spec.latest
-    ]
-    one, two = rows.get(ATTEMPT, {}), rows.get(LATER_ATTEMPT, {})
-    success = [bool(one[k]["success"]) if k in one else False for k in places]
-    again = [bool(two[k]["success"]) if k in two else False for k in places]
-    recovered = [a or b for a, b in zip(success, again, strict=True)]
-    return tuple(map(float, success)), tuple(map(float, recovered))
+    places = product(range(len(spec.start_sets)), spec.latest)
+    numbers = [spec.attempt(place, episode) for place, episode in places]
+    success, again = (
+        [float(k in own and own[k]["success"]) for k in numbers]
+        for own in (rows.get(phase, {}) for phase in (ATTEMPT, LATER_ATTEMPT))
+    )
+    return {"success": success, "recovered": list(map(max, success, again))}
 
 
 def _of_rows(
@@ -302,91 +290,40 @@ def _of_rows(
         rows: records of the attempts, by phase and number.
         setup: what evaluations in the cell say of it; None without any.
     """
-    file, arguments = f"evidence/{unit}.parquet", None if setup is None else setup["arguments"]
-    controller = baseline_of(spec, HANDMADE).content_hash
-    twice = spec.twice_the_time is not None
+    file, twice = f"evidence/{unit}.parquet", spec.twice_the_time
+    wanted = {
+        "policy_hash": baseline_of(spec, HANDMADE).content_hash,
+        "policy_id": HANDMADE,
+        **dict.fromkeys(("perturbation", "training_discretization", "training_seed")),
+        "plain": True,
+        "trace_every": len(spec.start_sets) * spec.episodes,
+        **({} if setup is None else {"float_width": setup["float_width"]}),
+    }
     for place, starts in enumerate(spec.start_sets):
-        failed = False
-        numbers = {spec.attempt(place, episode): episode for episode in spec.latest}
-        for number, episode in numbers.items():
-            row = rows.get(ATTEMPT, {}).get(number)
+        numbers = {spec.attempt(place, k): spec.start_seed(starts, k) for k in spec.latest}
+        tried = [rows.get(ATTEMPT, {}).get(number) for number in numbers]
+        phases: list[Any] = [(ATTEMPT, "attempt", {})]
+        if twice is not None and any(row and not row["success"] for row in tried):
+            phases.append((LATER_ATTEMPT, "the second horizon of attempt", twice))
+        for (phase, what, changed), (number, seed) in product(phases, numbers.items()):
+            row = rows.get(phase, {}).get(number)
             if row is None:
-                yield Finding(file, None, f"attempt {number} in cell {cell.name!r} is missing")
+                yield Finding(file, None, f"{what} {number} in cell {cell.name!r} is missing")
                 continue
-            failed = failed or not row["success"]
-            seed = spec.start_seed(starts, episode)
-            yield from _of_attempt(row, seed, controller, spec, setup)
-            if arguments is not None and argument_values(row["arguments"]) != argument_values(
-                arguments
-            ):
+            yield from _of_row(row, {**wanted, "seed": seed, "rng_key": f"{seed}/0"})
+            if setup is not None and not _has_setup(row, setup["arguments"], changed):
                 yield Finding(file, row["record_id"], "its setup is not that of its cell")
-        if not (failed and twice):
-            continue
-        for number, episode in numbers.items():
-            row = rows.get(LATER_ATTEMPT, {}).get(number)
-            if row is None:
-                message = f"the second horizon of attempt {number} in cell {cell.name!r} is missing"
-                yield Finding(file, None, message)
-                continue
-            seed = spec.start_seed(starts, episode)
-            yield from _of_attempt(row, seed, controller, spec, setup)
-            if not _is_twice(spec, row["arguments"], arguments):
-                yield Finding(file, row["record_id"], "its setup is not that of its cell")
-
-
-def _of_attempt(
-    row: Mapping[str, Any],
-    seed: int,
-    controller: str,
-    spec: PanelSpec,
-    setup: Mapping[str, Any] | None,
-) -> Iterator[Finding]:
-    """What an attempt's record says that is not as it was to be tried."""
-    wanted: dict[str, Any] = {"seed": seed, "policy_hash": controller, "policy_id": HANDMADE}
-    wanted |= {"perturbation": None, "training_discretization": None, "training_seed": None}
-    wanted |= {"rng_key": f"{seed}/0"}
-    wanted |= {} if setup is None else {"float_width": setup["float_width"]}
-    wanted |= {"plain": True, "trace_every": len(spec.start_sets) * spec.episodes}
-    yield from _of_row(row, wanted)
 
 
 def _of_row(row: Mapping[str, Any], wanted: Mapping[str, Any]) -> Iterator[Finding]:
-    for name, value in wanted.items():
-        if row[name] != value:
-            message = f"`{name}` is recorded as {row[name]!r}, and planned as {value!r}"
-            yield Finding("evidence", row["record_id"], message)
+    said = {name: row[name] for name in wanted}
+    return deny("evidence", row["record_id"], "", said, wanted)
 
 
-def _searched_again(
-    directory: RunDirectory, spec: PanelSpec, cell: Cell, unit: str
-) -> Iterator[Finding]:
-    """What a search says that comes out otherwise when it is made again."""
-    marker = directory.marker(unit)
-    assert marker is not None
-    again = search_of(spec, cell)
-    made = {} if again is None else msgspec.json.decode(msgspec.json.encode(again))
-    for name, value in marker["search"].items():
-        if not _same(value, made.get(name)):
-            yield _of_marker(unit, f"search.{name}", value, made.get(name))
-
-
-def _of_marker(unit: str, name: str, said: Any, made: Any) -> Finding:
-    message = f"`{name}` is recorded as {said!r:.80}, and comes out as {made!r:.80}"
-    return Finding(f"units/{unit}.json", None, message)
-
-
-def _is_twice(spec: PanelSpec, arguments: str, own: str | None) -> bool:
-    """Whether arguments are those of a cell with twice the time; where none are known, they are."""
+def _has_setup(
+    row: Mapping[str, Any], own: str | None, changed: Mapping[str, float] | None
+) -> bool:
+    """Whether a record's arguments are those of its cell but for what is changed."""
     if own is None:
         return False
-    return argument_values(arguments) == {**argument_values(own), **(spec.twice_the_time or {})}
-
-
-def _same(said: Any, made: Any) -> bool:
-    if isinstance(said, list) and isinstance(made, list):
-        return len(said) == len(made) and all(map(_same, said, made))
-    if isinstance(said, dict) and isinstance(made, dict):
-        return said.keys() == made.keys() and all(_same(said[k], made[k]) for k in said)
-    if isinstance(said, float) and isinstance(made, float):
-        return math.isclose(said, made, rel_tol=1e-6, abs_tol=1e-9)
-    return bool(said == made)
+    return argument_values(row["arguments"]) == {**argument_values(own), **(changed or {})}

@@ -1,0 +1,91 @@
+"""What a run says, held against what comes out: where plain data differ, and that as a finding."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import Any, Final
+
+from integ_gym.evidence.schema import Finding
+
+ROUNDING: Final = 1e-6
+"""By how much numbers that are computed again may differ, relative to the larger of 1 and
+themselves: other processors and versions add up in another order."""
+
+_NAMES: Final = ("name", "row", "a", "b", "cell", "policy", "episode_index")
+"""Keys that tell an entry of a list."""
+
+
+def differing(
+    place: str, said: Any, made: Any, tolerance: float = 1e-12, least: float = 0.0
+) -> Iterator[tuple[str, Any, Any]]:
+    """Places at which plain data differ, with what is there and what should be.
+
+    Args:
+        place: of both, keys joined by dots.
+        said: as it was read.
+        made: the same, computed.
+        tolerance: of numbers, relative.
+        least: of numbers, absolute.
+    """
+    if isinstance(said, Mapping) and isinstance(made, Mapping):
+        for key in {**said, **made}:
+            name, one, other = f"{place}.{key}".removeprefix("."), said.get(key), made.get(key)
+            if key in said and key in made:
+                yield from differing(name, one, other, tolerance, least)
+            else:
+                yield name, one, other
+    elif isinstance(said, list | tuple) and isinstance(made, list | tuple):
+        if len(said) != len(made):
+            yield f"len({place})", len(said), len(made)
+            return
+        for k, (one, other) in enumerate(zip(said, made, strict=True)):
+            told = one if isinstance(one, Mapping) else {}
+            words = ", ".join(str(told[name]) for name in _NAMES if told.get(name) is not None)
+            yield from differing(f"{place}[{words or k}]", one, other, tolerance, least)
+    elif not _is_same(said, made, tolerance, least):
+        yield place, said, made
+
+
+def _is_same(said: Any, made: Any, tolerance: float, least: float) -> bool:
+    if isinstance(said, bool) or isinstance(made, bool):
+        return said is made
+    numbers = isinstance(said, float | int) and isinstance(made, float | int)
+    if numbers and float in (type(said), type(made)):
+        return math.isclose(said, made, rel_tol=tolerance, abs_tol=least)
+    return bool(said == made)
+
+
+def deny(
+    file: str,
+    record_id: str | None,
+    place: str,
+    said: Any,
+    made: Any,
+    how: str = "planned",
+    where: str = "",
+    tolerance: float = 1e-12,
+) -> Iterator[Finding]:
+    """What is recorded otherwise than it is `planned`, or `comes out`, place by place.
+
+    Args:
+        file: see :class:`Finding`.
+        record_id: likewise.
+        place: as of :func:`differing`.
+        said: likewise.
+        made: likewise.
+        how: what the computed is called.
+        where: what is meant, before the rest.
+        tolerance: of numbers.
+    """
+    least = ROUNDING if tolerance == ROUNDING else 0.0
+    for found in differing(place, said, made, tolerance, least):
+        yield denial(file, record_id, *found, how=how, where=where)
+
+
+def denial(
+    file: str, record_id: str | None, place: str, said: Any, made: Any, *, how: str, where: str = ""
+) -> Finding:
+    """One of these."""
+    message = f"`{place}` is recorded as {said!r:.80}, and {how} as {made!r:.80}"
+    return Finding(file, record_id, f"{where}: {message}" if where else message)
