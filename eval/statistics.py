@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from integ_gym.support.errors import InputError
 from integ_gym.support.optional import load
-from integ_gym.support.terminal import fixed
+from integ_gym.support.terminal import fixed, percent
 
 Floats: TypeAlias = npt.NDArray[np.float64]
 """A float64 array."""
@@ -58,10 +58,22 @@ class Estimate(Part, frozen=True):
             self.estimate if self.high is None else self.high,
         )
 
+    def is_within(self, margin: float) -> bool:
+        """Whether the whole interval is within a margin on either side of zero."""
+        low, high = self.ends
+        return self.bounded and -margin <= low and high <= margin
+
     def __str__(self) -> str:
-        if not self.bounded:
-            return fixed(self.estimate)
-        return f"{fixed(self.estimate)} ({fixed(self.low)} to {fixed(self.high)})"
+        return self.in_words()
+
+    def in_words(self, digits: int = 2, *, level: bool = False, more: str = "") -> str:
+        """The estimate, and in brackets its interval, its level if asked for, and what is more."""
+        ends = " to ".join(fixed(end, digits) for end in self.ends) if self.bounded else ""
+        if level and ends and self.level:
+            ends = f"{percent(self.level)} interval {ends}"
+        inner = "; ".join(filter(None, (ends, more)))
+        text = fixed(self.estimate, digits)
+        return f"{text} ({inner})" if inner else text
 
 
 class Median(Part, frozen=True, kw_only=True):

@@ -12,6 +12,7 @@ import math
 import shlex
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Final, Literal, TypeAlias
 
@@ -73,7 +74,7 @@ RETURN_MARGIN: Final = 0.1
 UNSKILLED: Final = ("random", "zero")
 """Baselines that know nothing of a task."""
 
-_NAMED: Final = 3  # cells in one sentence
+_MOST_NAMES: Final = 3  # cells in one sentence
 
 
 @dataclass(frozen=True)
@@ -100,6 +101,20 @@ class Finding:
     there: float | None
     lost: Estimate | None
 
+    @property
+    def digits(self) -> int:
+        """Decimals of its numbers; of returns those that the larger one carries."""
+        known = [abs(x) for x in (self.at_home, self.there) if x is not None]
+        return 2 if self.measure == "success" else _digits(known)
+
+    def lost_words(self, lost: Estimate, *, level: bool = False, more: str = "") -> str:
+        """`lost 0.60 (0.45 to 0.73)`, or `gained …`."""
+        if lost.estimate < 0.0 and fixed(-lost.estimate, self.digits) != fixed(0.0, self.digits):
+            low, high = (None if end is None else -end for end in (lost.high, lost.low))
+            gained = Estimate(-lost.estimate, low, high, lost.level)
+            return f"gained {gained.in_words(self.digits, level=level, more=more)}"
+        return f"lost {lost.in_words(self.digits, level=level, more=more)}"
+
 
 def answer_lines(panel: Panel) -> tuple[str, ...]:
     """The answer, a line for each thing that is said; the first is the headline.
@@ -109,17 +124,14 @@ def answer_lines(panel: Panel) -> tuple[str, ...]:
     """
     if panel.given_alone:
         finding = finding_of(panel)
-        lines = ("There is nothing to judge.",) if finding is None else _given(panel, finding)
+        lines = ["There is nothing to judge."] if finding is None else _given(panel, finding)
     else:
-        lines = _trained(panel)
-    first, *others = lines
-    doubt = success_doubt(panel)
-    undecided = [] if panel.stage is None else [_stage_words(panel.stage)]
-    if not panel.given_alone:
-        others = [*others, *filter(None, (limit_words(panel),))]
-    separated = filter(None, (separation_words(panel),))
-    headline = f"{doubt} {first}" if doubt else first
-    return (*undecided, headline, *others, *separated, *_broken_contracts(panel))
+        lines = [*_trained(panel), limit_words(panel)]
+    first, *others = filter(None, lines)
+    undecided = "" if panel.stage is None else _stage_words(panel.stage)
+    headline = f"{success_doubt(panel)} {first}".lstrip()
+    every = (undecided, headline, *others, separation_words(panel), *_broken_contracts(panel))
+    return tuple(filter(None, every))
 
 
 def _broken_contracts(panel: Panel) -> Iterator[str]:
@@ -130,7 +142,7 @@ def _broken_contracts(panel: Panel) -> Iterator[str]:
         if words:
             found.setdefault(words, []).append(entry.cell)
     for words, cells in found.items():
-        where = _named(panel, dict.fromkeys(cells))
+        where = _list_cells(panel, dict.fromkeys(cells))
         yield f"No verdict on {where}: {words}"
 
 
@@ -145,10 +157,7 @@ def separation_words(panel: Panel) -> str:
 
     Of success, or of return per second where no success is shown to be lost.
     """
-    losses = [
-        max(own, key=lambda one: one.lost.estimate)
-        for own in separations_by_measure(panel).values()
-    ]
+    losses = [own[0] for own in separations_by_measure(panel).values()]
     worst = next((one for one in losses if one.lost.ends[0] > 0.0), next(iter(losses), None))
     if worst is None:
         return ""
@@ -165,23 +174,16 @@ def separation_words(panel: Panel) -> str:
 
 def separations_by_measure(panel: Panel) -> dict[Measure, list[Separation]]:
     """What differences cost, by measure, what loses most first."""
-    found = {
-        measure: sorted(
-            (one for one in panel.separations if one.measure == measure),
-            key=lambda one: -one.lost.estimate,
-        )
-        for measure in MEASURES
-    }
-    return {measure: own for measure, own in found.items() if own}
+    ordered = sorted(panel.separations, key=lambda one: -one.lost.estimate)
+    found = {name: [one for one in ordered if one.measure == name] for name in MEASURES}
+    return {name: own for name, own in found.items() if own}
 
 
 def cost_words(separation: Separation, lost: Estimate) -> str:
     """A loss with its interval; of returns with the digits that the largest one carries."""
     parts = (x for axis in separation.axes for x in (axis.lost_alone, axis.lost_without))
     sizes = [abs(one.estimate) for one in (separation.lost, *parts) if one is not None]
-    digits = 2 if separation.measure == "success" else _digits(sizes)
-    ends = " to ".join(fixed(end, digits) for end in lost.ends) if lost.bounded else ""
-    return f"{fixed(lost.estimate, digits)} ({ends})" if ends else fixed(lost.estimate, digits)
+    return lost.in_words(2 if separation.measure == "success" else _digits(sizes))
 
 
 def _digits(sizes: Sequence[float]) -> int:
@@ -253,21 +255,18 @@ def success_doubt(panel: Panel) -> str:
     for entry in panel.matrix:
         if panel.row(entry.row).baseline or entry.returns is None:
             continue
-        for name in UNSKILLED:
-            base = panel.entry(name, entry.cell)
+        for base in (panel.entry(name, entry.cell) for name in UNSKILLED):
             if base is None or base.returns is None:
                 continue
             more = base.success.estimate - entry.success.estimate
-            low = entry.returns.low
-            least = entry.returns.estimate if low is None else low
-            if more > FAIL_MARGIN and base.returns.estimate < least:
+            if more > FAIL_MARGIN and base.returns.estimate < entry.returns.ends[0]:
                 found.append((more, entry, base))
     if not found:
         return ""
     _, entry, base = max(found, key=lambda one: one[0])
     theirs, own = (
         f"{one.row} succeeds in {percent(one.success.estimate)} of episodes with a mean return of "
-        f"{fixed(one.returns.estimate if one.returns else None, 1)}"
+        f"{fixed(one.value('return'), 1)}"
         for one in (base, entry)
     )
     return (
@@ -308,7 +307,7 @@ def _finding_of_given(panel: Panel, row: Row) -> Finding:
     at_home = _mean_over(panel, row.name, row.shares, measure) if known else None
     there = None if cell is None else _value(panel.entry(row.name, cell.name), measure)
     found = None if cell is None or not known else _paired_in(panel, row.name, cell.name)
-    lost = None if found is None else found.success if measure == "success" else found.returns
+    lost = found and (found.success if measure == "success" else found.returns)
     if not known:
         status: Status = "home_unknown"
     elif cell is not None and panel.broken_contract(row.name, cell.name) is not None:
@@ -348,7 +347,7 @@ def cause_of(
     """
     if not learned:
         return "not_learned"
-    if _within(lost, margin):
+    if lost.is_within(margin):
         return "not_cause"
     if shown and lost.estimate < 0.0:
         return "gained"
@@ -362,11 +361,6 @@ def closed_words(place: str, achievability: Achievability | None) -> str:
     if achievability in UNSOLVABLE:
         return f"{place} cannot be solved in time, so the loss says nothing about dt."
     return f"whether {place} can be solved in time is not known, so the loss says nothing about dt."
-
-
-def _within(lost: Estimate, margin: float) -> bool:
-    low, high = lost.ends
-    return lost.bounded and -margin <= low and high <= margin
 
 
 def _succeeds(panel: Panel, row: str) -> bool:
@@ -391,18 +385,12 @@ def _finest(panel: Panel, row: Row) -> Cell | None:
 def _mean_over(panel: Panel, row: str, shares: Mapping[str, float], measure: str) -> float | None:
     """What a row reaches over cells by their shares; None where one of them is not known."""
     values = [_value(panel.entry(row, cell), measure) for cell in shares]
-    known = [value for value in values if value is not None]
-    if len(known) < len(values):
-        return None
-    return sum(share * value for share, value in zip(shares.values(), known, strict=True))
+    parts = [x * share for x, share in zip(values, shares.values(), strict=True) if x is not None]
+    return sum(parts) if len(parts) == len(values) else None
 
 
 def _value(entry: Entry | None, measure: str) -> float | None:
-    if entry is None:
-        return None
-    if measure == "success":
-        return entry.success.estimate
-    return None if entry.returns is None else entry.returns.estimate
+    return None if entry is None else entry.value(measure)
 
 
 def _paired_in(panel: Panel, row: str, cell: str) -> PairedEpisodes | None:
@@ -422,10 +410,10 @@ def _margin(panel: Panel, row: Row, measure: str) -> float:
     return RETURN_MARGIN * max(0.0, _lead(panel, row))
 
 
-def _given(panel: Panel, finding: Finding) -> tuple[str, ...]:
+def _given(panel: Panel, finding: Finding) -> list[str]:
     row = panel.row(finding.row)
     split = finding.status == "cause" and finding.measure == "success"
-    lines = [
+    return [
         _first(panel, finding, row),
         _about_home(panel, finding, row),
         limit_words(panel),
@@ -434,21 +422,19 @@ def _given(panel: Panel, finding: Finding) -> tuple[str, ...]:
         _returns(panel, finding, row),
         *_closed(panel),
     ]
-    return tuple(line for line in lines if line)
 
 
 def _first(panel: Panel, finding: Finding, row: Row) -> str:
     """At home x, on the truth y, lost z: dt is, or is not, the cause."""
-    what = _MEASURES[finding.measure]
-    where, told = _where(panel, finding.cell), _Numbers(finding)
+    what, where = _MEASURES[finding.measure], _where(panel, finding.cell)
     if finding.status == "home_unknown":
         entry = panel.entry(row.name, finding.cell) if finding.cell else None
         own = entry and (entry.success if finding.measure == "success" else entry.returns)
-        known = f"{what} {where} {told.interval(own)}; home" if own else "Home"
+        known = f"{what} {where} {own.in_words(finding.digits)}; home" if own else "Home"
         return f"{known} unknown, so what is lost is unknown, and so is whether dt is the cause."
-    at_home = f"{what} at home {told.number(finding.at_home)}"
+    at_home = f"{what} at home {fixed(finding.at_home, finding.digits)}"
+    there = f"{where} {fixed(finding.there, finding.digits)}"
     if finding.status == "contract_error":
-        there = f"{where} {told.number(finding.there)}"
         return f"{at_home}, {there}: the contract differs, so nothing is said about dt."
     if finding.status == "home_decides" or finding.lost is None:
         if panel.truth is not None and finding.home == panel.truth.name:
@@ -465,7 +451,6 @@ def _first(panel: Panel, finding: Finding, row: Row) -> str:
         finding.status,
         f"{plural(_starts(panel, row), 'start')} do not show whether dt is the cause.",
     )
-    there = f"{where} {told.number(finding.there)}"
     return f"{at_home}, {there}, {_lost(panel, finding, row)}: {end}"
 
 
@@ -479,36 +464,6 @@ def _closed_end(panel: Panel, finding: Finding) -> str:
 
 
 _MEASURES: Final = {"success": "Success", "return": "Mean return"}
-
-
-class _Numbers:
-    """Numbers of one measure in words; of returns with the digits that the larger one carries."""
-
-    def __init__(self, finding: Finding) -> None:
-        known = [abs(x) for x in (finding.at_home, finding.there) if x is not None]
-        self.digits = 2 if finding.measure == "success" else _digits(known)
-
-    def number(self, value: float | None) -> str:
-        """Rounded; nothing is below zero by rounding alone."""
-        return fixed(value, self.digits)
-
-    def interval(self, value: Estimate, level: bool = False, more: str = "") -> str:
-        """A number with its interval in brackets."""
-        text = self.number(value.estimate)
-        ends = " to ".join(self.number(end) for end in value.ends) if value.bounded else ""
-        if level and ends and value.level:
-            ends = f"{percent(value.level)} interval {ends}"
-        inner = "; ".join(part for part in (ends, more) if part)
-        return f"{text} ({inner})" if inner else text
-
-    def difference(self, lost: Estimate, level: bool = False, more: str = "") -> str:
-        """`lost 0.60 (0.45 to 0.73)`, or `gained …`."""
-        if lost.estimate >= 0.0 or self.number(-lost.estimate) == self.number(0.0):
-            return f"lost {self.interval(lost, level, more)}"
-        low, high = (None if end is None else -end for end in (lost.high, lost.low))
-        return (
-            f"gained {self.interval(Estimate(-lost.estimate, low, high, lost.level), level, more)}"
-        )
 
 
 def _where(panel: Panel, cell: str | None) -> str:
@@ -525,7 +480,7 @@ def _lost(panel: Panel, finding: Finding, row: Row) -> str:
     share = ""
     if finding.measure == "return" and (lead := _lead(panel, row)) > 0.0:
         share = f"{percent(abs(finding.lost.estimate) / lead)} of its lead over random"
-    return _Numbers(finding).difference(finding.lost, True, share)
+    return finding.lost_words(finding.lost, level=True, more=share)
 
 
 def _margin_words(finding: Finding) -> str:
@@ -544,7 +499,7 @@ def _about_home(panel: Panel, finding: Finding, row: Row) -> str:
     scope = f"One policy from the same {starts} everywhere; another training seed may differ."
     if finding.status == "home_unknown":
         return f"{_range(panel, finding)}{scope}"
-    home = panel.in_words(finding.home or "") or "a mixture of " + _named(panel, row.shares)
+    home = panel.in_words(finding.home or "") or "a mixture of " + _list_cells(panel, row.shares)
     remark = ""
     if panel.truth is not None and finding.measure == "return":
         remark = " It never succeeds, so returns are compared."
@@ -578,82 +533,59 @@ def limit_words(panel: Panel) -> str:
 
 def _range(panel: Panel, finding: Finding) -> str:
     """How a policy of unknown home does from the worst discretization to the best."""
-    places = [(cell.name, panel.in_words(cell.name)) for cell in panel.columns]
-    found = [(panel.entry(finding.row, cell), place) for cell, place in places]
-    known = [(x, cell) for e, cell in found if (x := _value(e, finding.measure)) is not None]
+    found = [(panel.entry(finding.row, cell.name), cell.name) for cell in panel.columns]
+    values = [(_value(entry, finding.measure), panel.in_words(cell)) for entry, cell in found]
+    known = [(value, cell) for value, cell in values if value is not None]
     if not known:
         return ""
-    (low, worst), (high, best) = min(known), max(known)
-    what, told = _MEASURES[finding.measure], _Numbers(finding)
-    if low == high:
-        return f"{what} is {told.number(low)} on each of {len(known)} discretizations. "
-    return f"{what} is from {told.number(low)} ({worst}) to {told.number(high)} ({best}). "
+    what, (least, worst), (most, best) = _MEASURES[finding.measure], min(known), max(known)
+    low, high = (fixed(value, finding.digits) for value in (least, most))
+    if least == most:
+        return f"{what} is {low} on each of {len(known)} discretizations. "
+    return f"{what} is from {low} ({worst}) to {high} ({best}). "
 
 
 def _split(loss: Entry | Verdict | None) -> str:
     """Of what a loss of success is made."""
     if loss is None or not (loss.overfitting and loss.deadline and loss.difficulty):
         return ""
-    low, high = loss.overfitting.ends
-    interval = f" ({fixed(low)} to {fixed(high)})" if loss.overfitting.bounded else ""
     return (
-        f"Of that loss, {fixed(loss.overfitting.estimate)}{interval} is overfitting to home, "
+        f"Of that loss, {loss.overfitting} is overfitting to home, "
         f"{fixed(loss.deadline.estimate)} comes back in twice the time, and "
         f"{fixed(loss.difficulty.estimate)} others lose there too."
     )
 
 
-def _compared(panel: Panel, finding: Finding, row: Row) -> list[str]:
+def _compared(panel: Panel, finding: Finding, row: Row) -> Iterator[str]:
     """Every other discretization, then every variation, beside home or the truth."""
     columns = {cell.name for cell in panel.columns if cell.achievability not in UNSOLVABLE}
-    own = [one for one in panel.paired if one.row == row.name]
+    own = [one for one in panel.paired if one.row == row.name and one.difference(finding.measure)]
     others = [one for one in own if one.cell in columns and one.cell != finding.cell]
     varied = [one for one in own if not panel.cell(one.cell).plain]
-    lines = []
     for noun, found in (("other discretization", others), ("variation", varied)):
-        known = [one for one in found if _difference_of(one, finding.measure) is not None]
-        if known:
-            lines.append(_tally(panel, finding, row, noun, known))
-    return lines
+        if found:
+            yield _tally(panel, finding, row, noun, found)
 
 
 def _tally(
     panel: Panel, finding: Finding, row: Row, noun: str, found: Sequence[PairedEpisodes]
 ) -> str:
-    margin, told = _margin(panel, row, finding.measure), _Numbers(finding)
-    counts: Counter[str] = Counter()
+    margin, counts = _margin(panel, row, finding.measure), Counter[str]()
     changed: list[tuple[float, str]] = []
     for one in found:
-        lost, p = _difference_of(one, finding.measure) or (Estimate(0.0), 1.0)
+        lost, p = one.difference(finding.measure) or (Estimate(0.0), 1.0)
         status = cause_of(lost, shown=p < ALPHA, margin=margin)
         counts[status] += 1
         if status in ("cause", "gained"):
-            changed.append(
-                (abs(lost.estimate), f"{panel.in_words(one.cell)} {told.difference(lost)}")
-            )
-    parts = [
-        f"{counts[status]} {words}"
-        for status, words in (
-            ("cause", "lower"),
-            ("gained", "higher"),
-            ("undecided", "undecided"),
-            ("not_cause", f"practically equal ({_margin_words(finding)})"),
-        )
-        if counts[status]
-    ]
+            words = f"{panel.in_words(one.cell)} {finding.lost_words(lost)}"
+            changed.append((abs(lost.estimate), words))
+    kinds = {"cause": "lower", "gained": "higher", "undecided": "undecided"}
+    kinds["not_cause"] = f"practically equal ({_margin_words(finding)})"
+    parts = [f"{counts[status]} {words}" for status, words in kinds.items() if counts[status]]
     against = "home" if found[0].against == "home" else f"the {found[0].against}"
     text = f"{plural(len(found), noun)} against {against}: {', '.join(parts)}."
-    shown = [words for _, words in sorted(changed, reverse=True)[:_NAMED]]
+    shown = [words for _, words in sorted(changed, reverse=True)[:_MOST_NAMES]]
     return text + (f" Largest: {'; '.join(shown)}." if shown else "")
-
-
-def _difference_of(one: PairedEpisodes, measure: str) -> tuple[Estimate, float] | None:
-    """What is lost in a cell, with the p-value that is adjusted over the cells."""
-    if measure == "success":
-        return one.success, one.p_success_adjusted
-    if one.returns is None or one.p_return_adjusted is None:
-        return None
-    return one.returns, one.p_return_adjusted
 
 
 def _returns(panel: Panel, finding: Finding, row: Row) -> str:
@@ -665,17 +597,15 @@ def _returns(panel: Panel, finding: Finding, row: Row) -> str:
     found = _paired_in(panel, row.name, finding.cell)
     lost = None if found is None else found.returns
     own = replace(finding, measure="return", at_home=at_home, there=there, lost=lost)
-    where = _where(panel, finding.cell)
     if there is None:
         return ""
+    where = f"{_where(panel, finding.cell)} {fixed(there, own.digits)}"
     if lost is None or at_home is None:
-        return f"Mean return {where} {_Numbers(own).number(there)}."
-    equal = _within(lost, _margin(panel, row, "return"))
+        return f"Mean return {where}."
+    equal = lost.is_within(_margin(panel, row, "return"))
     end = f": practically equal ({_margin_words(own)})" if equal else ""
-    return (
-        f"Mean return at home {_Numbers(own).number(at_home)}, {where} "
-        f"{_Numbers(own).number(there)}, {_lost(panel, own, row)}{end}."
-    )
+    home = fixed(at_home, own.digits)
+    return f"Mean return at home {home}, {where}, {_lost(panel, own, row)}{end}."
 
 
 # Policies that a panel trained.
@@ -690,15 +620,14 @@ def _worst(panel: Panel, judged: Sequence[Verdict]) -> Verdict:
 
     Where all hold, the one that loses most otherwise; where nothing is lost, one to the truth.
     """
-    if all(one.verdict == "transfers" for one in judged):
-        late = max(judged, key=lambda one: one.total.estimate)
-        if late.total.estimate >= EQUIVALENCE_MARGIN:
-            return late
-        truth = [one for one in judged if panel.yardstick and one.cell == panel.yardstick.name]
-        return max(truth or judged, key=lambda one: one.total.estimate)
-    failed = [one for one in judged if one.verdict == "fails"]
-    open_ones = [one for one in judged if one.verdict == "inconclusive"]
-    return max(failed or open_ones, key=lambda one: one.overfitting.estimate)
+    for verdict in ("fails", "inconclusive"):
+        if own := [one for one in judged if one.verdict == verdict]:
+            return max(own, key=lambda one: one.overfitting.estimate)
+    late = max(judged, key=lambda one: one.total.estimate)
+    if late.total.estimate >= EQUIVALENCE_MARGIN:
+        return late
+    truth = [one for one in judged if panel.yardstick and one.cell == panel.yardstick.name]
+    return max(truth or judged, key=lambda one: one.total.estimate)
 
 
 def _trained(panel: Panel) -> tuple[str, ...]:
@@ -719,7 +648,7 @@ def _trained(panel: Panel) -> tuple[str, ...]:
     if not any(row.learned is not False for row in trained):
         return (_unlearned(panel, "no policies have learned", trained),)
     if finding is None:
-        names = _named(panel, [row.name for row in trained])
+        names = _list_cells(panel, [row.name for row in trained])
         return (f"Policies trained on {names} were judged nowhere but at home.", *_closed(panel))
     return (*_exploratory(panel, finding), *_closed(panel))
 
@@ -728,7 +657,7 @@ def _trained_first(panel: Panel, finding: Finding) -> str:
     assert finding.lost is not None
     return (
         f"Success at home {fixed(finding.at_home)}, {_where(panel, finding.cell)} "
-        f"{fixed(finding.there)}, {_Numbers(finding).difference(finding.lost, True)}, trained on "
+        f"{fixed(finding.there)}, {finding.lost_words(finding.lost, level=True)}, trained on "
         f"{panel.in_words(finding.row)}"
     )
 
@@ -746,44 +675,34 @@ def _verdict_words(judged: Verdict) -> str:
 
 
 def _family(panel: Panel, judged: Sequence[Verdict]) -> str:
-    counts = Counter(str(one.verdict) for one in judged)
     parts = []
     for verdict, one, more in (
         ("fails", "fails", "fail"),
         ("transfers", "holds", "hold"),
         ("inconclusive", "is undecided", "are undecided"),
     ):
-        names = [
-            f"{panel.in_words(x.row)} on {panel.in_words(x.cell)}"
-            for x in judged
-            if x.verdict == verdict
-        ]
-        if names:
-            parts.append(f"{len(names)} {one if len(names) == 1 else more} ({_listed(names)})")
+        own = [x for x in judged if x.verdict == verdict]
+        names = _listed([f"{panel.in_words(x.row)} on {panel.in_words(x.cell)}" for x in own])
+        if own:
+            parts.append(f"{len(own)} {one if len(own) == 1 else more} ({names})")
     some = " that can be judged" if len(judged) < len(panel.verdicts) else ""
-    total = plural(sum(counts.values()), "declared transfer")
-    return f"Of {total}{some}, {', '.join(parts)}."
+    return f"Of {plural(len(judged), 'declared transfer')}{some}, {', '.join(parts)}."
 
 
 def _exploratory(panel: Panel, finding: Finding) -> tuple[str, ...]:
     """The largest loss by overfitting of a panel without a declared family."""
     found, worst = panel.exploratory, panel.exploratory[0]
-    assert worst.overfitting is not None
-    lost = worst.overfitting
-    if lost.estimate > FAIL_MARGIN:
-        word = "dt looks like the cause (exploratory: no family was declared)."
-    else:
-        word = "dt does not look like the cause (exploratory: no family was declared)."
     losses = [entry.overfitting.estimate for entry in found if entry.overfitting]
+    looks = "looks" if losses[0] > FAIL_MARGIN else "does not look"
     small, large = sum(loss <= EQUIVALENCE_MARGIN for loss in losses), panel.exploratory_failures
-    lines = [f"{_trained_first(panel, finding)}: {word}"]
-    lines.append(_split(worst))
-    lines.append(
+    return (
+        f"{_trained_first(panel, finding)}: dt {looks} like the cause (exploratory: no family was "
+        "declared).",
+        _split(worst),
         f"Of {plural(len(found), 'transfer')} to cells that can be solved in time, {large} "
         f"{'loses' if large == 1 else 'lose'} more than {FAIL_MARGIN} of success by overfitting "
-        f"and {small} at most {EQUIVALENCE_MARGIN}."
+        f"and {small} at most {EQUIVALENCE_MARGIN}.",
     )
-    return tuple(lines)
 
 
 def _unjudged(panel: Panel) -> tuple[str, ...]:
@@ -805,9 +724,8 @@ def _unlearned(panel: Panel, who: str, rows: Iterable[Row]) -> str:
     nearest = ""
     if home:
         best = max(home, key=lambda row: home[row])
-        nearest = (
-            f"; those trained on {panel.in_words(best)} come nearest, with {fixed(home[best])}"
-        )
+        named = f"those trained on {panel.in_words(best)}"
+        nearest = f"; {named} come nearest, with {fixed(home[best])}"
     return (
         f"Not answered: {who}, which takes a success of {LEARNED} at home{nearest}. Train longer "
         "(`total_steps` in [training]), or set an easier task."
@@ -852,21 +770,18 @@ def _closed(panel: Panel) -> list[str]:
     ):
         names = [cell.name for cell in panel.columns if cell.achievability == status]
         if names:
-            parts.append(words.format(_named(panel, names)))
-    if not parts:
-        return []
-    text = "; ".join(parts)
-    return [f"No conclusion is drawn from some cells: {text}."]
+            parts.append(words.format(_list_cells(panel, names)))
+    return [f"No conclusion is drawn from some cells: {'; '.join(parts)}."] if parts else []
 
 
-def _named(panel: Panel, names: Iterable[str]) -> str:
+def _list_cells(panel: Panel, names: Iterable[str]) -> str:
     return _listed([panel.in_words(name) for name in names])
 
 
 def _listed(names: Sequence[str]) -> str:
     """Names in a sentence, cut where it gets too long to read."""
-    if len(names) > _NAMED:
-        return f"{', '.join(names[:_NAMED])} and {len(names) - _NAMED} more"
+    if len(names) > _MOST_NAMES:
+        return f"{', '.join(names[:_MOST_NAMES])} and {len(names) - _MOST_NAMES} more"
     return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else list(names))
 
 
@@ -923,7 +838,7 @@ def _boundary_words(check: BoundaryCheck, first: str, second: str) -> str:
     shown = [
         f"{one.component}{'' if one.there == one.component else f' (there {one.there})'} "
         f"{_exact(one.first)} {first} and {_exact(one.second)} {second}"
-        for one in check.differing[:_NAMED]
+        for one in check.differing[:_MOST_NAMES]
     ]
     more = len(check.differing) - len(shown)
     return f"{check.boundary} of {'; '.join(shown)}{f', and {more} more' if more else ''}"
@@ -953,33 +868,26 @@ def verdict_reason(panel: Panel, judged: Verdict) -> str:
     seeds = f"{judged.seeds} seeds"
     if judged.natives is not None:
         seeds += f" and {judged.natives} native ones"
-    low, high = judged.overfitting.ends
-    level = percent(judged.overfitting.level or 0.0)
     change = (
-        f"success {home} at home and {there} there, {later} within two "
-        f"horizons; overfitting {fixed(judged.overfitting.estimate)} ({level} interval "
-        f"{fixed(low)} to {fixed(high)}), deadline {fixed(judged.deadline.estimate)}, difficulty "
-        f"{fixed(judged.difficulty.estimate)}"
+        f"success {home} at home and {there} there, {later} within two horizons; overfitting "
+        f"{judged.overfitting.in_words(level=True)}, deadline {fixed(judged.deadline.estimate)}, "
+        f"difficulty {fixed(judged.difficulty.estimate)}"
     )
     exceeds, equivalent = (
-        p_text(1.0 if p is None else p)
+        f"adjusted {p_text(1.0 if p is None else p)}"
         for p in (judged.p_exceeds_adjusted, judged.p_equivalent_adjusted)
     )
     if judged.few:
         return f"Only {seeds}, at least {MIN_SEEDS} needed: {change}."
     if judged.verdict == "fails":
-        return f"Overfitting is above {FAIL_MARGIN} (adjusted {exceeds}, {seeds}): {change}."
+        return f"Overfitting is above {FAIL_MARGIN} ({exceeds}, {seeds}): {change}."
     if judged.verdict == "transfers":
-        return (
-            f"Overfitting is within ±{EQUIVALENCE_MARGIN} (adjusted {equivalent}, {seeds}): "
-            f"{change}."
-        )
-    within = f"adjusted {equivalent}"
+        return f"Overfitting is within ±{EQUIVALENCE_MARGIN} ({equivalent}, {seeds}): {change}."
     if judged.seeds < judged.seeds_for_transfers:
-        within = f"at least {judged.seeds_for_transfers} seeds are needed"
+        equivalent = f"at least {judged.seeds_for_transfers} seeds are needed"
     return (
-        f"Overfitting is shown neither to be above {FAIL_MARGIN} (adjusted {exceeds}) nor to be "
-        f"within ±{EQUIVALENCE_MARGIN} ({within}) with {seeds}: {change}."
+        f"Overfitting is shown neither to be above {FAIL_MARGIN} ({exceeds}) nor to be "
+        f"within ±{EQUIVALENCE_MARGIN} ({equivalent}) with {seeds}: {change}."
     )
 
 
@@ -1018,13 +926,9 @@ def comparison_reason(panel: Panel, compared: PolicyComparison) -> str:
 
 
 def _difference_in(panel: Panel, cell: CellFinding, p: float | None) -> str:
-    name, value = panel.in_words(cell.name), cell.difference
-    low, high = value.ends
-    level = percent(value.level or 0.0)
-    return (
-        f"{name}: A − B is {fixed(value.estimate)} ({level} interval {fixed(low)} to "
-        f"{fixed(high)}), adjusted {p_text(1.0 if p is None else p)}"
-    )
+    difference = cell.difference.in_words(level=True)
+    known = p_text(1.0 if p is None else p)
+    return f"{panel.in_words(cell.name)}: A − B is {difference}, adjusted {known}"
 
 
 def remedy_summary(panel: Panel, remedy: Remedy) -> str:
@@ -1126,17 +1030,13 @@ def _next_of_trained(panel: Panel, finding: Finding) -> NextStep:
 def _check(panel: Panel, row: Row, finer: int) -> str:
     """`integ-gym check` with the environment of a panel, at a row's step or a finer one."""
     assert row.dt is not None
-    env_id, engine = str(panel.spec.get("env_id")), panel.cell(str(row.home)).engine
-    words = ["integ-gym", "check", "--env", env_id, "--integrator", str(row.integrator)]
-    words += ["--dt", f"{row.dt / finer:g}"]
+    engine = panel.cell(str(row.home)).engine
+    words = ["--integrator", str(row.integrator), "--dt", f"{row.dt / finer:g}"]
     if panel.truth is not None:
-        words += (
-            [] if row.control_period is None else ["--control-period", f"{row.control_period:g}"]
-        )
+        if row.control_period is not None:
+            words += ["--control-period", f"{row.control_period:g}"]
         words += [] if engine == NATIVE else ["--engine", engine]
-    for name, value in panel.spec.get("environment", {}).items():
-        words += ["--env-arg", f"{name}={value if isinstance(value, str) else json.dumps(value)}"]
-    return shlex.join(words)
+    return _with_environment(panel, "check", words)
 
 
 def _contract(panel: Panel, home: str, cell: str) -> str:
@@ -1145,7 +1045,12 @@ def _contract(panel: Panel, home: str, cell: str) -> str:
         ",".join(f"{name}={x}" for name, x in panel.cell(one).discretization.arguments().items())
         for one in (home, cell)
     ]
-    words = ["integ-gym", "contract", "--env", str(panel.spec.get("env_id")), *places]
+    return _with_environment(panel, "contract", places)
+
+
+def _with_environment(panel: Panel, command: str, words: Sequence[str]) -> str:
+    """A command in the environment of a panel."""
+    words = ["integ-gym", command, "--env", str(panel.spec.get("env_id")), *words]
     for name, value in panel.spec.get("environment", {}).items():
         words += ["--env-arg", f"{name}={value if isinstance(value, str) else json.dumps(value)}"]
     return shlex.join(words)
@@ -1156,23 +1061,17 @@ def _again(panel: Panel, option: str, *values: str | float) -> str:
 
     In the same directory, whose looks go on; a home is stated in another one, for records keep it.
     """
-    told = [value if isinstance(value, str) else f"{value:g}" for value in values]
-    out = f"{panel.directory.rstrip('/')}-home"
-    words = _words(panel.command)
+    texts = [value if isinstance(value, str) else f"{value:g}" for value in values]
+    out, words = f"{panel.directory.rstrip('/')}-home", list[str]()
+    with suppress(ValueError):
+        words = shlex.split(panel.command)
     if "--out" not in words[:-1]:
-        python = {"--dt": f"dts=[{', '.join(told)}]", "--episodes": f"episodes={told[0]}"}
-        home = f"home={told[0]!r}, out={out!r}"
+        python = {"--dt": f"dts=[{', '.join(texts)}]", "--episodes": f"episodes={texts[0]}"}
+        home = f"home={texts[0]!r}, out={out!r}"
         return f"integ_gym.evaluate(…, {python.get(option, home)})"
     if option == "--home":
         words[words.index("--out") + 1] = out
     while option in words:
         place = words.index(option)
         del words[place : place + 2]
-    return " ".join([shlex.join(words), *(f"{option} {value}" for value in told)])
-
-
-def _words(command: str) -> list[str]:
-    try:
-        return shlex.split(command)
-    except ValueError:
-        return []
+    return " ".join([shlex.join(words), *(f"{option} {text}" for text in texts)])

@@ -210,6 +210,11 @@ class Entry(Part, frozen=True, kw_only=True):
         """Whether the reference contradicts its pass or fail."""
         return self.reference_class in ("false_pass", "false_fail")
 
+    def value(self, measure: str) -> float | None:
+        """What is reached of a measure, `success` or `return`; None: not known."""
+        found = self.success if measure == "success" else self.returns
+        return None if found is None else found.estimate
+
 
 Against: TypeAlias = Literal["home", "truth", "limit"]
 
@@ -293,6 +298,14 @@ class PairedEpisodes(Part, frozen=True, kw_only=True):
     returns: Estimate | None
     p_return: float | None
     p_return_adjusted: float | None
+
+    def difference(self, measure: str) -> tuple[Estimate, float] | None:
+        """What is lost of `success` or `return`, and its adjusted p-value; None: not known."""
+        if measure == "success":
+            return self.success, self.p_success_adjusted
+        if self.returns is None or self.p_return_adjusted is None:
+            return None
+        return self.returns, self.p_return_adjusted
 
 
 class RemedyLoss(Part, frozen=True, kw_only=True):
