@@ -279,8 +279,6 @@ DRAWS: Final = 200_000
 _RATE_PRIOR: Final = ((0.0, 1.0), (0.5, 0.5))
 _PAIR_PRIOR: Final = ((-1.0, 0.0, 1.0), (0.25, 0.5, 0.25))
 
-_FEW_ROWS: Final = 3
-
 
 def rate_posterior(rates: RatesLike, *, draws: int = DRAWS) -> Floats:
     """Draw from the Dirichlet-process posterior of the mean success rate.
@@ -414,33 +412,28 @@ def _posterior_of_mean(
     return means.reshape(draws, *batch)
 
 
+_FEW_ROWS: Final = 3
+
+
 def _weighted_means(
     rows: Floats, atoms: Floats, weights: tuple[float, ...], stream: Stream, draws: int
 ) -> Floats:
     """Means of rows (rows, seeds) with atoms (rows, atoms), shape (draws, rows)."""
     _, total = _seed_weights(rows.shape[1], stream, draws)
     prior, pseudo = _prior_weights(weights, stream, draws)
-    means = _seed_sums(rows, stream, draws) + prior @ atoms.T
+    # Sums of few rows are kept: each of a comparison's tests has a prior of its own, and these.
+    sum_rows = _sum_rows if len(rows) <= _FEW_ROWS else _sum_rows.__wrapped__
+    means = sum_rows(rows.tobytes(), len(rows), stream, draws) + prior @ atoms.T
     means /= (total + pseudo)[:, None]
     return means
 
 
-def _seed_sums(rows: Floats, stream: Stream, draws: int) -> Floats:
-    """Weighted sums of rows (rows, seeds), shape (draws, rows), before prior and division."""
-    if len(rows) <= _FEW_ROWS:
-        return _kept_sums(rows.tobytes(), len(rows), stream, draws)
-    seeds, _ = _seed_weights(rows.shape[1], stream, draws)
-    return np.asarray(seeds @ rows.T)
-
-
 @lru_cache(maxsize=12)
-def _kept_sums(rows: bytes, count: int, stream: Stream, draws: int) -> Floats:
-    """The same of few rows: each of a comparison's tests has a prior of its own, and these."""
+def _sum_rows(rows: bytes, count: int, stream: Stream, draws: int) -> Floats:
+    """Weighted sums of rows (count, seeds), shape (draws, count), before prior and division."""
     array = np.frombuffer(rows, np.float64).reshape(count, -1)
     seeds, _ = _seed_weights(array.shape[1], stream, draws)
-    sums = seeds @ array.T
-    sums.setflags(write=False)
-    return sums
+    return np.asarray(seeds @ array.T)
 
 
 @lru_cache(maxsize=6)
@@ -562,13 +555,13 @@ class Difference:
 
     @cached_property
     def lowered(self) -> Floats:
-        """Draws of the difference with the pseudo-seed at −1, shape (draws,), read-only."""
-        return _read_only(self.with_worst(-1.0))
+        """Draws of the difference with the pseudo-seed at −1, shape (draws,)."""
+        return self.with_worst(-1.0)
 
     @cached_property
     def raised(self) -> Floats:
         """The same with it at 1."""
-        return _read_only(self.with_worst(1.0))
+        return self.with_worst(1.0)
 
     def p_greater(self, margin: float = 0.0) -> float:
         """Small when the difference is shown to exceed ``margin``."""
@@ -677,11 +670,6 @@ def unpaired_difference(
         equal_tailed(mean_of(one) - mean_of(other), posterior, level),
         lambda worst: difference_draws(one, other, worst, SHOWN),
     )
-
-
-def _read_only(draws: Floats) -> Floats:
-    draws.setflags(write=False)
-    return draws
 
 
 BOOTSTRAP_DRAWS: Final = 10_000
@@ -811,9 +799,10 @@ def paired_success(
     """
     one, other = np.asarray(first, dtype=np.float64), np.asarray(second, dtype=np.float64)
     posterior = paired_posterior(one, other, draws=draws_for(one.size))
-    estimate = mean_of(one) - mean_of(other)
-    more, less = int(np.count_nonzero(one > other)), int(np.count_nonzero(one < other))
-    return equal_tailed(estimate, posterior, level), _sign_test(more, less)
+    interval = equal_tailed(mean_of(one) - mean_of(other), posterior, level)
+    more, count = np.count_nonzero(one > other), np.count_nonzero(one != other)
+    binomial = load("scipy.stats", "report").binomtest
+    return interval, float(binomial(int(more), int(count)).pvalue) if count else 1.0
 
 
 def paired_return(
@@ -849,12 +838,6 @@ def paired_return(
     differences = one - other
     require_finite(differences, "returns")
     return mean_interval(differences, level), _flip_test(differences)
-
-
-def _sign_test(more: int, less: int) -> float:
-    """Two-sided p-value of the binomial test that either sign is as likely."""
-    count = more + less
-    return float(load("scipy.stats", "report").binomtest(more, count).pvalue) if count else 1.0
 
 
 def _flip_test(differences: Floats) -> float:

@@ -17,7 +17,6 @@ from .statistics import (
     DRAWS,
     PROVEN,
     SHOWN,
-    Difference,
     Estimate,
     Floats,
     Part,
@@ -101,11 +100,8 @@ def reference_class(s_cell: float, s_reference: float, threshold: float = PASS) 
     ValueError
         If a rate or the threshold is not in [0, 1].
     """
-    for name, value in (
-        ("s_cell", s_cell),
-        ("s_reference", s_reference),
-        ("threshold", threshold),
-    ):
+    rates = {"s_cell": s_cell, "s_reference": s_reference, "threshold": threshold}
+    for name, value in rates.items():
         if not 0.0 <= value <= 1.0:
             raise InputError(f"expected {name} in [0, 1], got {value!r}")
     if s_cell >= threshold:
@@ -367,13 +363,16 @@ class Looks:
         return fewest_for_equivalence(1.0 if self.planned else FIRST_SHARE)
 
     def _next(self, seeds: int, seen: Sequence[int], spent: Sequence[float]) -> Shares:
-        """Shares of a look, after looks at `seen` in this run, where so much is spent."""
+        """Shares of a look, after looks at `seen` in this run, where so much is spent.
+
+        Of one that was not planned: 3/4, 1/8, 1/16, …
+        """
 
         def share(least: int, used: float) -> float:
             if seeds < least:
                 return 0.0
             if not self.planned:
-                return share_after(used)
+                return FIRST_SHARE if used == 0.0 else max(0.0, 1.0 - used) / 2.0
             tested = [count for count in self.planned if count >= least]
             free = seeds in tested and seeds not in seen
             return min(1.0 / len(tested), max(0.0, 1.0 - used)) if free else 0.0
@@ -385,13 +384,8 @@ FIRST_LOOK: Final = Looks()
 """No look came before, and none was planned."""
 
 
-def share_after(spent: float) -> float:
-    """Share of a look that was not planned, where earlier ones spent so much: 3/4, 1/8, 1/16, …"""
-    return FIRST_SHARE if spent == 0.0 else max(0.0, 1.0 - spent) / 2.0
-
-
 def share_of_look(number: int) -> float:
-    """The same by the number of the look; the first is number 1."""
+    """Share of a look that was not planned, by its number; the first is number 1."""
     return Looks((MIN_SEEDS,) * (number - 1)).shares(MIN_SEEDS).exceeds
 
 
@@ -595,41 +589,27 @@ def compare_policies(
             raise InputError(f"expected a cell with role {role!r}; the claim is decided there")
     differences = [unpaired_difference(cell.rates_a, cell.rates_b) for cell in cells]
     blocked = [_uninformative(cell) for cell in cells]
-    informative = [i for i, status in enumerate(blocked) if status is None]
-    reversals = holm([differences[i].p_less() for i in informative])
-    adjusted = {
-        i: (adjust_for_look(differences[i].p_greater(), share), adjust_for_look(p, share))
-        for i, p in zip(informative, reversals.tolist(), strict=True)
-    }
-    findings = tuple(
-        _finding(cell, difference, blocked[i], *adjusted.get(i, (None, None)))
-        for i, (cell, difference) in enumerate(zip(cells, differences, strict=True))
-    )
-    return PolicyComparison(a=a, b=b, outcome=_outcome(findings), cells=findings)
-
-
-def _finding(
-    cell: PolicyCell,
-    difference: Difference,
-    blocked: CellStatus | None,
-    p_win_adjusted: float | None,
-    p_reversal_adjusted: float | None,
-) -> CellFinding:
-    status: CellStatus = blocked or "undecided"
-    if p_win_adjusted is not None and p_win_adjusted < ALPHA:
-        status = "win"
-    elif p_reversal_adjusted is not None and p_reversal_adjusted < ALPHA:
-        status = "reversal"
-    return CellFinding(
-        name=cell.name,
-        role=cell.role,
-        status=status,
-        difference=difference.interval,
-        p_win=difference.p_greater(),
-        p_win_adjusted=p_win_adjusted,
-        p_reversal=difference.p_less(),
-        p_reversal_adjusted=p_reversal_adjusted,
-    )
+    tested = [own.p_less() for own, why in zip(differences, blocked, strict=True) if why is None]
+    reversals = iter(holm(tested).tolist())
+    findings = []
+    for cell, difference, why in zip(cells, differences, blocked, strict=True):
+        status, win, reversal = why or "undecided", None, None
+        if why is None:
+            win = adjust_for_look(difference.p_greater(), share)
+            reversal = adjust_for_look(next(reversals), share)
+            status = "win" if win < ALPHA else "reversal" if reversal < ALPHA else status
+        finding = CellFinding(
+            name=cell.name,
+            role=cell.role,
+            status=status,
+            difference=difference.interval,
+            p_win=difference.p_greater(),
+            p_win_adjusted=win,
+            p_reversal=difference.p_less(),
+            p_reversal_adjusted=reversal,
+        )
+        findings.append(finding)
+    return PolicyComparison(a=a, b=b, outcome=_outcome(findings), cells=tuple(findings))
 
 
 def _uninformative(cell: PolicyCell) -> CellStatus | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from integ_gym.envs.foreign import SURVIVAL
-from integ_gym.evidence.store import EvidenceStore
+from integ_gym.evidence.store import EvidenceStore, sql_literal
 from integ_gym.support.terminal import percent
 from integ_gym.train.policy_files.reading import STATE_DICT_ENDINGS
 from integ_gym.train.policy_files.sidecar import how_to_state
@@ -21,7 +22,6 @@ from ..verdict import ALPHA, FAIL_MARGIN, p_text
 from .findings import paired_episodes
 from .matrix import Matrix, PanelLayout, compares_success, home_cell, reward_doubts
 from .policies import Existing
-from .result import PairedEpisodes
 from .spec import PanelSpec
 
 FEWEST, ENOUGH = 6, 20
@@ -38,7 +38,7 @@ def doubts_of(
     """All doubts, the gravest first."""
     return (
         *_unscaled(existing),
-        *(_overridden(existing) or _limited_otherwise(existing)),
+        *([*_overridden(existing)] or _limited_otherwise(existing)),
         *_not_finite(existing, spec, records),
         *_diverged_at_once(existing, records),
         *_homeless(existing, spec.env_id),
@@ -48,52 +48,52 @@ def doubts_of(
     )
 
 
-def _unscaled(existing: Existing) -> list[str]:
+def _unscaled(existing: Existing) -> Iterator[str]:
     """Doubt where the observations that it learned from were of another scale."""
     if not existing.unscaled:
-        return []
+        return
     if any(Path(name).suffix in STATE_DICT_ENDINGS for name in existing.files):
-        return [
+        yield (
             f"{existing.policy.policy_id} has the actor of CleanRL's ppo_continuous_action, which "
             "learns from normalized observations and saves no statistics, and was judged without "
             "them, so nothing here need be what it does with them; write its side-car again with "
             'obs_stats={"mean": …, "var": …}, or with obs_stats=False if it saw observations as '
             "they are"
-        ]
+        )
+        return
     remedy = "pass --obs-stats vecnormalize.pkl, also of one with norm_obs=False, which says so"
     if not existing.files:
         remedy = "load it with env=VecNormalize.load(path, venv)"
-    return [
+    yield (
         f"{existing.policy.policy_id} was trained inside VecNormalize, which scales observations, "
         "and was judged without its statistics, so nothing here need be what it does with them; "
         f"{remedy}"
-    ]
+    )
 
 
-def _overridden(existing: Existing) -> list[str]:
+def _overridden(existing: Existing) -> Iterator[str]:
     """Doubt where the environment is not that of the training, as far as that is told."""
     known = existing.provenance
-    return [
-        f"{existing.policy.policy_id} was trained with {name}={value} ({known.origin}) and was "
-        f"judged with {name}={known.environment[name]}; leave out --env-arg {name}, unless another "
-        "environment is meant"
-        for name, value in known.overridden.items()
-    ]
+    for name, value in known.overridden.items():
+        yield (
+            f"{existing.policy.policy_id} was trained with {name}={value} ({known.origin}) and was "
+            f"judged with {name}={known.environment[name]}; leave out --env-arg {name}, unless "
+            "another environment is meant"
+        )
 
 
-def _limited_otherwise(existing: Existing) -> list[str]:
+def _limited_otherwise(existing: Existing) -> Iterator[str]:
     """Doubt where the policy's actions have other bounds than the environment's."""
     own, space = getattr(existing.policy, "bounds", None), existing.action_space
     if own is None or not isinstance(space, spaces.Box):
-        return []
+        return
     taken = (space.low.ravel(), space.high.ravel())
-    if np.allclose(own, taken, rtol=1e-5, atol=0.0):
-        return []
-    return [
-        f"{existing.policy.policy_id} gives actions within {_within(*own)}, and the environment "
-        f"takes {_within(*taken)}: was it trained with another limit? give the arguments of its "
-        "training's environment with --env-arg"
-    ]
+    if not np.allclose(own, taken, rtol=1e-5, atol=0.0):
+        yield (
+            f"{existing.policy.policy_id} gives actions within {_within(*own)}, and the "
+            f"environment takes {_within(*taken)}: was it trained with another limit? give the "
+            "arguments of its training's environment with --env-arg"
+        )
 
 
 def _within(low: NDArray[Any], high: NDArray[Any]) -> str:
@@ -102,61 +102,54 @@ def _within(low: NDArray[Any], high: NDArray[Any]) -> str:
     return ", ".join(told) if len(set(told)) > 1 else told[0]
 
 
-def _not_finite(existing: Existing, spec: PanelSpec, records: EvidenceStore) -> list[str]:
+def _not_finite(existing: Existing, spec: PanelSpec, records: EvidenceStore) -> Iterator[str]:
     """Doubt where the fallback acted in place of the policy, and not before its first command."""
     name, timing = existing.policy.policy_id, spec.nominal.timing
     if timing.hold:  # the fallback acts for as long as no command happens to arrive
-        return []
+        return
     late = -(-(timing.latency + timing.jitter) // timing.substeps)
     counted = records.query(
-        f"SELECT policy_id, sum(greatest(fallback_count - {late}, 0)) AS fallbacks, "
-        "sum(length) AS length FROM records "
-        "WHERE phase = 'evaluation' AND perturbation IS NULL GROUP BY policy_id"
-    ).to_pylist()
-    shares = {row["policy_id"]: float(row["fallbacks"] / row["length"]) for row in counted}
-    share = shares.get(name)
-    if not share:
-        return []
-    return [
-        f"in {_share(share)} of control periods the fallback acted, for an action of {name} was no "
-        "finite number, so this is not what the policy does alone; find out which observations "
-        "it answers so, and mend it"
-    ]
+        f"SELECT sum(greatest(fallback_count - {late}, 0)) / sum(length) AS share FROM records "
+        "WHERE phase = 'evaluation' AND perturbation IS NULL "
+        f"AND policy_id = {sql_literal(name)}"
+    )
+    share = counted.to_pylist()[0]["share"]
+    if share:
+        told = "less than 1 %" if share < 0.005 else percent(share)
+        yield (
+            f"in {told} of control periods the fallback acted, for an action of {name} was no "
+            "finite number, so this is not what the policy does alone; find out which "
+            "observations it answers so, and mend it"
+        )
 
 
-def _diverged_at_once(existing: Existing, records: EvidenceStore) -> list[str]:
+def _diverged_at_once(existing: Existing, records: EvidenceStore) -> Iterator[str]:
     """Doubt where no episode outlives its first decision, which no policy can be blamed for."""
-    name = existing.policy.policy_id
     found = records.query(
         "SELECT cell FROM records WHERE phase = 'evaluation' AND length > 0 "
-        f"AND policy_id = '{name}' GROUP BY cell "
+        f"AND policy_id = {sql_literal(existing.policy.policy_id)} GROUP BY cell "
         "HAVING bool_and(length = 1 AND solver_status = 'diverged') ORDER BY cell"
-    ).to_pylist()
-    return [
-        f"every episode diverges at its first decision in {row['cell']}, so its loss there need "
-        "not be the policy's: the simulation may not work with these settings; leave that cell "
-        "out, or give it a shorter step"
-        for row in found
-    ]
+    )
+    for row in found.to_pylist():
+        yield (
+            f"every episode diverges at its first decision in {row['cell']}, so its loss there "
+            "need not be the policy's: the simulation may not work with these settings; leave that "
+            "cell out, or give it a shorter step"
+        )
 
 
-def _share(share: float) -> str:
-    return "less than 1 %" if share < 0.005 else percent(share)
-
-
-def _homeless(existing: Existing, env_id: str) -> list[str]:
+def _homeless(existing: Existing, env_id: str) -> Iterator[str]:
     """What is not known where the home is not."""
-    if existing.home is not None:
-        return []
-    return [
-        f"the home of {existing.policy.policy_id} is unknown, so nothing is held against it and "
-        f"no failure is put down to the discretization; {how_to_state(env_id)}"
-    ]
+    if existing.home is None:
+        yield (
+            f"the home of {existing.policy.policy_id} is unknown, so nothing is held against it "
+            f"and no failure is put down to the discretization; {how_to_state(env_id)}"
+        )
 
 
 def _no_better(
     existing: Existing, spec: PanelSpec, layout: PanelLayout, matrix: Matrix
-) -> list[str]:
+) -> Iterator[str]:
     """Doubt where the policy is no better than random at home, or anywhere without a home.
 
     Where it does far better elsewhere, the doubt is about its home.
@@ -166,27 +159,26 @@ def _no_better(
     cells = [cell.name for cell in spec.columns()] if home is None else [home]
     leads = {cell: _lead(matrix, row, cell) for cell in cells}
     if any(lead > 2.0 * error for lead, error in leads.values()):
-        return [f"{row} {elsewhere}"] if elsewhere else []
+        yield from [f"{row} {elsewhere}"] if elsewhere else []
+        return
     best = max(cells, key=lambda cell: leads[cell][0])
     own, chance = (matrix.values(name, best, "return")[0] for name in (row, "random"))
     compared = f"{own.mean():.1f} over {len(own)} episodes"
-    few = ""
-    if len(own) < FEWEST:
-        few = (
-            f"{len(own)} episodes are too few to show anything, give --episodes {ENOUGH} or more; "
-        )
+    few = f"{len(own)} episodes are too few to show anything, give --episodes {ENOUGH} or more; "
+    few = few if len(own) < FEWEST else ""
     if home is None:
-        return [
+        yield (
             f"on no discretization is the policy shown to be better than random: it comes nearest "
             f"on {best}, with a return of {compared} where random's is {chance.mean():.1f}; "
             f"{few}{_remedy(existing)}"
-        ]
+        )
+        return
     better = "no better than" if leads[best][0] <= 0 else "not shown to be better than"
     why = f"it {elsewhere}" if elsewhere else _remedy(existing)
-    return [
+    yield (
         f"on its home discretization ({home}) the policy's return {compared} is {better} "
         f"random's {chance.mean():.1f}; {few}{why}"
-    ]
+    )
 
 
 def _far_better(
@@ -201,19 +193,19 @@ def _far_better(
     if home is None:
         return None
     success = compares_success(spec, matrix, row)
+    kind, digits = ("success", 2) if success else ("return", 1)
     columns = {cell.name for cell in spec.columns()}
     found = []
     for one in paired_episodes(layout, matrix):
-        if one.cell not in columns:
-            continue
-        lost, p = _lost(one, success)
-        far = max(lost.ends) < -FAIL_MARGIN if success else _leads(matrix, row, one.cell, home)
-        if p < ALPHA and lost.estimate < 0.0 and far:
-            found.append((lost.estimate, one.cell, p))
+        lost, p = one.difference(kind) or (Estimate(0.0), 1.0)
+        if one.cell in columns and p < ALPHA and lost.estimate < 0.0:
+            lead, error = _lead(matrix, row, one.cell)
+            leads = lead > 2.0 * error and lead > 2.0 * _lead(matrix, row, home)[0]
+            if max(lost.ends) < -FAIL_MARGIN if success else leads:
+                found.append((lost.estimate, one.cell, p))
     if not found:
         return None
     _, cell, p = min(found)
-    kind, digits = ("success", 2) if success else ("return", 1)
     there, here = (matrix.values(row, name, kind)[0].mean() for name in (cell, home))
     stated = existing.provenance.origin.startswith("stated")
     return (
@@ -221,21 +213,6 @@ def _far_better(
         f"{there:.{digits}f} where that gives {here:.{digits}f} (adjusted {p_text(p)}): is "
         f"{'--home' if stated else 'the side-car'} right?"
     )
-
-
-def _lost(one: PairedEpisodes, success: bool) -> tuple[Estimate, float]:
-    """What is lost in a cell beside home, and the adjusted p-value; nothing where not known."""
-    if success:
-        return one.success, one.p_success_adjusted
-    if one.returns is None or one.p_return_adjusted is None:
-        return Estimate(0.0), 1.0
-    return one.returns, one.p_return_adjusted
-
-
-def _leads(matrix: Matrix, row: str, cell: str, home: str) -> bool:
-    """Whether random is beaten in a cell, by more than twice as much as at home."""
-    lead, error = _lead(matrix, row, cell)
-    return lead > 2.0 * error and lead > 2.0 * _lead(matrix, row, home)[0]
 
 
 def _lead(matrix: Matrix, row: str, cell: str) -> tuple[float, float]:
@@ -257,17 +234,16 @@ def _remedy(existing: Existing) -> str:
     return f"{long}trained with VecNormalize? pass --obs-stats vecnormalize.pkl"
 
 
-def _cannot_fail(spec: PanelSpec, records: EvidenceStore) -> list[str]:
+def _cannot_fail(spec: PanelSpec, records: EvidenceStore) -> Iterator[str]:
     """Doubt where success is survival, and everybody survives."""
     success = spec.testbed.success
     if success.parameter is None or success.goal != SURVIVAL:
-        return []
+        return
     ended = "SELECT record_id FROM records WHERE phase = 'evaluation' AND terminated LIMIT 1"
-    if records.query(ended).num_rows:
-        return []
-    solved, flag = success.suggested, f"--{success.parameter.replace('_', '-')} R"
-    suggestion = "" if solved is None else f" (Gymnasium calls the task solved at {solved:g})"
-    return [
-        "no episode of any row ends before its time limit, so success, which is survival, tells "
-        f"nothing here: compare returns, or give {flag}{suggestion}"
-    ]
+    if not records.query(ended).num_rows:
+        solved, flag = success.suggested, f"--{success.parameter.replace('_', '-')} R"
+        suggestion = "" if solved is None else f" (Gymnasium calls the task solved at {solved:g})"
+        yield (
+            "no episode of any row ends before its time limit, so success, which is survival, "
+            f"tells nothing here: compare returns, or give {flag}{suggestion}"
+        )
