@@ -269,6 +269,11 @@ class Cell(Part, frozen=True, kw_only=True):
         return place_arguments(self.discretization, environment, **changes)
 
 
+def cell_at(cells: Iterable[Cell], control_period: float) -> Cell | None:
+    """The first of some cells at a control period, s; None without one."""
+    return next((c for c in cells if math.isclose(c.control_period, control_period)), None)
+
+
 def place_name(place: Discretization, period: float) -> str:
     """Name of a discretization in a panel, with its control period where that is another.
 

@@ -307,7 +307,7 @@ def _finding_of_given(panel: Panel, row: Row) -> Finding:
     at_home = _mean_over(panel, row.name, row.shares, measure) if known else None
     there = None if cell is None else _value(panel.entry(row.name, cell.name), measure)
     found = None if cell is None or not known else _paired_in(panel, row.name, cell.name)
-    lost = found and (found.success if measure == "success" else found.returns)
+    lost = None if found is None else found.success if measure == "success" else found.returns
     if not known:
         status: Status = "home_unknown"
     elif cell is not None and panel.broken_contract(row.name, cell.name) is not None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import InitVar, dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -39,10 +39,11 @@ _DISTURBANCES = {
 """Replays to the arguments that they do without."""
 
 
+@dataclass
 class Successes:
     """Which episodes succeeded, policy by policy and cell by cell.
 
-    Args:
+    Attributes:
         homes: training discretization or mixture of every policy, or None.
         cells: cells that every policy is evaluated in.
         environment: constructor arguments common to all cells.
@@ -58,29 +59,19 @@ class Successes:
         contracts: what was compared of homes and cells on other engines.
     """
 
-    def __init__(
-        self,
-        homes: Sequence[Home | None],
-        cells: Sequence[Sequence[Cell]],
-        environment: Mapping[str, Any],
-        first: int = 0,
-        statuses: Mapping[str, str] | None = None,
-        whole: bool = True,
-        homeless: Collection[int] = (),
-        before: Sequence[Mapping[Discretization, tuple[int, int]]] = (),
-        known: Mapping[tuple[int, Key], Flags] | None = None,
-        contracts: Contracts | None = None,
-    ) -> None:
-        self._contracts = contracts or {}
-        self._homes = homes
-        self._environment = environment
-        self._first = first
-        self._statuses = statuses or {}
-        self._whole = whole
-        self._homeless = homeless
-        self._before = before
+    homes: Sequence[Home | None]
+    cells: InitVar[Sequence[Sequence[Cell]]]
+    environment: Mapping[str, Any]
+    first: int = 0
+    statuses: Mapping[str, str] = field(default_factory=dict)
+    whole: bool = True
+    homeless: Collection[int] = ()
+    before: Sequence[Mapping[Discretization, tuple[int, int]]] = ()
+    known: dict[tuple[int, Key], Flags] = field(default_factory=dict)
+    contracts: Contracts = field(default_factory=dict)
+
+    def __post_init__(self, cells: Sequence[Sequence[Cell]]) -> None:
         self._awaited = [{_key(cell) for cell in own} for own in cells]
-        self._known: dict[tuple[int, Key], Flags] = dict(known or {})
         self._recovered: dict[tuple[int, Key], Flags | None] = {}
 
     def note(
@@ -88,93 +79,74 @@ class Successes:
     ) -> None:
         """Take in a cell's outcomes, shape (policies, episodes), within one horizon and two."""
         for i, place in enumerate(policies):
-            self._known[place, _key(cell)] = success[i]
+            self.known[place, _key(cell)] = success[i]
             self._recovered[place, _key(cell)] = None if recovered is None else recovered[i]
             self._awaited[place].discard(_key(cell))
 
-    @property
-    def known(self) -> Mapping[tuple[int, Key], Flags]:
-        """Success in the cells that were noted, by policy and cell."""
-        return self._known
-
     def suffice(self, cell: Cell, policies: Sequence[int]) -> bool:
         """Whether all replays that labels in the cell rest on have been run, of those that will."""
-        return all(self._awaited[p].isdisjoint(self._needed(cell, p)) for p in policies)
+        needed = ((p, _rests_on(cell, self.homes[p])) for p in policies)
+        return all(self._awaited[p].isdisjoint(keys) for p, keys in needed)
 
     def replays(self, cell: Cell, policies: Sequence[int]) -> list[dict[int, Replays]]:
         """What is known about each episode of a cell that was noted, policy by policy."""
         return [self._replays_of(cell, place) for place in policies]
 
     def _replays_of(self, cell: Cell, place: int) -> dict[int, Replays]:
+        home, key = self.homes[place], (place, _key(cell))
         said: dict[str, Any] = {
             "home": self._said_at_home(cell, place),
-            "second_horizon": self._recovered[place, _key(cell)],
-            **self._undisturbed(cell, place),
+            "second_horizon": self._recovered[key],
         }
+        # The cell without changes, which is one with the packages that run here, answers for noise
+        # and delays that a variation brings in.
+        plain = self.known.get((place, (cell.discretization, None)))
+        for replay, names in _DISTURBANCES.items():
+            said[replay] = plain if self._changes_only(cell, names) else None
         whole: dict[str, Any] = {
             "home_success": self._home_success(place),
-            "cell_status": self._statuses.get(cell.name),
-            "contract_kept": is_kept(self._contracts, self._members(place), cell),
+            "cell_status": self.statuses.get(cell.name),
+            "contract_kept": is_kept(self.contracts, () if home is None else home.shares, cell),
         }
         return {
-            self._first + k: Replays(**{n: _episode(x, k) for n, x in said.items()}, **whole)
-            for k in range(len(self._known[place, _key(cell)]))
+            self.first + k: Replays(**{n: _episode(x, k) for n, x in said.items()}, **whole)
+            for k in range(len(self.known[key]))
         }
 
-    def _members(self, place: int) -> tuple[Discretization, ...]:
-        """What a policy was trained on."""
-        home = self._homes[place]
-        return () if home is None else tuple(home.shares)
-
     def _home_success(self, place: int) -> float | None:
-        """Success in what the policy was trained on, by shares; None where that was not run."""
-        home = self._homes[place]
-        shares = {} if home is None or not self._whole else home.shares
-        rates = {d: self._known.get((place, (d, None))) for d in shares}
-        known = [
-            shares[d] * self._rate(place, d, flags)
-            for d, flags in rates.items()
-            if flags is not None
-        ]
-        return sum(known) if known and len(known) == len(shares) else None
+        """Success in what the policy was trained on, by shares; None where that was not run.
 
-    def _rate(self, place: int, home: Discretization, flags: Flags) -> float:
-        """Share of a policy's episodes at home that succeeded, earlier ones among them."""
-        told = self._before[place] if self._before else {}
-        succeeded, episodes = told.get(home, (0, 0))
-        return (succeeded + int(flags.sum())) / (episodes + flags.size)
-
-    def _needed(self, cell: Cell, place: int) -> set[Key]:
-        return _rests_on(cell, self._homes[place])
+        Earlier episodes are among those that count.
+        """
+        home, parts = self.homes[place], []
+        if home is None or not self.whole:
+            return None
+        for member, share in home.shares.items():
+            flags = self.known.get((place, (member, None)))
+            if flags is None:
+                return None
+            earlier = self.before[place] if self.before else {}
+            succeeded, episodes = earlier.get(member, (0, 0))
+            parts.append(share * ((succeeded + int(flags.sum())) / (episodes + flags.size)))
+        return sum(parts)
 
     def _said_at_home(self, cell: Cell, place: int) -> Flags | HomeReplay:
         """Whether each episode succeeded in one of the training discretizations, all being run."""
-        home = self._homes[place]
+        home = self.homes[place]
         if home is None:
-            return None if place in self._homeless else "no home"
+            return None if place in self.homeless else "no home"
         if cell.discretization in home.shares:
             return "is home"
-        runs = [self._known.get((place, (d, cell.changes))) for d in home.shares]
+        runs = [self.known.get((place, (d, cell.changes))) for d in home.shares]
         known = [run for run in runs if run is not None]
         return np.any(known, axis=0) if len(known) == len(runs) else None
-
-    def _undisturbed(self, cell: Cell, place: int) -> dict[str, Flags | None]:
-        """The cell without changes answers for noise and delays that a variation brings in.
-
-        That cell is one with the packages that run here.
-        """
-        plain = self._known.get((place, (cell.discretization, None)))
-        return {
-            replay: plain if self._changes_only(cell, names) else None
-            for replay, names in _DISTURBANCES.items()
-        }
 
     def _changes_only(self, cell: Cell, names: set[str]) -> bool:
         """Whether these arguments alone are changed, from their undisturbed values."""
         changed = {*cell.environment} - {PACKAGES}
         if not changed or not changed <= names:
             return False
-        plain = place_arguments(cell.discretization, self._environment)
+        plain = place_arguments(cell.discretization, self.environment)
         return all(plain.get(n, getattr(Settings, n)) == getattr(Settings, n) for n in names)
 
 
@@ -323,8 +295,8 @@ def evaluate(
         whole=spec.testbed.batched,
         before=[subject.at_home for subject in subjects],
         homeless=[place for place, subject in enumerate(subjects) if not subject.home_known],
-        known=known,
-        contracts=contracts,
+        known=dict(known or {}),
+        contracts=contracts or {},
     )
     waiting: list[_Played] = []
     for cell, places in _schedule(subjects):
@@ -362,12 +334,12 @@ def _schedule(subjects: Sequence[Subject]) -> list[tuple[Cell, list[int]]]:
     """Every cell with the policies that are evaluated in it; those that label others come first."""
     cells = {cell.name: cell for subject in subjects for cell in subject.cells}
     homes = {subject.home for subject in subjects}
-    order = sorted(
-        cells.values(), key=lambda c: (c.changes is not None, c.discretization not in homes)
-    )
     names = [{cell.name for cell in subject.cells} for subject in subjects]
     return [
-        (cell, [place for place, own in enumerate(names) if cell.name in own]) for cell in order
+        (cell, [place for place, own in enumerate(names) if cell.name in own])
+        for cell in sorted(
+            cells.values(), key=lambda c: (c.changes is not None, c.discretization not in homes)
+        )
     ]
 
 

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from math import isclose
 from typing import Any
 
 import numpy as np
@@ -42,7 +41,7 @@ from ..verdict import (
     split,
 )
 from .achieve import Tried
-from .cells import AppliedDiscretization, Cell, Home, main_home
+from .cells import AppliedDiscretization, Cell, Home, cell_at, main_home
 from .contracts import Contracts, is_kept
 from .extrapolation import AtLimit, extrapolate, widen
 from .limit import PARTS
@@ -125,10 +124,9 @@ class Matrix:
 
     def means(self, row: str, cell: str, measure: Measure) -> Array:
         """Mean of every unit, shape (units,)."""
-        if measure == "success":
-            values = self.units(row, cell, "success")
-        else:
-            values = self.units(row, cell, "return") / self.units(row, cell, "duration")
+        values = self.units(row, cell, "success" if measure == "success" else "return")
+        if measure != "success":
+            values = values / self.units(row, cell, "duration")
         means: Array = values.mean(axis=1)
         return means
 
@@ -417,22 +415,10 @@ class PanelLayout:
             return None
         if self.achieved(matrix, cell).status in UNSOLVABLE:
             return None
-        if self.reference is not None:
-            return self.truth_at(own.control_period)
-        finest = (self.cells[name] for name in called)
-        return next((c.name for c in finest if isclose(c.control_period, own.control_period)), None)
-
-    def truth_at(self, control_period: float | None) -> str | None:
-        """Name of the truth at a control period, s; None where there is none."""
-        truths = (cell for cell in self.cells.values() if cell.reference)
-        return next(
-            (
-                c.name
-                for c in truths
-                if control_period and isclose(c.control_period, control_period)
-            ),
-            None,
-        )
+        exact: Iterable[Cell] = (cell for cell in self.cells.values() if cell.reference)
+        finest = map(self.cells.__getitem__, called)
+        found = cell_at(finest if self.reference is None else exact, own.control_period)
+        return None if found is None else found.name
 
     def columns(self) -> tuple[str, ...]:
         """Names of the cells that every row is evaluated in."""

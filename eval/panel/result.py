@@ -29,7 +29,7 @@ from ..verdict import (
     ReferenceClass,
     require_unique,
 )
-from .cells import Cell, Home, flatten, place_name
+from .cells import Cell, Home, cell_at, flatten, place_name
 
 RowKind: TypeAlias = Literal["trained", "given", "baseline"]
 """Trained by the panel, given to it, or a baseline that nobody trained."""
@@ -810,10 +810,9 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
 
     def truth_at(self, control_period: float | None) -> Cell | None:
         """The truth at a control period, s; at the panel's where that is not known."""
-        exact = [cell for cell in self.cells if cell.reference]
         if control_period is None:
             return self.truth
-        return next((c for c in exact if math.isclose(c.control_period, control_period)), None)
+        return cell_at((cell for cell in self.cells if cell.reference), control_period)
 
     def on_yardstick(self, row: str) -> Entry | None:
         """What a row did on the truth, or without one at the limit, at its control period."""
@@ -823,10 +822,9 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
 
     def limit_at(self, control_period: float | None) -> Cell | None:
         """The limit at a control period, s; the first where that is not known; None without it."""
-        called = [self.cell(name) for name in self._limit_names]
         if control_period is None:
             return self.limit
-        return next((c for c in called if math.isclose(c.control_period, control_period)), None)
+        return cell_at(map(self.cell, self._limit_names), control_period)
 
     @cached_property
     def undeclared(self) -> tuple[Entry, ...]:

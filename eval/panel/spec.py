@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import lru_cache
 from importlib import resources
-from itertools import accumulate
 from pathlib import Path
 from types import NoneType
 from typing import Any, get_type_hints
@@ -155,16 +154,9 @@ class PanelSpec:
         How many starts a network answers at once shows in the last bits of its actions, so what is
         evaluated is what is :attr:`latest` in one of these, and depends on nothing that came later.
         """
-        totals = [*accumulate(self.episode_parts)]
-        return (
-            *(self._after(place + 1, total) for place, total in enumerate(totals[:-1])),
-            self,
-        )
-
-    def _after(self, parts: int, episodes: int) -> PanelSpec:
-        """The same with the first parts of its episodes alone."""
-        own = self.episode_parts[:parts] if parts > 1 else ()
-        return replace(self, episodes=episodes, episode_parts=own)
+        first = [self.episode_parts[:count] for count in range(1, len(self.episode_parts))]
+        before = [(sum(parts), parts if len(parts) > 1 else ()) for parts in first]
+        return (*(replace(self, episodes=n, episode_parts=parts) for n, parts in before), self)
 
     def start_seed(self, starts: int, episode: int) -> int:
         """Seed of a start, the same in every cell.
@@ -219,40 +211,25 @@ class PanelSpec:
         truths = [truth for truth in map(self.testbed.truth, periods) if truth is not None]
         steps = [cell for cell in self._limit_cells() if not cell.changes]
         parts = {cell.discretization: cell.limit_part for cell in steps}
-        grid = (
-            self._cell(
-                d,
-                "grid",
-                role="quarter_step" if self._decides(d) else None,
-                limit_part=parts.get(d),
-            )
-            for d in self.grid
-            if d not in truths
-        )
-        exact = (
-            self._cell(d, "reference", role="reference" if d == self.reference else None)
-            for d in truths
-        )
-        limits = (cell for cell in self._limit_cells() if cell.limit_part == PARTS[-1])
-        return (
-            *grid,
-            *exact,
-            *(c for c in limits if c.changes or c.discretization not in self.grid),
-        )
+        cells = []
+        for place in self.grid:
+            if place not in truths:
+                role = "quarter_step" if self._decides(place) else None
+                cells.append(self._cell(place, "grid", role=role, limit_part=parts.get(place)))
+        for place in truths:
+            role = "reference" if place == self.reference else None
+            cells.append(self._cell(place, "reference", role=role))
+        finest = (cell for cell in self._limit_cells() if cell.limit_part == PARTS[-1])
+        return (*cells, *(c for c in finest if c.changes or c.discretization not in self.grid))
 
     def _limit_cells(self) -> Iterator[Cell]:
         """The limit's steps, each by itself."""
         for arguments in self.limit:
             changes = {name: arguments[name] for name in ("solver",) if name in arguments}
             place = Discretization(**{name: arguments[name] for name in DISCRETIZATION})
-            name = place_name(place, self.control_period)
-            yield self._cell(
-                place,
-                "limit",
-                name=f"{name}, tight solver" if changes else name,
-                environment=changes,
-                limit_part=arguments["part"],
-            )
+            name = f"{place_name(place, self.control_period)}{', tight solver' if changes else ''}"
+            part = arguments["part"]
+            yield self._cell(place, "limit", name=name, environment=changes, limit_part=part)
 
     def _cell(self, place: Discretization, kind: CellKind, **others: Any) -> Cell:
         return Cell.of(place, kind, **{"name": place_name(place, self.control_period), **others})
@@ -285,7 +262,9 @@ class PanelSpec:
             found.append("No perturbation of the plant is evaluated.")
         if "action_latency" not in changed:
             found.append("No action latency is evaluated.")
-        found += [*self.unmade, *self._unmade()]
+        faults = {cell.name: fault for cell, fault in self.varied(self.trained_on()) if fault}
+        found += self.unmade
+        found += [f"There is no cell {name!r}: {fault}." for name, fault in faults.items()]
         found += [
             f"Engine {name} is not installed, so it is left out: {install_command(name)}."
             for name in self.left_out
@@ -327,12 +306,8 @@ class PanelSpec:
                 for one in dict.fromkeys(places):
                     cell = None if one is None else self.vary(one, variation)
                     if cell is None and one is place and not self._changes(one, variation):
-                        cell = self._cell(
-                            one,
-                            "varied",
-                            variation=variation.name,
-                            at=place_name(one, self.control_period),
-                        )
+                        at = place_name(one, self.control_period)
+                        cell = self._cell(one, "varied", variation=variation.name, at=at)
                     if cell is not None:
                         yield cell, timing_fault(cell.arguments(self.environment))
 
@@ -359,14 +334,9 @@ class PanelSpec:
         if name == changes_name(variation.changes):
             name = changes_name(changes)
         at, where = (place_name(one, self.control_period) for one in (place, there))
-        return self._cell(
-            there,
-            "varied",
-            name=f"{where}, {name}" if changes else where,
-            environment=changes,
-            variation=variation.name,
-            at=at,
-        )
+        told = f"{where}, {name}" if changes else where
+        varied = {"environment": changes, "variation": variation.name, "at": at}
+        return self._cell(there, "varied", name=told, **varied)
 
     def _changes(self, place: Discretization, variation: Variation) -> dict[str, Any]:
         """What a variation sets to another value than the environment has there."""
@@ -397,11 +367,6 @@ class PanelSpec:
             return fits
         return _takes(self.testbed, cell.discretization, cell.changes)
 
-    def _unmade(self) -> list[str]:
-        """Cells of variations that cannot be had, in sentences."""
-        faults = {cell.name: fault for cell, fault in self.varied(self.trained_on()) if fault}
-        return [f"There is no cell {name!r}: {fault}." for name, fault in faults.items()]
-
     def _ladder(self, home: Home | None) -> tuple[Cell, ...]:
         """Of a single discretization whose control period can follow its step."""
         fixed = self.testbed.control_period is not None
@@ -418,16 +383,12 @@ class PanelSpec:
 
     def to_json(self) -> dict[str, Any]:
         """The specification as plain data, everything resolved."""
-        empty = (name for name in LATER if not getattr(self, name))
-        silent = (*NO_RESULT, *empty)
+        silent = (*NO_RESULT, *(name for name in LATER if not getattr(self, name)))
         told = [f.name for f in fields(self) if f.name not in silent]
         plain = {name: _plain(getattr(self, name)) for name in told}
-        return {**plain, "trainer": self._trainer(), "sources": self._sources()}
-
-    def _trainer(self) -> dict[str, str | None]:
-        """The trainer, with what its results depend on beside the packages of every panel."""
-        packages = TRAINERS.get(self.trainer, ())
-        return {"name": self.trainer, **{name: package_version(name) for name in packages}}
+        packages = {name: package_version(name) for name in TRAINERS.get(self.trainer, ())}
+        trainer = {"name": self.trainer, **packages}
+        return {**plain, "trainer": trainer, "sources": self._sources()}
 
     @property
     def fleet(self) -> bool:
@@ -495,8 +456,7 @@ def check_parts(spec: PanelSpec) -> None:
     if spec.episodes > STARTS_APART:
         raise SpecError(f"`episodes` must be at most {STARTS_APART}, got {spec.episodes}")
     for name in ("exploratory_seeds", "trace_every"):
-        value = getattr(spec, name)
-        if value is not None and value < 1:
+        if (value := getattr(spec, name)) is not None and value < 1:
             raise SpecError(f"`{name}` must be 1 or above, got {value}")
     _check_looks(spec)
     named: dict[str, Sequence[Any]] = {
@@ -558,10 +518,7 @@ def check_variations(spec: PanelSpec, homes: Sequence[Discretization]) -> None:
 
 def _check_looks(spec: PanelSpec) -> None:
     """Planned looks must be at ever more seeds, with each of which something is tested."""
-    if (
-        list(spec.looks) != sorted(set(spec.looks))
-        or min(spec.looks, default=MIN_SEEDS) < MIN_SEEDS
-    ):
+    if list(spec.looks) != sorted({n for n in spec.looks if n >= MIN_SEEDS}):
         raise SpecError(
             f"`looks` must hold numbers of seeds from {MIN_SEEDS} on, each above the one before, "
             f"got {list(spec.looks)}; with `looks = [{len(spec.seeds)}]` all is spent on one look"
@@ -586,11 +543,10 @@ def _check_environment(environment: Mapping[str, Any]) -> None:
     Raises:
         SpecError: for such an argument, with where to give it.
     """
-    varied = set(environment) & {*DISCRETIZATION, "mixture"}
-    if varied:
+    for name in sorted({*environment} & {*DISCRETIZATION, "mixture"}):
         raise SpecError(
-            f"`environment` gives `{sorted(varied)[0]}`, which is what cells vary; use "
-            "`control_period`, `train` and `evaluate` for it"
+            f"`environment` gives `{name}`, which is what cells vary; use `control_period`, "
+            "`train` and `evaluate` for it"
         )
 
 
@@ -720,18 +676,12 @@ def read_toml(path: Path) -> dict[str, Any]:
             f"file, or a built-in panel: {', '.join(BUILT_IN)}"
         ) from error
     except tomllib.TOMLDecodeError as error:
-        raise SpecError(
-            f"{path} is not valid TOML: {error}; docs/reference/panel.md has the format"
-        ) from error
+        fault = f"is not valid TOML: {error}"
     except RecursionError:
-        raise SpecError(
-            f"{path} is nested too deep to be a specification; docs/reference/panel.md has the "
-            "format"
-        ) from None
+        fault = "is nested too deep to be a specification"
     except ValueError as error:
-        raise SpecError(
-            f"{path} cannot be a specification: {error}; docs/reference/panel.md has the format"
-        ) from None
+        fault = f"cannot be a specification: {error}"
+    raise SpecError(f"{path} {fault}; docs/reference/panel.md has the format")
 
 
 def parse_spec(data: Mapping[str, Any], source: str) -> PanelSpec:
@@ -743,8 +693,6 @@ def parse_spec(data: Mapping[str, Any], source: str) -> PanelSpec:
     try:
         spec = _parse(data)
         check_parts(spec)
-    except SpecError as error:
-        raise SpecError(f"{source}: {error}") from None
     except (TypeError, ValueError) as error:
         raise SpecError(f"{source}: {error}") from error
     return spec

@@ -134,10 +134,11 @@ class PanelError(IntegGymError, RuntimeError):
     """A unit of work that failed, in one sentence."""
 
 
+@dataclass(frozen=True)
 class Work:
     """Units of a run given to workers, each committed as it ends.
 
-    Args:
+    Attributes:
         directory: of the run, held by this process.
         cluster: where.
         pool: runs tasks there.
@@ -145,24 +146,15 @@ class Work:
         bar: shows it.
     """
 
-    def __init__(
-        self,
-        directory: RunDirectory,
-        cluster: Cluster,
-        pool: TaskPool,
-        progress: Progress,
-        bar: Any,
-    ) -> None:
-        self._directory = directory
-        self._cluster = cluster
-        self._pool = pool
-        self._progress = progress
-        self._bar = bar
-        self._phase = ""
+    directory: RunDirectory
+    cluster: Cluster
+    pool: TaskPool
+    progress: Progress
+    bar: Any
 
     def skip(self, seconds: float) -> None:
         """Count work that was done before."""
-        self._progress.begin_at(seconds)
+        self.progress.begin_at(seconds)
 
     def commit(
         self, phase: str, task: Callable[..., None], units: Mapping[str, tuple[Any, ...]]
@@ -178,15 +170,15 @@ class Work:
         Raises:
             PanelError: if one fails; what was finished stays.
         """
-        directory = self._directory
+        directory = self.directory
         first: tuple[Callable[..., Any], ...] = (task,)
-        if self._cluster.remote:
+        if self.cluster.remote:
             directory, first = directory.copy_for_workers(), (_do_in_scratch, task)
         tasks = {unit: (*first, spec, directory, *given) for unit, (spec, *given) in units.items()}
-        for _, files in self._results(phase, tasks, self._directory.discard_remains):
-            if self._cluster.remote:
-                self._directory.take(files)
-            self._directory.storage.send()
+        for _, files in self._results(phase, tasks, self.directory.discard_remains):
+            if self.cluster.remote:
+                self.directory.take(files)
+            self.directory.storage.send()
 
     def do(
         self, phase: str, task: Callable[..., Any], arguments: Mapping[str, tuple[Any, ...]]
@@ -203,10 +195,9 @@ class Work:
     def _results(
         self, phase: str, tasks: Mapping[str, tuple[Any, ...]], discard: Callable[[str], None]
     ) -> Iterator[tuple[str, Any]]:
-        self._bar.describe(phase)
-        self._phase = phase
+        self.bar.describe(phase)
         try:
-            for name, future in self._pool.run(tasks, discard):
+            for name, future in self.pool.run(tasks, discard):
                 error = future.exception()
                 if isinstance(error, Exception):
                     told = f"{phase} {name} failed: {_format_error(error)}"

@@ -12,7 +12,7 @@ from integ_gym.support.terminal import NONE, compact, fixed, percent
 
 from ..panel.cells import Cell
 from ..panel.conclusions import UNSKILLED, remedy_summary
-from ..panel.result import Entry, PairedEpisodes, Panel, Remedy, RemedyCell, Row
+from ..panel.result import Entry, Panel, Remedy, RemedyCell, Row
 from ..power import WITHOUT_VERDICT, Verdict
 from ..statistics import Estimate
 from ..verdict import ALPHA, EQUIVALENCE_MARGIN, FAIL_MARGIN, p_text
@@ -202,14 +202,13 @@ def gap_forest(panel: Panel) -> Forest | None:
 
 
 def _gap_line(panel: Panel, row: str, cell: str, value: Estimate, tone: Tone = "soft") -> Line:
-    low, high = value.ends
     return Line(
         panel.label(row),
         panel.label(cell),
         (row, cell),
         (Mark(value, tone, filled=tone != "soft"),),
         fixed(value.estimate, 2, True),
-        f"{fixed(low)} to {fixed(high)}" if value.bounded else "",
+        " to ".join(map(fixed, value.ends)) if value.bounded else "",
         f"{panel.in_words(row)} on {panel.in_words(cell)}: overfitting {value}",
     )
 
@@ -274,11 +273,9 @@ def _mixture(panel: Panel, remedy: Remedy) -> Mixture:
             harmful.append((rivals[0].success.estimate, line))
         else:
             others.append(line)
-    harmful.sort(key=lambda pair: pair[0])
-    row = panel.row(remedy.row)
-    return Mixture(
-        row, remedy_summary(panel, remedy), tuple(line for _, line in harmful), tuple(others)
-    )
+    worst_first = tuple(line for _, line in sorted(harmful, key=lambda pair: pair[0]))
+    summary = remedy_summary(panel, remedy)
+    return Mixture(panel.row(remedy.row), summary, worst_first, tuple(others))
 
 
 def _remedy_line(panel: Panel, own: Entry, rivals: list[Entry], cell: RemedyCell) -> Line:
@@ -305,45 +302,35 @@ def _remedy_line(panel: Panel, own: Entry, rivals: list[Entry], cell: RemedyCell
     )
 
 
-_Compared = tuple[PairedEpisodes, Estimate, float]
-"""Of one cell: what is held against what, the difference and its adjusted p-value."""
-
-
 def paired_success(panel: Panel) -> Forest | None:
     """What every given policy loses of its success in each cell; None without any."""
-    compared = [(one, one.success, one.p_success_adjusted) for one in panel.paired]
     show = partial(fixed, digits=2)
-    return _paired(panel, "Success lost", compared, difference_axis, show, EQUIVALENCE_MARGIN)
+    return _paired(panel, "success", "Success lost", difference_axis, show, EQUIVALENCE_MARGIN)
 
 
 def paired_return(panel: Panel) -> Forest | None:
     """What every given policy loses of its mean return in each cell; None without any."""
-    compared = [
-        (one, one.returns, one.p_return_adjusted)
-        for one in panel.paired
-        if one.returns is not None and one.p_return_adjusted is not None
-    ]
-    return _paired(panel, "Mean return lost", compared, value_axis, partial(compact, digits=3))
+    return _paired(panel, "return", "Mean return lost", value_axis, partial(compact, digits=3))
 
 
 def _paired(
     panel: Panel,
+    measure: str,
     title: str,
-    compared: list[_Compared],
     axis: Callable[[Iterable[Estimate]], Axis],
     show: Callable[..., str],
     margin: float | None = None,
 ) -> Forest | None:
     """Blocks by policy, and by whether its plant was changed."""
     blocks: dict[str, list[Line]] = {}
-    for one, value, p in compared:
+    compared = [(one, found) for one in panel.paired if (found := one.difference(measure))]
+    for one, (value, p) in compared:
         what = "discretizations" if panel.cell(one.cell).plain else "variations"
         where = "at home" if one.against == "home" else panel.at_yardstick
         heading = f"{one.row}, {one.episodes} starts: {what} against what it does {where}"
-        low, high = value.ends
-        interval = f"{show(low)} to {show(high)}, " if value.bounded else ""
+        interval = f"{' to '.join(map(show, value.ends))}, " if value.bounded else ""
         number, significant = show(value.estimate, sign=True), p < ALPHA
-        equal = margin is not None and value.bounded and -margin <= low and high <= margin
+        equal = margin is not None and value.is_within(margin)
         tone: Tone = "transfers" if equal else "accent" if significant else "soft"
         line = Line(
             "",
@@ -358,7 +345,7 @@ def _paired(
         blocks.setdefault(heading, []).append(line)
     if not blocks:
         return None
-    values = [value for _, value, _ in compared]
+    values = [value for _, (value, _) in compared]
     equal_words = f"; green: practically equal (within ±{margin})" if margin else ""
     return Forest(
         title,
@@ -449,6 +436,5 @@ def trust_of(panel: Panel) -> list[Trust]:
     for cell in panel.columns:
         entries = (panel.entry(row.name, cell.name) for row in panel.ordered_rows)
         judged = tuple(e for e in entries if e is not None and e.reference_class)
-        if judged and not cell.reference:
-            trusts.append(Trust(cell, judged))
+        trusts += [Trust(cell, judged)] if judged and not cell.reference else []
     return trusts

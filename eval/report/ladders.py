@@ -175,14 +175,8 @@ def _ladder_plot(
     order = list(schemes)
     series = []
     for name, entries in rungs.items():
-        points = tuple(
-            Point(
-                places[dt],
-                entry.success,
-                f"{name}, step {step(dt)} s: success {entry.success}",
-            )
-            for dt, entry in entries.items()
-        )
+        words = {dt: f"{name}, step {step(dt)} s: success {e.success}" for dt, e in entries.items()}
+        points = tuple(Point(places[dt], e.success, words[dt]) for dt, e in entries.items())
         aside = order.index(name) - (len(order) - 1) / 2.0
         series.append(Series(name, schemes[name], aside, points))
     ticks = thin_ticks([(places[dt], step(dt)) for dt in steps], _LETTER)
@@ -251,10 +245,7 @@ def _sweep_plots(
                 words = f"{panel.in_words(row)}, {argument}={value:g}: success {entry.success}"
                 yield Point(place, entry.success, words)
 
-    for about, cells in (
-        ("on the truth", truths),
-        ("at home", homes),
-    ):
+    for about, cells in (("on the truth", truths), ("at home", homes)):
         series = []
         for number, (row, place) in enumerate(cells.items()):
             shown = tuple(points(row, place)) if place else ()

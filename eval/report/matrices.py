@@ -124,9 +124,9 @@ def success_matrix(panel: Panel) -> Matrix | None:
     signs = {
         "▲ false pass": "false_pass" in classes,
         "▽ false fail": "false_fail" in classes,
-        "✕n episodes diverged": any(entry.diverged for entry in entries),
+        "✕n episodes diverged": any(e.diverged for e in entries),
         "≠ contract differs, no verdict": any(
-            panel.broken_contract(entry.row, entry.cell) for entry in entries
+            panel.broken_contract(e.row, e.cell) for e in entries
         ),
     }
 
@@ -148,9 +148,9 @@ def success_matrix(panel: Panel) -> Matrix | None:
         hatched = cell.achievability if cell.achievability in HATCHED else None
         if hatched is not None:
             words.append(f"the cell is {solved_words(panel, cell)}")
-        text, share = fixed(rate.estimate), rate.estimate
-        span = rate.ends if rate.bounded else None
-        return Shade(text, "rate", share, "; ".join(words), tuple(marks), hatched, span)
+        span, about = rate.ends if rate.bounded else None, "; ".join(words)
+        text = fixed(rate.estimate)
+        return Shade(text, "rate", rate.estimate, about, tuple(marks), hatched, span)
 
     found = {cell.achievability for cell in panel.columns}
     return _matrix(
@@ -183,14 +183,10 @@ def return_matrix(panel: Panel) -> Matrix | None:
 
 def energy_matrix(panel: Panel) -> Matrix | None:
     """Matrix of energy residuals, None if the panel has none."""
-    sizes = [
-        abs(entry.energy_residual.estimate)
-        for entry in _of_columns(panel)
-        if entry.energy_residual is not None
-    ]
-    if not sizes:
+    known = (e.energy_residual for e in _of_columns(panel) if e.energy_residual is not None)
+    largest = max((abs(one.estimate) for one in known), default=None)
+    if largest is None:
         return None
-    largest = max(sizes)
     floor = largest * ENERGY_FLOOR
 
     def shade(entry: Entry, home: bool) -> Shade:

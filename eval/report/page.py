@@ -368,16 +368,12 @@ def _settings(panel: Panel) -> list[tuple[str, str]]:
             return json.dumps(value)
         return "none" if value is None else str(value)
 
-    entries = {
-        str(name): value
-        for name, value in panel.spec.items()
-        if not isinstance(value, Mapping | list)
-        or (
-            isinstance(value, list)
-            and value
-            and not any(isinstance(x, list | Mapping) for x in value)
-        )
-    }
-    inner = [panel.spec.get(group, {}) for group in ("environment", "training")]
-    pairs = [*entries.items(), *(pair for group in inner for pair in group.items())]
+    def is_plain(value: Any) -> bool:
+        if isinstance(value, list):
+            return bool(value) and not any(isinstance(x, list | Mapping) for x in value)
+        return not isinstance(value, Mapping)
+
+    pairs = [pair for pair in panel.spec.items() if is_plain(pair[1])]
+    for group in ("environment", "training"):
+        pairs += panel.spec.get(group, {}).items()
     return [(str(name), plain(value)) for name, value in pairs]

@@ -23,7 +23,8 @@ from integ_gym.support.terminal import compact, fixed, nonbreaking, percent, ste
 from integ_gym.train.policy import MlpPolicy
 
 from ..film import LEAST_START
-from ..panel.result import Entry, Panel
+from ..panel.cells import Cell
+from ..panel.result import Entry, Panel, Row
 from ..statistics import Estimate
 from .episodes import LEDGER, Array, Episodes, Trace, choice_words
 from .matrices import (
@@ -85,7 +86,7 @@ def pack_payload(
         task: what is asked; None where that is not known.
         href: from a file of the panel to a link.
     """
-    cells = {cell.name: place for place, cell in enumerate(panel.cells)}
+    rows, cells = _places(panel)
     files = {name for entry in panel.matrix for name in entry.file}
     head = {
         "directory": panel.directory,
@@ -119,12 +120,7 @@ def pack_payload(
             }
             for group in panel.groups
         ],
-        "entries": {
-            (panel.anchor(e.row, e.cell) or "").removeprefix("r").replace("c", "/"): _entry(
-                panel, e
-            )
-            for e in panel.matrix
-        },
+        "entries": {f"{rows[e.row]}/{cells[e.cell]}": _entry(panel, e) for e in panel.matrix},
         "measures": _measures(panel),
     }
     numbers = bytearray()
@@ -180,15 +176,16 @@ def _entry(panel: Panel, entry: Entry) -> dict[str, Any]:
     def three(value: float | None) -> str:
         return compact(value, 3)
 
+    def signed(value: float | None) -> str:
+        return compact(value, 3, True)
+
     time = _interval(entry.time_to_success, three, " s")
     facts = {
         "success": _interval(entry.success),
         f"return, {mean_words(panel)}": _interval(entry.returns, three),
         "time to success": time
         and f"{time}, {entry.time_to_success_episodes} of {entry.episodes} episodes",
-        "energy residual": _interval(
-            entry.energy_residual, lambda value: compact(value, 3, True), " J"
-        ),
+        "energy residual": _interval(entry.energy_residual, signed, " J"),
         "energy residual, size": _interval(entry.energy_residual_abs, three, " J"),
         "within two horizons": _interval(entry.recovered),
         "loss against home": _interval(entry.home_drop),
@@ -218,14 +215,12 @@ def _interval(
 ) -> str | None:
     if value is None:
         return None
-    if not value.bounded:
-        return f"{show(value.estimate)}{unit}"
-    return f"{show(value.estimate)} ({show(value.low)} to {show(value.high)}){unit}"
+    ends = f" ({' to '.join(map(show, value.ends))})" if value.bounded else ""
+    return f"{show(value.estimate)}{ends}{unit}"
 
 
 def _episodes(panel: Panel, episodes: Episodes, numbers: bytearray) -> dict[str, Any]:
-    rows = {row.name: place for place, row in enumerate(panel.rows)}
-    cells = {cell.name: place for place, cell in enumerate(panel.cells)}
+    rows, cells = _places(panel)
     outcomes, live = episodes.outcomes, episodes.live
     names = sorted({str(x) for own in outcomes.values() for x in np.unique(own.label)})
     unit = _ledger_unit(episodes)
@@ -336,6 +331,12 @@ def _trace(trace: Trace, numbers: bytearray, finest: float) -> dict[str, Any]:
         "control": {name: column(values) for name, values in trace.control.items()},
         "ledger": {name: column(values) for name, values in zip(LEDGER, trace.ledger, strict=True)},
     }
+
+
+def _places(panel: Panel) -> list[dict[str, int]]:
+    """Places of rows and of cells, by name."""
+    parts: tuple[Sequence[Row | Cell], ...] = (panel.rows, panel.cells)
+    return [{one.name: place for place, one in enumerate(part)} for part in parts]
 
 
 def _add(numbers: bytearray, values: Array) -> int:
