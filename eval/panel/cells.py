@@ -374,16 +374,24 @@ def environments_of(
     return make_checked(testbed, asked, lanes, **given)
 
 
+def setup_of(testbed: Testbed, cell: Cell) -> Any:
+    """The setup of a cell's environments.
+
+    Raises:
+        TypeError, ValueError: for a cell that cannot be made.
+    """
+    environments = environments_of(testbed, cell, 1)
+    environments.close()
+    return environments.setups[0]
+
+
 @lru_cache(maxsize=16)
 def nominal_setup(testbed: Testbed, control_period: float) -> Any:
     """The setup of the undisturbed task on its truth, or at home where there is none.
 
     Baselines are designed from its parameters.
     """
-    place = testbed.truth(control_period) or testbed.home
-    environments = environments_of(testbed, Cell.of(place, "grid"), 1)
-    environments.close()
-    return environments.setups[0]
+    return setup_of(testbed, Cell.of(testbed.truth(control_period) or testbed.home, "grid"))
 
 
 def training_arguments(home: Home, environment: Mapping[str, Any]) -> dict[str, Any]:

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from integ_gym.envs.settings import Discretization
 from integ_gym.evidence.episodes import Layout
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.support.executors import Cluster
@@ -110,10 +111,10 @@ def not_evaluated(
             directory.discard_remains(unit)
     directory.discard_unmarked(PREFIX)
     done = evaluated(directory, first=spec.latest.start)
-    waiting = []
-    for subject in subjects:
-        there = done.get(subject.policy.policy_id)
-        waiting.append(subject if there is None else subject.waiting(there.cells))
+    waiting = [
+        subject.waiting(done[policy].cells) if policy in done else subject
+        for policy, subject in zip(hashes, subjects, strict=True)
+    ]
     return [subject for subject in waiting if subject.missing]
 
 
@@ -125,13 +126,12 @@ def knowing_home(
         return list(subjects)
     rows = EvidenceStore(directory.evidence).query(_EARLIER.format(spec.latest.start)).to_pylist()
     found = {(row["policy_id"], row["cell"]): (row["succeeded"], row["episodes"]) for row in rows}
-    told = []
-    for subject in subjects:
+
+    def earlier(subject: Subject) -> dict[Discretization, tuple[int, int]]:
         homes = () if subject.home is None else subject.home.shares
-        policy = subject.policy.policy_id
-        known = {d: found[policy, spec.name_of(d)] for d in homes}
-        told.append(replace(subject, at_home=known))
-    return told
+        return {d: found[subject.policy.policy_id, spec.name_of(d)] for d in homes}
+
+    return [replace(subject, at_home=earlier(subject)) for subject in subjects]
 
 
 _EARLIER = """
@@ -279,7 +279,7 @@ def expected_seconds(
     return all_seconds(spec, subjects), left
 
 
-def _listed(*given: Any) -> list[Any]:
+def _evaluate_whole(*given: Any) -> list[Any]:
     return list(evaluate(*given))
 
 
@@ -295,10 +295,10 @@ def _divided(
     """The tables of a batch whose episodes are divided among all workers."""
     given = EvidenceStore(directory.evidence), can, None, contracts
     parts = {
-        f"{_named(batch)} from episode {part.start}": (spec, batch, part, *given)
+        f"{', '.join(_hashes(batch))} from episode {part.start}": (spec, batch, part, *given)
         for part in divided(spec, workers)
     }
-    for tables in work.do("evaluating", _listed, parts):
+    for tables in work.do("evaluating", _evaluate_whole, parts):
         yield from tables
 
 
@@ -317,10 +317,6 @@ def statuses(spec: PanelSpec, directory: RunDirectory) -> dict[str, str]:
     """Whether each cell that was tried can be solved, by its name."""
     found = tried(directory, spec.episodes)
     return {cell: own.achieved().status for cell, own in found.items() if own != Tried()}
-
-
-def _named(batch: Sequence[Subject]) -> str:
-    return ", ".join(subject.policy.policy_id for subject in batch)
 
 
 def _hashes(subjects: Sequence[Subject]) -> dict[str, str]:

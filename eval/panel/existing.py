@@ -32,7 +32,17 @@ from integ_gym.train.baselines import possible_baselines
 from integ_gym.train.policy_files.reading import unscaled
 from integ_gym.train.policy_files.sidecar import Stated
 
-from .cells import Count, Name, SpecError, Variation, convert, environments_of, main_home, many
+from .cells import (
+    Count,
+    Name,
+    SpecError,
+    Variation,
+    convert,
+    environments_of,
+    main_home,
+    many,
+    setup_of,
+)
 from .checking.plan import check_records
 from .doubts import doubts_of
 from .elsewhere import make_interpreters
@@ -41,16 +51,7 @@ from .evaluate import all_seconds, evaluate_all
 from .home import VARIED, Provenance, provenance
 from .limit import steps_of_limit
 from .matrix import given_rows
-from .outputs import (
-    CHECKING,
-    JUDGING,
-    Begin,
-    Call,
-    artefact_of,
-    phases,
-    reduce_records,
-    write_outputs,
-)
+from .outputs import CHECKING, JUDGING, Call, artefact_of, phases, reduce_records, write_outputs
 from .plan import planned_home
 from .policies import (
     Existing,
@@ -132,16 +133,9 @@ def given_panel(spec: PanelSpec, directory: RunDirectory, called: Call) -> Panel
     policy = PanelPolicy(id=name, seed=existing.seed, hash=existing.policy.content_hash, file=file)
     rows, homes = given_rows(spec, policy, existing.home)
     layout, matrix = reduce_records(spec, directory, rows, homes)
-    store = EvidenceStore(directory.evidence)
-    return artefact_of(
-        spec,
-        directory,
-        layout,
-        matrix,
-        called,
-        looks=layout.looks,
-        doubts=doubts_of(existing, spec, layout, matrix, store),
-    )
+    doubts = doubts_of(existing, spec, layout, matrix, EvidenceStore(directory.evidence))
+    found = {"looks": layout.looks, "doubts": doubts}
+    return artefact_of(spec, directory, layout, matrix, called, **found)
 
 
 def other_facts(
@@ -178,12 +172,10 @@ def other_facts(
 
 def _of_actions(policy: Any) -> tuple[bool, tuple[list[float], list[float]] | None]:
     """Whether a policy scales observations, and the bounds of its actions."""
-    bounds = getattr(policy, "bounds", None)
-    told = None
+    bounds: Any = getattr(policy, "bounds", None)
     if bounds is not None:
-        low, high = (np.asarray(end, dtype=np.float64).tolist() for end in bounds)
-        told = (low, high)
-    return getattr(policy, "statistics", None) is not None, told
+        bounds = tuple(np.asarray(end, dtype=np.float64).tolist() for end in bounds)
+    return getattr(policy, "statistics", None) is not None, bounds
 
 
 def _facts(directory: RunDirectory) -> Facts:
@@ -200,21 +192,12 @@ def _kept(spec: PanelSpec, directory: RunDirectory) -> Existing:
     environments.close()
     name = spec.name.removeprefix("evaluate ")
     folder = directory.policies / name
-    known = Provenance(
-        planned_home(plan),
-        spec.control_period,
-        spec.environment,
-        str(plan["home"].get("origin")),
-        overridden=facts.overridden,
-    )
-    return Existing(
-        _Known(name, str(plan["policy"]), facts.bounds, facts.statistics or None),
-        known,
-        {} if facts.file is None else {facts.file: folder / facts.file},
-        facts.seed,
-        environments.single_action_space,
-        facts.unscaled,
-    )
+    home, origin = planned_home(plan), str(plan["home"].get("origin"))
+    known = Provenance(home, spec.control_period, spec.environment, origin, {}, facts.overridden)
+    policy = _Known(name, str(plan["policy"]), facts.bounds, facts.statistics or None)
+    files = {} if facts.file is None else {facts.file: folder / facts.file}
+    space = environments.single_action_space
+    return Existing(policy, known, files, facts.seed, space, facts.unscaled)
 
 
 class Evaluation(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
@@ -323,7 +306,7 @@ def plan(
     )
     check_variations(whole, own)
     for cell in whole.cells_of(existing.home):
-        environments_of(testbed, cell, 1).close()
+        setup_of(testbed, cell)
     return whole
 
 
@@ -455,39 +438,26 @@ def evaluate_existing(
         if progress and directory.markers("") == before:
             print("Complete: nothing to evaluate.", file=sys.stderr)
         with phases("evaluate", progress) as begin:
-            count = max(1, cluster.workers)
-            panel = _write(existing, spec, directory, command, count, begin)
+            begin(CHECKING)
+            check_records(directory)
+            begin(JUDGING)
+            directory.note(**{GIVEN: facts_of(existing)})
+            directory.record_look(Seen(1, spec.episodes, 0))
+            called = Call(command, max(1, cluster.workers), display_path(str(directory.storage)))
+            made = given_panel(spec, directory, called)
+            panel = write_outputs(directory, made, called, begin)
         directory.finish_work()
     for doubt in panel.warnings:
         on_doubt(doubt)
     return panel
 
 
-def _write(
-    existing: Existing,
-    spec: PanelSpec,
-    directory: RunDirectory,
-    command: str,
-    processes: int,
-    begin: Begin,
-) -> Panel:
-    """Reduce the records, and write the directory's page."""
-    begin(CHECKING)
-    check_records(directory)
-    begin(JUDGING)
-    directory.note(**{GIVEN: facts_of(existing)})
-    directory.record_look(Seen(1, spec.episodes, 0))
-    called = Call(command, processes, display_path(str(directory.storage)))
-    return write_outputs(directory, given_panel(spec, directory, called), called, begin)
-
-
 def _processes(workers: int | None, seconds: float) -> int:
     """Worker processes; 0: this one works."""
-    if workers is None:
-        return 0 if seconds < SHORT else cores()
-    if workers < 1:
+    if workers is not None and workers < 1:
         raise InputError(f"`workers` must be 1 or above, got {workers}")
-    return 0 if workers == 1 else workers
+    few = seconds < SHORT if workers is None else workers == 1
+    return 0 if few else workers or cores()
 
 
 def _read_cells(path: Path) -> Evaluation:

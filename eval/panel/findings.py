@@ -86,12 +86,8 @@ def twin_of(cell: Cell, cells: Mapping[str, Cell], plant: Plant, resisted: bool)
         return None
     if resisted and ENGINES.load(own.engine).holds_resistance and ours not in EVALUATED_ONCE:
         return None
-    twin = Discretization(ours, own.dt, own.control_period)
-    same = (
-        name
-        for name, other in cells.items()
-        if other.discretization == twin and other.kind == cell.kind
-    )
+    twin = Discretization(ours, own.dt, own.control_period), cell.kind
+    same = (name for name, one in cells.items() if (one.discretization, one.kind) == twin)
     return next(same, None)
 
 
@@ -111,19 +107,13 @@ def agreements(layout: PanelLayout, matrix: Matrix, spec: PanelSpec) -> tuple[En
         matrix: episodes of every row in every cell.
         spec: of the panel, whose plant has stops or friction, or has not.
     """
-    foreign = [
-        cell
-        for cell in layout.cells.values()
-        if cell.kind == "grid" and cell.discretization.engine != NATIVE
-    ]
+    cells = layout.cells
+    foreign = [one for one in cells.values() if one.kind == "grid" and one.engine != NATIVE]
     if not foreign or spec.reference is None:
         return ()
-    nominal = spec.nominal
-    twins = {
-        cell.name: twin_of(cell, layout.cells, nominal.plant, nominal.system.steep)
-        for cell in foreign
-    }
-    return tuple(_agreement(cell, twins[cell.name], layout, matrix) for cell in foreign)
+    plant, steep = spec.nominal.plant, spec.nominal.system.steep
+    twins = ((cell, twin_of(cell, cells, plant, steep)) for cell in foreign)
+    return tuple(_agreement(cell, twin, layout, matrix) for cell, twin in twins)
 
 
 def _agreement(
@@ -213,14 +203,14 @@ def _paired(
     for cell in tested:
         found = at.get(cell)
         limited = [one for one in (base, found) if one is not None]
-        here = found.success[0] if found else _of(matrix, row.name, "success", cell)
+        here = found.success[0] if found else matrix.values(row.name, cell, "success")[0]
         rate = paired_success(success, here)
         if limited:
             slack = sum(one.success_slack for one in limited)
             least = paired_success(success, _nearer(success, here, slack))[1]
             rate = _beyond_slack(*rate, slack, least)
         rates.append(rate)
-        here = found.returns[0] if found else _of(matrix, row.name, "return", cell)
+        here = found.returns[0] if found else matrix.values(row.name, cell, "return")[0]
         mean = _return(earned, here)
         if mean and limited:
             slack = math.copysign(sum(one.return_slack for one in limited), mean[0].estimate)
@@ -282,15 +272,9 @@ def _held_against(
     return ("limit", {called[0]: 1.0}) if called else (None, {})
 
 
-def _of(matrix: Matrix, row: str, name: str, cell: str) -> Array:
-    """One column by start."""
-    values: Array = matrix.values(row, cell, name)[0]
-    return values
-
-
 def _mixed(matrix: Matrix, row: str, name: str, shares: dict[str, float]) -> Array:
     """One column by start, averaged over cells by their shares."""
-    parts = [share * _of(matrix, row, name, cell) for cell, share in shares.items()]
+    parts = [share * matrix.values(row, cell, name)[0] for cell, share in shares.items()]
     mean: Array = np.sum(parts, axis=0)
     return np.clip(mean, 0.0, 1.0) if name == "success" else mean
 
@@ -393,12 +377,8 @@ def _remedy_in(
 
 def separations(layout: PanelLayout, matrix: Matrix) -> tuple[Separation, ...]:
     """What each difference costs each trained or given row in cells that differ from its home."""
-    return tuple(
-        found
-        for row in layout.rows
-        if row.home is not None
-        for found in _separations_of(layout, matrix, row)
-    )
+    rows = [row for row in layout.rows if row.home is not None]
+    return tuple(one for row in rows for one in _separations_of(layout, matrix, row))
 
 
 def _separations_of(layout: PanelLayout, matrix: Matrix, row: Row) -> Iterator[Separation]:
@@ -495,19 +475,12 @@ def training_costs(
     costs = {}
     for row, ids in policies.items():
         chosen = [names == policy for policy in ids]
-        costs[row] = _cost([decisions_to_success(lengths[own], successes[own]) for own in chosen])
+        by_seed = [decisions_to_success(lengths[own], successes[own]) for own in chosen]
+        costs[row] = TrainingCost(
+            window=WINDOW,
+            rate=RATE,
+            by_seed=tuple(value if math.isfinite(value) else None for value in by_seed),
+            reached=int(np.isfinite(by_seed).sum()),
+            median=median_interval(by_seed),
+        )
     return costs
-
-
-def _cost(by_seed: Sequence[float]) -> TrainingCost:
-    return TrainingCost(
-        window=WINDOW,
-        rate=RATE,
-        by_seed=tuple(_known(value) for value in by_seed),
-        reached=int(np.isfinite(by_seed).sum()),
-        median=median_interval(by_seed),
-    )
-
-
-def _known(value: float) -> float | None:
-    return value if math.isfinite(value) else None

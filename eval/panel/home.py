@@ -130,7 +130,9 @@ def provenance(
             _check_same(told, arguments)
             arguments |= told
         else:
-            origin, known = _of_card(card), True
+            unseen = ", of before they had a hash: an edit of it goes unseen"
+            origin = f"the side-car beside the policy{'' if HASH_KEY in card else unseen}"
+            known = True
     _check_period(env_id, arguments, given)
     environments = _closed(env_id, {**_stepped(arguments), **given})
     home = _home(environments.mixture) if known else None
@@ -221,12 +223,6 @@ def _origin(stated: Stated, told: Mapping[str, Any], env_id: str) -> str:
     if "integrator" in told:
         return "stated"
     return f"no side-car says it, and none was stated; {how_to_state(env_id)}"
-
-
-def _of_card(card: Mapping[str, Any]) -> str:
-    if HASH_KEY in card:
-        return "the side-car beside the policy"
-    return "the side-car beside the policy, of before they had a hash: an edit of it goes unseen"
 
 
 def _stepped(arguments: Mapping[str, Any]) -> dict[str, Any]:

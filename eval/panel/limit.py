@@ -16,7 +16,7 @@ from integ_gym.envs.registries import INTEGRATORS, MAPS
 from integ_gym.envs.settings import Discretization
 from integ_gym.envs.testbeds.gym_testbed import Testbed
 
-from .cells import Cell, Home, SpecError, environments_of, is_engine, map_of
+from .cells import Cell, Home, SpecError, is_engine, map_of, setup_of
 
 PARTS: Final = (2, 4, 8)
 """Parts of a home's step that the limit is extrapolated from."""
@@ -98,20 +98,13 @@ def _sort_by_order(testbed: Testbed, home: Discretization) -> list[str]:
 
 def _tighten_solver(testbed: Testbed, place: Discretization) -> dict[str, Any]:
     """Arguments of a step, with tighter settings of its solver where the testbed tells any."""
-    setup = _make_setup(testbed, Cell.of(place, "limit"))
+    setup = setup_of(testbed, Cell.of(place, "limit"))
     held = setup.engine.describe().get("solver") or getattr(setup.settings, "solver", None) or {}
     solver = dict(_tighter_settings(held))
     if not solver:
         return place.arguments()
-    _make_setup(testbed, Cell.of(place, "limit", environment={"solver": solver}))
+    setup_of(testbed, Cell.of(place, "limit", environment={"solver": solver}))
     return {**place.arguments(), "solver": solver}
-
-
-def _make_setup(testbed: Testbed, cell: Cell) -> Any:
-    """The setup of a cell's environment, which can be made."""
-    environments = environments_of(testbed, cell, 1)
-    environments.close()
-    return environments.setups[0]
 
 
 def _tighter_settings(settings: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:

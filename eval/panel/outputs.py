@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import accumulate
-from typing import Any, Final, Literal
+from typing import Any
 
 import msgspec
 
@@ -26,28 +26,24 @@ from .contracts import contracts_in
 from .evaluate import evaluated
 from .findings import agreements, training_costs
 from .matrix import COLUMNS, Matrix, PanelLayout, applied_in, reward_doubts
-from .result import Cost, Panel, Policy, Row, Stage, write_panel
+from .result import Cost, Panel, Policy, Row, RowKind, Stage, write_panel
 from .run_directory import CALLED, MANIFEST, RunDirectory, Seen
 from .spec import PanelSpec
 from .units import panel_bar, training_config, units_of
 
-Phase = Literal["checking records", "judging", "drawing figures", "writing the page"]
+CHECKING, JUDGING = "checking records", "judging"
+DRAWING, WRITING = "drawing figures", "writing the page"
 
-CHECKING: Final = "checking records"
-JUDGING: Final = "judging"
-DRAWING: Final = "drawing figures"
-WRITING: Final = "writing the page"
-
-_SECONDS: dict[Phase, float] = {CHECKING: 3.0, JUDGING: 9.0, DRAWING: 5.0, WRITING: 3.0}
+_SECONDS = {CHECKING: 3.0, JUDGING: 9.0, DRAWING: 5.0, WRITING: 3.0}
 """What is done, in words and in order, and time that it takes of the quick panel, s."""
 
 _BEFORE = dict(zip(_SECONDS, accumulate(_SECONDS.values(), initial=0.0), strict=False))
 
-Begin = Callable[[Phase], None]
+Begin = Callable[[str], None]
 """Told what is done now."""
 
 
-def no_op(phase: Phase) -> None:
+def no_op(phase: str) -> None:
     """Nobody is told."""
 
 
@@ -61,7 +57,7 @@ def phases(label: str, shown: bool) -> Iterator[Begin]:
     """
     with panel_bar(f"{label}, page", sum(_SECONDS.values()), shown) as bar:
 
-        def begin(phase: Phase) -> None:
+        def begin(phase: str) -> None:
             bar.update(_BEFORE[phase] - bar.n)
             bar.describe(phase)
 
@@ -98,10 +94,7 @@ def write_artefact(
 
 
 def panel_of(
-    spec: PanelSpec,
-    directory: RunDirectory,
-    called: Call,
-    of: PanelSpec | None = None,
+    spec: PanelSpec, directory: RunDirectory, called: Call, of: PanelSpec | None = None
 ) -> Panel:
     """What ``panel.json`` holds of a panel: a function of its plan, markers and records alone.
 
@@ -136,23 +129,17 @@ def _rows_of(spec: PanelSpec, directory: RunDirectory) -> tuple[Row, ...]:
     homes, there = {spec.name_of(home): home for home in spec.train}, evaluated(directory)
     policies: dict[str, list[Policy]] = {name: [] for name in (*homes, *spec.baselines)}
     for unit in units_of(spec):
-        file = None
-        if unit.home:
-            path = policy_file(directory.policies / unit.policy)
-            file = path.relative_to(directory.path).as_posix()
+        path = policy_file(directory.policies / unit.policy) if unit.home else None
+        file = path and path.relative_to(directory.path).as_posix()
         policy_hash = there[unit.policy].policy_hash
         policy = Policy(id=unit.policy, seed=unit.seed, hash=policy_hash, file=file)
         policies[unit.row].append(policy)
-    return tuple(
-        Row.of(
-            name,
-            "trained" if name in homes else "baseline",
-            own,
-            homes.get(name),
-            spec.shares_of(homes.get(name)),
-        )
-        for name, own in policies.items()
-    )
+    rows = []
+    for name, own in policies.items():
+        home = homes.get(name)
+        kind: RowKind = "trained" if home else "baseline"
+        rows.append(Row.of(name, kind, own, home, spec.shares_of(home)))
+    return tuple(rows)
 
 
 def _units(spec: PanelSpec) -> dict[str, str]:

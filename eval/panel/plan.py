@@ -48,13 +48,8 @@ def planned_spec(plan: Mapping[str, Any]) -> PanelSpec:
     try:
         table = msgspec.structs.asdict(msgspec.convert(fields, _Plan))
         known = {key: value for key, value in table.items() if value is not msgspec.UNSET}
-        spec = PanelSpec(
-            **{
-                **known,
-                "trainer": str(known["trainer"].get("name")),
-                "train": tuple(map(_home, known["train"])),
-            }
-        )
+        known["trainer"] = str(known["trainer"].get("name"))
+        spec = PanelSpec(**{**known, "train": tuple(map(_home, known["train"]))})
     except (KeyError, msgspec.ValidationError) as error:
         raise SpecError(f"its specification is damaged: {error}") from None
     if spec.trainer not in TRAINERS:
@@ -263,14 +258,11 @@ def inputs(spec: PanelSpec, cells: Iterable[Cell]) -> dict[str, Any]:
     """
     told = spec.to_json()
     places = [(cell.name, cell.discretization.arguments(), cell.environment) for cell in cells]
-    sources = {
-        name: source
-        for name, source in told["sources"].items()
-        if any(place["integrator"] == name for _, place, _ in places)
-    }
+    used = {place["integrator"] for _, place, _ in places}
+    sources = {name: source for name, source in told["sources"].items() if name in used}
     shared = {name: value for name, value in told.items() if name not in FREE}
-    starts = {"start_sets": list(spec.start_sets)}
-    return {**shared, **starts, "sources": sources, "cells": sorted(places)}
+    own = {"start_sets": list(spec.start_sets), "sources": sources, "cells": sorted(places)}
+    return {**shared, **own}
 
 
 @dataclass(frozen=True)
@@ -308,11 +300,9 @@ def family_power(spec: PanelSpec, before: Sequence[Look] = ()) -> FamilyPower | 
         for look in before
     )
     looks = Looks(tuple(seen), spec.looks)
-    cells, rows = {cell for _, cell in spec.family}, {row for row, _ in spec.family}
-    seeds = min(len(spec.seeds_of(home)) for home in spec.train if spec.name_of(home) in rows)
-    natives = min(
-        (len(spec.seeds_of(h)) for h in spec.train if spec.name_of(h) in cells), default=0
-    )
+    counts = {spec.name_of(home): len(spec.seeds_of(home)) for home in spec.train}
+    seeds = min(counts[row] for row, _ in spec.family)
+    natives = min((counts[cell] for _, cell in spec.family if cell in counts), default=0)
     family = len(spec.family)
     found = verdict_chances(seeds, natives, spec.episodes, family, looks)
     return FamilyPower(family, seeds, natives, found, fewest_seeds(family, looks))

@@ -45,11 +45,11 @@ from .cells import (
     check_unique,
     convert,
     engine_versions,
-    environments_of,
     file_name,
     many,
     nominal_setup,
     place_name,
+    setup_of,
     timing_fault,
 )
 from .limit import PARTS, steps_of_limit
@@ -413,7 +413,7 @@ def _takes(testbed: Testbed, place: Discretization, changes: str | None) -> bool
     """Whether a testbed's environment can be made with changes, as :attr:`Cell.changes`."""
     cell = Cell.of(place, "varied", environment=json.loads(changes or "{}"))
     try:
-        environments_of(testbed, cell, 1).close()
+        setup_of(testbed, cell)
     except InputError:
         return False
     return True
@@ -474,7 +474,7 @@ def check_parts(spec: PanelSpec) -> None:
     for cells in every:
         check_unique("cells", [cell.name for cell in cells])
     for cell in {cell.name: cell for cells in every for cell in cells}.values():
-        environments_of(spec.testbed, cell, 1).close()
+        setup_of(spec.testbed, cell)
     for home in spec.trained_on():
         if home not in spec.grid and home != spec.reference:
             raise SpecError(

@@ -98,7 +98,7 @@ def absent_engines() -> tuple[str, ...]:
 
 def installed_engines() -> tuple[str, ...]:
     """Names of the installed engines, without the native one."""
-    return tuple(name for name in ENGINES.names() if name != NATIVE and not missing_modules(name))
+    return tuple(name for name in ENGINES.names() if name not in (NATIVE, *absent_engines()))
 
 
 def integrator_applying(engine: str, maps: Sequence[str]) -> str | None:
@@ -207,12 +207,12 @@ def fitting(
         for place, fault in faults.items()
         if fault
     ]
-    kept = [place for place, fault in faults.items() if not fault]
+    fit = [place for place, fault in faults.items() if not fault]
     for place, fault in faults.items():
-        lost = place.dt in steps and all(place.dt != one.dt for one in kept)
-        if fault and (lost or not kept):
+        lost = place.dt in steps and all(place.dt != one.dt for one in fit)
+        if fault and (lost or not fit):
             raise SpecError(fault)
-    return kept, sentences
+    return fit, sentences
 
 
 def _varied_places(where: str, place: Any, home: Discretization) -> list[Any]:

@@ -24,7 +24,7 @@ from integ_gym.train.policy_files.card import LAST_EPISODES, episode_summary, ma
 from integ_gym.train.policy_files.sb3_published import zip_faults
 from integ_gym.train.policy_files.sidecar import POLICY_FILE, WEIGHTS_FILE
 
-from ..cells import Cell, Home, engine_versions, environments_of
+from ..cells import Cell, Home, engine_versions, setup_of
 from ..plan import planned_home
 from ..run_directory import PACKAGES as OF_EVERY_RUN
 from ..run_directory import key_of
@@ -257,9 +257,7 @@ def _planned(spec: PanelSpec, policy: PlannedPolicy, cell: Cell) -> dict[str, An
 
 def _arguments(spec: PanelSpec, cell: Cell) -> dict[str, Any]:
     """Constructor arguments of a cell's environments, as records have them."""
-    environments = environments_of(spec.testbed, cell, 1)
-    environments.close()
-    return recorded_arguments(environments.setups[0])
+    return recorded_arguments(setup_of(spec.testbed, cell))
 
 
 def _read(name: str, row: Mapping[str, Any]) -> Any:
