@@ -10,25 +10,8 @@ from typing import Final, Literal, TypeAlias
 import msgspec
 import numpy as np
 
+from . import verdict as rules
 from .statistics import DRAWS, Estimate, Floats, Part, holm, mean_rate
-from .verdict import (
-    ALPHA,
-    EQUIVALENCE_MARGIN,
-    FAIL_MARGIN,
-    FIRST_LOOK,
-    INTERVAL_DRAWS,
-    LEARNED,
-    MIN_SEEDS,
-    Achieved,
-    Looks,
-    Rates,
-    Shares,
-    adjust_for_look,
-    p_overfitting_exceeds,
-    p_overfitting_within,
-    require_unique,
-    split,
-)
 
 VerdictCode: TypeAlias = Literal[
     "fails", "transfers", "inconclusive",
@@ -57,8 +40,8 @@ class Comparison:
 
     row: str
     cell: str
-    rates: Rates
-    achieved: Achieved
+    rates: rules.Rates
+    achieved: rules.Achieved
     contract_kept: bool | None = None
 
 
@@ -105,11 +88,13 @@ class Verdict(Part, frozen=True, kw_only=True):
     @property
     def few(self) -> bool:
         """Whether it, or the policies trained in the cell, have too few seeds for any test."""
-        return min(self.seeds, self.seeds if self.natives is None else self.natives) < MIN_SEEDS
+        return (
+            min(self.seeds, self.seeds if self.natives is None else self.natives) < rules.MIN_SEEDS
+        )
 
 
 def judge_family(
-    comparisons: Sequence[Comparison], looks: Looks = FIRST_LOOK, *, draws: int = DRAWS
+    comparisons: Sequence[Comparison], looks: rules.Looks = rules.FIRST_LOOK, *, draws: int = DRAWS
 ) -> tuple[Verdict, ...]:
     """Judge a declared family of transfers by overfitting; see `Loss`.
 
@@ -157,16 +142,20 @@ def judge_family(
     ValueError
         If a name occurs twice, or as `Rates`.
     """
-    require_unique([f"{c.row} → {c.cell}" for c in comparisons], "comparison")
+    rules.require_unique([f"{c.row} → {c.cell}" for c in comparisons], "comparison")
     marks = [_mark(comparison) for comparison in comparisons]
     tested = [c.rates for c, mark in zip(comparisons, marks, strict=True) if mark is None]
-    exceeds = [p_overfitting_exceeds(rates, FAIL_MARGIN, draws=draws) for rates in tested]
-    equivalent = [p_overfitting_within(rates, EQUIVALENCE_MARGIN, draws=draws) for rates in tested]
+    exceeds = [
+        rules.p_overfitting_exceeds(rates, rules.FAIL_MARGIN, draws=draws) for rates in tested
+    ]
+    equivalent = [
+        rules.p_overfitting_within(rates, rules.EQUIVALENCE_MARGIN, draws=draws) for rates in tested
+    ]
     open_tests = [1.0] * marks.count("undecided")
     shares = [looks.shares(len(rates.home)) for rates in tested]
     adjusted = [
         [
-            adjust_for_look(p, share)
+            rules.adjust_for_look(p, share)
             for p, share in zip(holm([*found, *open_tests]), own, strict=False)
         ]
         for found, own in (
@@ -194,7 +183,7 @@ def _mark(comparison: Comparison) -> VerdictCode | None:
     """Why there is no verdict; None where there is one."""
     if comparison.contract_kept is False:
         return "contract_error"
-    if mean_rate(comparison.rates.home) < LEARNED:
+    if mean_rate(comparison.rates.home) < rules.LEARNED:
         return "not_learned"
     status = comparison.achieved.status
     return None if status == "achievable" else status
@@ -204,7 +193,7 @@ def _verdict(
     comparison: Comparison,
     mark: VerdictCode | None,
     p: tuple[float, float, float, float] | None,
-    looks: Looks,
+    looks: rules.Looks,
     draws: int,
 ) -> Verdict:
     rates = comparison.rates
@@ -212,7 +201,7 @@ def _verdict(
         row=comparison.row,
         cell=comparison.cell,
         verdict=mark or "inconclusive",
-        **vars(split(rates, draws=min(draws, INTERVAL_DRAWS))),
+        **vars(rules.split(rates, draws=min(draws, rules.INTERVAL_DRAWS))),
         seeds=len(rates.home),
         natives=None if rates.native is None else len(rates.native),
         seeds_for_transfers=looks.min_seeds_equivalence,
@@ -221,7 +210,7 @@ def _verdict(
         return verdict
     code: VerdictCode = "inconclusive"
     if not verdict.few:
-        code = "fails" if p[2] < ALPHA else "transfers" if p[3] < ALPHA else code
+        code = "fails" if p[2] < rules.ALPHA else "transfers" if p[3] < rules.ALPHA else code
     return msgspec.structs.replace(
         verdict,
         verdict=code,
@@ -307,7 +296,7 @@ def verdict_chances(
     natives: int,
     starts: int,
     family: int,
-    looks: Looks = FIRST_LOOK,
+    looks: rules.Looks = rules.FIRST_LOOK,
     *,
     repeats: int = 100,
 ) -> tuple[Power, ...]:
@@ -347,23 +336,26 @@ def verdict_chances(
     return tuple(found)
 
 
-def fewest_seeds(family: int, looks: Looks = FIRST_LOOK) -> int:
+def fewest_seeds(family: int, looks: rules.Looks = rules.FIRST_LOOK) -> int:
     """With how many seeds, all of which always succeed, every member of a family `transfers`.
 
     At the look that comes next, or at any planned one.
     """
 
     def shown(seeds: int) -> bool:
-        rates = Rates(*(np.ones(seeds),) * 3)
-        own = Looks((), (seeds,) * len(looks.planned)) if looks.planned else looks
+        rates = rules.Rates(*(np.ones(seeds),) * 3)
+        own = rules.Looks((), (seeds,) * len(looks.planned)) if looks.planned else looks
         _, level = own.shares(seeds).levels
-        return p_overfitting_within(rates, EQUIVALENCE_MARGIN, draws=_FINE) < level / family
+        return (
+            rules.p_overfitting_within(rates, rules.EQUIVALENCE_MARGIN, draws=_FINE)
+            < level / family
+        )
 
-    return _first(MIN_SEEDS, _MOST, shown)
+    return _first(rules.MIN_SEEDS, _MOST, shown)
 
 
 def seeds_wanted(
-    rates: Rates, family: int, looks: Looks = FIRST_LOOK, *, repeats: int = 60
+    rates: rules.Rates, family: int, looks: rules.Looks = rules.FIRST_LOOK, *, repeats: int = 60
 ) -> int | None:
     """How many seeds would decide a transfer, if more were as those that there are.
 
@@ -412,29 +404,29 @@ def _first(low: int, high: int, holds: Callable[[int], bool]) -> int:
     return low
 
 
-def _verdicts(rates: Rates, shares: Shares, family: int) -> tuple[bool, bool]:
+def _verdicts(rates: rules.Rates, shares: rules.Shares, family: int) -> tuple[bool, bool]:
     """Whether a transfer is said to hold, and whether to fail."""
     above, within = (level / family for level in shares.levels)
-    if above > 0.0 and p_overfitting_exceeds(rates, FAIL_MARGIN, draws=_DRAWS) < above:
+    if above > 0.0 and rules.p_overfitting_exceeds(rates, rules.FAIL_MARGIN, draws=_DRAWS) < above:
         return False, True
     if within == 0.0:
         return False, False
-    return p_overfitting_within(rates, EQUIVALENCE_MARGIN, draws=_DRAWS) < within, False
+    return rules.p_overfitting_within(rates, rules.EQUIVALENCE_MARGIN, draws=_DRAWS) < within, False
 
 
 def _simulated(
     rng: np.random.Generator, draw: Draw, lost: float, seeds: int, natives: int, starts: int
-) -> Rates:
+) -> rules.Rates:
     home = measured(rng, draw, HOME, seeds, starts)
     there = measured(rng, draw, HOME - lost, seeds, starts)
     native = measured(rng, draw, HOME, natives, starts) if natives else None
-    return Rates(home, there, there, native, np.ones(100))
+    return rules.Rates(home, there, there, native, np.ones(100))
 
 
-def _resampled(rng: np.random.Generator, rates: Rates, seeds: int) -> Rates:
+def _resampled(rng: np.random.Generator, rates: rules.Rates, seeds: int) -> rules.Rates:
     """So many seeds drawn from those that there are, natives likewise."""
     row = rates.row[:, rng.integers(rates.row.shape[1], size=seeds)]
     native = None if rates.native is None else np.asarray(rates.native)
     if native is not None:
         native = native[rng.integers(native.size, size=native.size)]
-    return Rates(row[0], row[1], row[2], native, rates.handmade)
+    return rules.Rates(row[0], row[1], row[2], native, rates.handmade)

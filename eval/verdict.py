@@ -13,25 +13,7 @@ import numpy as np
 
 from integ_gym.support.errors import InputError
 
-from .statistics import (
-    DRAWS,
-    PROVEN,
-    SHOWN,
-    Estimate,
-    Floats,
-    Part,
-    RatesLike,
-    Stream,
-    equal_tailed,
-    holm,
-    joint_means,
-    mean_of,
-    mean_rate,
-    one_dimensional,
-    share,
-    unpaired_difference,
-    worst_case_means,
-)
+from . import statistics as stats
 
 FAIL_MARGIN: Final = 0.2
 """Overfitting shown to be larger than this is a failure to transfer."""
@@ -159,11 +141,11 @@ class Rates:
         If the first three differ in length, one is empty, or a rate is outside [0, 1].
     """
 
-    home: RatesLike
-    transferred: RatesLike
-    recovered: RatesLike
-    native: RatesLike | None = None
-    handmade: RatesLike | None = None
+    home: stats.RatesLike
+    transferred: stats.RatesLike
+    recovered: stats.RatesLike
+    native: stats.RatesLike | None = None
+    handmade: stats.RatesLike | None = None
 
     def __post_init__(self) -> None:
         counts = [len(self.home), len(self.transferred), len(self.recovered)]
@@ -174,17 +156,20 @@ class Rates:
             )
 
     @cached_property
-    def row(self) -> Floats:
+    def row(self) -> stats.Floats:
         """Home, transferred and recovered, shape (3, seeds)."""
         named = {"home": self.home, "transferred": self.transferred, "recovered": self.recovered}
-        return np.stack([one_dimensional(rates, name) for name, rates in named.items()])
+        return np.stack([stats.one_dimensional(rates, name) for name, rates in named.items()])
 
     @cached_property
-    def yardsticks(self) -> tuple[tuple[Floats, Stream], ...]:
+    def yardsticks(self) -> tuple[tuple[stats.Floats, stats.Stream], ...]:
         """Those that can be solved with, each with its stream of draws."""
-        given = (("native", self.native, Stream.SECOND), ("handmade", self.handmade, Stream.THIRD))
+        given = (
+            ("native", self.native, stats.Stream.SECOND),
+            ("handmade", self.handmade, stats.Stream.THIRD),
+        )
         return tuple(
-            (one_dimensional(rates, name), stream)
+            (stats.one_dimensional(rates, name), stream)
             for name, rates, stream in given
             if rates is not None
         )
@@ -209,10 +194,10 @@ class Loss:
         c − r_i(j): the rest, which verdicts are about.
     """
 
-    total: Estimate
-    difficulty: Estimate
-    deadline: Estimate
-    overfitting: Estimate
+    total: stats.Estimate
+    difficulty: stats.Estimate
+    deadline: stats.Estimate
+    overfitting: stats.Estimate
 
 
 def split(rates: Rates, *, draws: int = INTERVAL_DRAWS) -> Loss:
@@ -223,18 +208,24 @@ def split(rates: Rates, *, draws: int = INTERVAL_DRAWS) -> Loss:
     share and that natives and a hand-made controller have of their own.
     """
     drawn = _parts(
-        joint_means(rates.row, _ROW_PRIOR, _ROW_WEIGHTS, Stream.FIRST, draws=draws).T,
+        stats.joint_means(rates.row, _ROW_PRIOR, _ROW_WEIGHTS, stats.Stream.FIRST, draws=draws).T,
         [
-            joint_means(own[None], _YARDSTICK_PRIOR, _YARDSTICK_WEIGHTS, stream, draws=draws)[:, 0]
+            stats.joint_means(own[None], _YARDSTICK_PRIOR, _YARDSTICK_WEIGHTS, stream, draws=draws)[
+                :, 0
+            ]
             for own, stream in rates.yardsticks
         ],
     )
-    means = np.array([mean_of(quantity) for quantity in rates.row])
-    found = _parts(means, [np.asarray(mean_of(own)) for own, _ in rates.yardsticks])
-    return Loss(*(equal_tailed(float(x), own, LEVEL) for x, own in zip(found, drawn, strict=True)))
+    means = np.array([stats.mean_of(quantity) for quantity in rates.row])
+    found = _parts(means, [np.asarray(stats.mean_of(own)) for own, _ in rates.yardsticks])
+    return Loss(
+        *(stats.equal_tailed(float(x), own, LEVEL) for x, own in zip(found, drawn, strict=True))
+    )
 
 
-def _parts(row: Floats, yardsticks: Sequence[Floats]) -> tuple[Floats, Floats, Floats, Floats]:
+def _parts(
+    row: stats.Floats, yardsticks: Sequence[stats.Floats]
+) -> tuple[stats.Floats, stats.Floats, stats.Floats, stats.Floats]:
     home, transferred, recovered = row
     compared = np.minimum(home, np.maximum.reduce(yardsticks)) if yardsticks else home
     return (
@@ -246,7 +237,7 @@ def _parts(row: Floats, yardsticks: Sequence[Floats]) -> tuple[Floats, Floats, F
 
 
 def p_overfitting_exceeds(
-    rates: Rates, margin: float, weight: float = SHOWN, *, draws: int = DRAWS
+    rates: Rates, margin: float, weight: float = stats.SHOWN, *, draws: int = stats.DRAWS
 ) -> float:
     """P-value for "overfitting > ``margin``": small when that is shown.
 
@@ -254,37 +245,37 @@ def p_overfitting_exceeds(
     higher of two yardsticks does is shown by either, at twice its p-value.
     """
     (home, _, recovered), yardsticks = _against(rates, (0.0, 1.0, 1.0), 0.0, weight, draws)
-    above_home = share(home - recovered <= margin)
-    above = [share(own - recovered <= margin) for own in yardsticks]
+    above_home = stats.share(home - recovered <= margin)
+    above = [stats.share(own - recovered <= margin) for own in yardsticks]
     return max(above_home, min(1.0, len(above) * min(above))) if above else above_home
 
 
-def p_overfitting_below(rates: Rates, margin: float, *, draws: int = DRAWS) -> float:
+def p_overfitting_below(rates: Rates, margin: float, *, draws: int = stats.DRAWS) -> float:
     """P-value for "overfitting < ``margin``": small when that is shown.
 
     That r_i(j) comes near to s_i(i) shows it, and so does that it comes near to every yardstick;
     of the level, nine tenths are the first's and one is the second's.
     """
-    (home, _, recovered), yardsticks = _against(rates, (1.0, 0.0, 0.0), 1.0, PROVEN, draws)
-    below_home = share(home - recovered >= margin) / HOME_SHARE
-    below = [share(own - recovered >= margin) / (1.0 - HOME_SHARE) for own in yardsticks]
+    (home, _, recovered), yardsticks = _against(rates, (1.0, 0.0, 0.0), 1.0, stats.PROVEN, draws)
+    below_home = stats.share(home - recovered >= margin) / HOME_SHARE
+    below = [stats.share(own - recovered >= margin) / (1.0 - HOME_SHARE) for own in yardsticks]
     return min(1.0, below_home, max(below, default=1.0))
 
 
-def p_overfitting_within(rates: Rates, margin: float, *, draws: int = DRAWS) -> float:
+def p_overfitting_within(rates: Rates, margin: float, *, draws: int = stats.DRAWS) -> float:
     """P-value for "overfitting within ±``margin``": the larger of two one-sided tests'."""
     return max(
         p_overfitting_below(rates, margin, draws=draws),
-        p_overfitting_exceeds(rates, -margin, PROVEN, draws=draws),
+        p_overfitting_exceeds(rates, -margin, stats.PROVEN, draws=draws),
     )
 
 
 def _against(
     rates: Rates, row: tuple[float, float, float], yardstick: float, weight: float, draws: int
-) -> tuple[Floats, list[Floats]]:
+) -> tuple[stats.Floats, list[stats.Floats]]:
     """Draws of the row's means and of each yardstick's, with what speaks against a claim."""
-    return worst_case_means(rates.row, row, weight, Stream.FIRST, draws=draws).T, [
-        worst_case_means(own[None], (yardstick,), weight, stream, draws=draws)[:, 0]
+    return stats.worst_case_means(rates.row, row, weight, stats.Stream.FIRST, draws=draws).T, [
+        stats.worst_case_means(own[None], (yardstick,), weight, stream, draws=draws)[:, 0]
         for own, stream in rates.yardsticks
     ]
 
@@ -401,7 +392,7 @@ UNSOLVABLE: Final = ("too_slow", "unachievable")
 """Cells that no policy is blamed for failing in."""
 
 
-class Attempt(Part, frozen=True):
+class Attempt(stats.Part, frozen=True):
     """What policies or a hand-made controller reach in a cell.
 
     Attributes:
@@ -415,7 +406,7 @@ class Attempt(Part, frozen=True):
     recovered: float
 
 
-class Search(Part, frozen=True):
+class Search(stats.Part, frozen=True):
     """Whether the goal's energy can be reached, by a search over controls.
 
     Attributes:
@@ -436,7 +427,7 @@ class Search(Part, frozen=True):
         return float(np.mean(np.asarray(self.highest) >= self.required))
 
 
-class Achieved(Part, frozen=True):
+class Achieved(stats.Part, frozen=True):
     """Whether a cell can be solved, and what shows it.
 
     Attributes:
@@ -496,12 +487,12 @@ class PolicyCell:
     """
 
     name: str
-    rates_a: RatesLike
-    rates_b: RatesLike
+    rates_a: stats.RatesLike
+    rates_b: stats.RatesLike
     role: CellRole | None = None
 
 
-class CellFinding(Part, frozen=True, kw_only=True):
+class CellFinding(stats.Part, frozen=True, kw_only=True):
     """What one cell says about "A beats B".
 
     Attributes:
@@ -521,7 +512,7 @@ class CellFinding(Part, frozen=True, kw_only=True):
     name: str
     role: CellRole | None
     status: CellStatus
-    difference: Estimate
+    difference: stats.Estimate
     p_win: float
     p_win_adjusted: float | None
     p_reversal: float
@@ -533,7 +524,7 @@ class CellFinding(Part, frozen=True, kw_only=True):
         return self.p_reversal_adjusted is not None
 
 
-class PolicyComparison(Part, frozen=True, kw_only=True):
+class PolicyComparison(stats.Part, frozen=True, kw_only=True):
     """Whether "A beats B" survives refinement.
 
     Attributes:
@@ -587,10 +578,10 @@ def compare_policies(
     for role in ("quarter_step", "reference"):
         if not any(cell.role == role for cell in cells):
             raise InputError(f"expected a cell with role {role!r}; the claim is decided there")
-    differences = [unpaired_difference(cell.rates_a, cell.rates_b) for cell in cells]
+    differences = [stats.unpaired_difference(cell.rates_a, cell.rates_b) for cell in cells]
     blocked = [_uninformative(cell) for cell in cells]
     tested = [own.p_less() for own, why in zip(differences, blocked, strict=True) if why is None]
-    reversals = iter(holm(tested).tolist())
+    reversals = iter(stats.holm(tested).tolist())
     findings = []
     for cell, difference, why in zip(cells, differences, blocked, strict=True):
         status, win, reversal = why or "undecided", None, None
@@ -615,7 +606,7 @@ def compare_policies(
 def _uninformative(cell: PolicyCell) -> CellStatus | None:
     if min(len(cell.rates_a), len(cell.rates_b)) < MIN_SEEDS:
         return "too_few_seeds"
-    if max(mean_rate(cell.rates_a), mean_rate(cell.rates_b)) < UNSOLVED:
+    if max(stats.mean_rate(cell.rates_a), stats.mean_rate(cell.rates_b)) < UNSOLVED:
         return "unsolved"
     return None
 

@@ -10,19 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from integ_gym.support import figures
 from integ_gym.support.errors import InputError
-from integ_gym.support.figures import (
-    INK,
-    PAPER,
-    SOFT,
-    SUNK,
-    blank_figure,
-    draw_heading,
-    inch_canvas,
-    ink_on,
-    success_colour,
-    write_figure,
-)
 from integ_gym.support.files import make_folder, replace_file
 from integ_gym.support.terminal import NONE, fixed
 
@@ -55,9 +44,9 @@ def draw_phases(
     """
     across = WIDE * len(ratios)
     width = max(_LEFT + 2 * across + _GAP + 0.3, _NARROWEST)
-    figure = blank_figure(width, _TOP + HIGH * len(homes) + 0.55)
-    axes = inch_canvas(figure)
-    draw_heading(
+    figure = figures.blank_figure(width, _TOP + HIGH * len(homes) + 0.55)
+    axes = figures.inch_canvas(figure)
+    figures.draw_heading(
         axes, 0.3, f"{name}: where a policy learns, and what it keeps",
         "mean success of policies by what they were trained on (rows) and the limit of the control "
         "over the least that the truth takes (columns)",
@@ -65,10 +54,10 @@ def draw_phases(
     by_place = {(point.home.name, point.ratio): point for point in found}
     for side, title in enumerate(("at home", "on the truth")):
         left = _LEFT + side * (across + _GAP)
-        axes.text(left, _TOP - 0.32, title, size=10, weight="bold", color=INK)
+        axes.text(left, _TOP - 0.32, title, size=10, weight="bold", color=figures.INK)
         for k, ratio in enumerate(ratios):
             x = left + WIDE * (k + 0.5)
-            axes.text(x, _TOP - 0.1, f"{ratio:g}", size=8, color=SOFT, ha="center")
+            axes.text(x, _TOP - 0.1, f"{ratio:g}", size=8, color=figures.SOFT, ha="center")
             for row, home in enumerate(homes):
                 point = by_place.get((home, ratio))
                 rates = None if point is None else (point.at_home, point.on_truth)[side]
@@ -76,16 +65,22 @@ def draw_phases(
     for row, home in enumerate(homes):
         y = _TOP + HIGH * (row + 0.5)
         own = home.rpartition(":")[2]  # of a map of one's own, "module:Class"
-        axes.text(_LEFT - 0.12, y, own, size=8, color=INK, ha="right", va="center")
+        axes.text(_LEFT - 0.12, y, own, size=8, color=figures.INK, ha="right", va="center")
     return figure
 
 
 def _draw_cell(axes: Axes, x: float, y: float, rates: np.ndarray[Any, Any] | None) -> None:
     from matplotlib.patches import Rectangle
 
-    colour = SUNK if rates is None else success_colour(float(rates.mean()))
-    axes.add_patch(Rectangle((x, y), WIDE, HIGH, facecolor=colour, edgecolor=PAPER, linewidth=1.2))
-    text, ink = (NONE, SOFT) if rates is None else (fixed(float(rates.mean())), ink_on(colour))
+    colour = figures.SUNK if rates is None else figures.success_colour(float(rates.mean()))
+    axes.add_patch(
+        Rectangle((x, y), WIDE, HIGH, facecolor=colour, edgecolor=figures.PAPER, linewidth=1.2)
+    )
+    text, ink = (
+        (NONE, figures.SOFT)
+        if rates is None
+        else (fixed(float(rates.mean())), figures.ink_on(colour))
+    )
     axes.text(x + WIDE / 2, y + HIGH / 2, text, size=7.5, color=ink, ha="center", va="center")
 
 
@@ -112,7 +107,9 @@ def publish(atlas: Atlas, summaries: Path, out: Path) -> list[Path]:
     found = points(atlas, done, noted_in(summaries))
     make_folder(out)
     homes = [home.name for home in atlas.panel.train]
-    files = write_figure(draw_phases(atlas.name, found, homes, atlas.ratios), out / "phases")
+    files = figures.write_figure(
+        draw_phases(atlas.name, found, homes, atlas.ratios), out / "phases"
+    )
     files.append(replace_file(out / LOSSES, _losses(found)))
     files.append(replace_file(out / TABLES, ("\n".join(_phase_table(found)) + "\n").encode()))
     return files

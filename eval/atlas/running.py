@@ -11,18 +11,8 @@ import msgspec
 from integ_gym.support.errors import InputError
 
 from ..panel.run import run_panel
+from . import summaries
 from .specification import Atlas, Block
-from .summaries import (
-    Agreement,
-    Summary,
-    compare,
-    first_difference,
-    note,
-    read_summary,
-    same_processor,
-    summarize,
-    write_summary,
-)
 
 
 def summary_path(folder: Path, block: Block) -> Path:
@@ -30,7 +20,7 @@ def summary_path(folder: Path, block: Block) -> Path:
     return folder / f"{block.name}.parquet"
 
 
-def finished(atlas: Atlas, folder: Path) -> list[tuple[Block, Summary]]:
+def finished(atlas: Atlas, folder: Path) -> list[tuple[Block, summaries.Summary]]:
     """Blocks that have a summary, with it.
 
     Args:
@@ -45,7 +35,7 @@ def finished(atlas: Atlas, folder: Path) -> list[tuple[Block, Summary]]:
         path = summary_path(folder, block)
         if not path.exists():
             continue
-        summary = read_summary(path)
+        summary = summaries.read_summary(path)
         if summary.origin.specification != msgspec.to_builtins(block.panel.to_json()):
             raise InputError(
                 f"{path} is of another specification than block {block.name}; give another folder "
@@ -69,7 +59,7 @@ def run_blocks(
     *,
     workers: int | None = None,
     progress: bool = True,
-) -> Iterator[tuple[Block, Summary]]:
+) -> Iterator[tuple[Block, summaries.Summary]]:
     """Run blocks, each to its page and its summary, as they are asked for.
 
     Args:
@@ -86,14 +76,14 @@ def run_blocks(
     for block in blocks:
         run = out / block.name
         run_panel(block.panel, run, workers=workers, progress=progress, command="integ-gym atlas")
-        summary = summarize(run, atlas.name, block)
-        write_summary(summary, summary_path(folder, block))
+        summary = summaries.summarize(run, atlas.name, block)
+        summaries.write_summary(summary, summary_path(folder, block))
         yield block, summary
 
 
 def again(
     atlas: Atlas, block: Block, out: Path, folder: Path, *, workers: int | None = None
-) -> Agreement:
+) -> summaries.Agreement:
     """Run a finished block anew, and note that its outcomes are the same.
 
     Its first two seeds tell, where they come out the same or the processor is the same: a policy
@@ -114,13 +104,13 @@ def again(
     path = summary_path(folder, block)
     if not path.exists():
         raise InputError(f"block {block.name} has no summary in {folder}; run it first")
-    before, run = read_summary(path), out / f"{block.name}-again"
+    before, run = summaries.read_summary(path), out / f"{block.name}-again"
     few = replace(block, panel=replace(block.panel, seeds=block.panel.seeds[:2]))
     for part in (few, block):
         run_panel(part.panel, run, workers=workers, command="integ-gym atlas --again")
-        made = summarize(run, atlas.name, part)
-        if not first_difference(before, made) or same_processor(before, made):
+        made = summaries.summarize(run, atlas.name, part)
+        if not summaries.first_difference(before, made) or summaries.same_processor(before, made):
             break
-    found = compare(block.name, before, made)
-    note(found, folder)
+    found = summaries.compare(block.name, before, made)
+    summaries.note(found, folder)
     return found

@@ -11,28 +11,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 
 from integ_gym.envs.registries import TRUTH
-from integ_gym.support.figures import (
-    COOL,
-    INK,
-    LINE,
-    PAPER,
-    SOFT,
-    WARM,
-    Entry,
-    SeriesStyles,
-    axes_at,
-    bare,
-    blank_figure,
-    draw_heading,
-    draw_legend,
-    inch_canvas,
-    legend_lines,
-    line_style,
-    marker_style,
-    plain,
-    scheme_entries,
-    write_figure,
-)
+from integ_gym.support import figures
 from integ_gym.support.optional import load
 from integ_gym.support.terminal import step
 
@@ -61,27 +40,30 @@ _MOST_COLUMNS: Final = 3
 _WIDEST: Final = 6.3  # hω
 
 
-def schemes_of(names: Iterable[str]) -> SeriesStyles:
+def schemes_of(names: Iterable[str]) -> figures.SeriesStyles:
     """Styles of all integrators but the truth, which is drawn by itself."""
     return styles_of(name for name in names if name != TRUTH)
 
 
-def curve_style(name: str, schemes: SeriesStyles) -> dict[str, Any]:
+def curve_style(name: str, schemes: figures.SeriesStyles) -> dict[str, Any]:
     """The line of an integrator; later ones are thinner, so that none hides another."""
     if name == TRUTH:
-        return {"color": INK, "linewidth": 1.0, "linestyle": (0, (4, 3)), "zorder": 4}
+        return {"color": figures.INK, "linewidth": 1.0, "linestyle": (0, (4, 3)), "zorder": 4}
     later = len(schemes) - 1 - list(schemes).index(name)
-    return line_style(schemes[name], 1.2 + 0.3 * max(0, later))
+    return figures.line_style(schemes[name], 1.2 + 0.3 * max(0, later))
 
 
-def entries(schemes: SeriesStyles, *truth: Mapping[str, Any]) -> list[Entry]:
+def entries(schemes: figures.SeriesStyles, *truth: Mapping[str, Any]) -> list[figures.Entry]:
     """A legend of integrators, and of the truth in the style in which it is drawn."""
-    return [*scheme_entries(schemes), Entry(TRUTH, *(truth or (curve_style(TRUTH, {}),)))]
+    return [
+        *figures.scheme_entries(schemes),
+        figures.Entry(TRUTH, *(truth or (curve_style(TRUTH, {}),))),
+    ]
 
 
 def draw_grid(
     heading: tuple[str, str],
-    legend: Sequence[Entry],
+    legend: Sequence[figures.Entry],
     shape: tuple[int, int],
     size: tuple[float, float],
     right: float = 0.35,
@@ -109,22 +91,22 @@ def draw_grid(
     wide = _LEFT + columns * (across + _GAP[0]) - _GAP[0] + right
     about = _wrapped(heading[1], wide - 0.6)
     head = _HEADING + (len(about) - 1) * _LINE
-    top = head + (legend_lines(legend, wide) if legend else 0) * _LINE + legible
+    top = head + (figures.legend_lines(legend, wide) if legend else 0) * _LINE + legible
     high = top + rows * (down + _GAP[1]) - _GAP[1] + below
-    figure = blank_figure(wide, high)
-    canvas = inch_canvas(figure)
-    draw_heading(canvas, 0.3, heading[0], about[0])
+    figure = figures.blank_figure(wide, high)
+    canvas = figures.inch_canvas(figure)
+    figures.draw_heading(canvas, 0.3, heading[0], about[0])
     for i, more in enumerate(about[1:], start=1):
-        canvas.text(0.3, 0.62 + i * _LINE, more, size=9, color=SOFT, va="baseline")
-    draw_legend(canvas, legend, wide, head + 0.12)
+        canvas.text(0.3, 0.62 + i * _LINE, more, size=9, color=figures.SOFT, va="baseline")
+    figures.draw_legend(canvas, legend, wide, head + 0.12)
     places = np.empty(shape, dtype=object)
     for row, column in np.ndindex(shape):
         left, low = _LEFT + column * (across + _GAP[0]), high - top - down - row * (down + _GAP[1])
-        places[row, column] = axes = axes_at(figure, left, low, across, down)
-        bare(axes)
+        places[row, column] = axes = figures.axes_at(figure, left, low, across, down)
+        figures.bare(axes)
         axes.spines["left"].set_visible(True)
-        axes.spines["left"].set_color(LINE)
-        axes.grid(color=LINE, linewidth=0.6)
+        axes.spines["left"].set_color(figures.LINE)
+        axes.grid(color=figures.LINE, linewidth=0.6)
         axes.set_axisbelow(True)
         axes.minorticks_off()
     return figure, places
@@ -152,9 +134,11 @@ def _wrapped(text: str, wide: float) -> list[str]:
 
 def label_axes(axes: Axes, title: str, x: str, y: str) -> None:
     """Title and labels of a plot."""
-    axes.set_title(plain(title), size=10, color=INK, loc="left", weight="bold", pad=5)
-    axes.set_xlabel(x, size=8, color=SOFT, labelpad=2)
-    axes.set_ylabel(y, size=8, color=SOFT, labelpad=2)
+    axes.set_title(
+        figures.plain(title), size=10, color=figures.INK, loc="left", weight="bold", pad=5
+    )
+    axes.set_xlabel(x, size=8, color=figures.SOFT, labelpad=2)
+    axes.set_ylabel(y, size=8, color=figures.SOFT, labelpad=2)
 
 
 def _numbers(values: Sequence[float | None]) -> Array:
@@ -172,7 +156,7 @@ def _plants_of(curves: Sequence[Curve]) -> list[str]:
     return list(dict.fromkeys(str(c["plant"]) for c in curves))
 
 
-def draw_energy(curves: Sequence[Curve], schemes: SeriesStyles) -> Figure:
+def draw_energy(curves: Sequence[Curve], schemes: figures.SeriesStyles) -> Figure:
     """Energy over time, and how far it is off."""
     plants = _plants_of(curves)
     heading = (
@@ -207,7 +191,7 @@ def draw_energy(curves: Sequence[Curve], schemes: SeriesStyles) -> Figure:
     return figure
 
 
-def draw_phase(curves: Sequence[Curve], schemes: SeriesStyles) -> Figure:
+def draw_phase(curves: Sequence[Curve], schemes: figures.SeriesStyles) -> Figure:
     """Phase portraits, one for each plant and integrator, over the truth."""
     plants, names = _plants_of(curves), list(schemes) or [TRUTH]
     heading = (
@@ -232,14 +216,14 @@ def draw_phase(curves: Sequence[Curve], schemes: SeriesStyles) -> Figure:
         fastest = 2.0 * max(float(np.nanmax(np.abs(velocity))), 1e-9)
         axes.set(xlim=(middle - reach, middle + reach), ylim=(-fastest, fastest))
         (x, v), (x_unit, v_unit) = curve["names"], curve["units"]
-        outer = f"{plain(rows[i], 20)}: " if len(rows) > 1 and j == 0 else ""
-        title = "" if i else plain(columns[j], 20)
+        outer = f"{figures.plain(rows[i], 20)}: " if len(rows) > 1 and j == 0 else ""
+        title = "" if i else figures.plain(columns[j], 20)
         label_axes(axes, title, f"{x}, {x_unit}", f"{outer}{v}, {v_unit}")
         axes.title.set_fontsize(8.5)
     return figure
 
 
-def draw_stability(curves: Sequence[Curve], schemes: SeriesStyles) -> Figure:
+def draw_stability(curves: Sequence[Curve], schemes: figures.SeriesStyles) -> Figure:
     """Growth per step of small oscillations against hω."""
     plants = _plants_of(curves)
     heading = (
@@ -259,20 +243,26 @@ def draw_stability(curves: Sequence[Curve], schemes: SeriesStyles) -> Figure:
                 continue
             style = curve_style(name, schemes)
             axes.plot(_numbers(curve["h_omega"]), _numbers(curve["radius"]), **style)
-            marks = {**marker_style(schemes[name]), "color": style["color"], "linestyle": "none"}
+            marks = {
+                **figures.marker_style(schemes[name]),
+                "color": style["color"],
+                "linestyle": "none",
+            }
             axes.plot(_numbers(curve["followed"]), _numbers(curve["growth"]), zorder=3, **marks)
         for limit in limits:  # what theory says of where growth begins
-            axes.axvline(limit, color=SOFT, linewidth=0.8, linestyle=(0, (1, 2)), zorder=0.5)
+            axes.axvline(
+                limit, color=figures.SOFT, linewidth=0.8, linestyle=(0, (1, 2)), zorder=0.5
+            )
             axes.annotate(
                 f"limit {limit:.3g}", (limit, 0.0), xytext=(3, 4), textcoords="offset points",
-                size=7, color=SOFT,
+                size=7, color=figures.SOFT,
             )  # fmt: skip
         axes.set(ylim=(0.0, 3.0), xlim=(0.0, _WIDEST))
         label_axes(axes, plant, "hω", "factor on the amplitude per step")
     return figure
 
 
-def draw_convergence(curves: Sequence[Curve], schemes: SeriesStyles) -> Figure:
+def draw_convergence(curves: Sequence[Curve], schemes: figures.SeriesStyles) -> Figure:
     """Error against step."""
     heading = (
         "Convergence",
@@ -282,24 +272,24 @@ def draw_convergence(curves: Sequence[Curve], schemes: SeriesStyles) -> Figure:
     return _draw_errors(curves, schemes, heading, entries(schemes), "steps", "step, s")
 
 
-def draw_work(curves: Sequence[Curve], schemes: SeriesStyles) -> Figure:
+def draw_work(curves: Sequence[Curve], schemes: figures.SeriesStyles) -> Figure:
     """Error against cost."""
     heading = (
         "Work and precision",
         "the same errors against evaluations of accelerations and Jacobians, from coarse to fine "
         "steps; down and left is better",
     )
-    star = {"color": INK, "marker": "*", "markersize": 9}
-    legend = entries(schemes, {"color": INK, "linewidth": 0.0}, star)
+    star = {"color": figures.INK, "marker": "*", "markersize": 9}
+    legend = entries(schemes, {"color": figures.INK, "linewidth": 0.0}, star)
     label = "evaluations per simulated second"
     return _draw_errors(curves, schemes, heading, legend, "evaluations_per_second", label)
 
 
 def _draw_errors(
     curves: Sequence[Curve],
-    schemes: SeriesStyles,
+    schemes: figures.SeriesStyles,
     heading: tuple[str, str],
-    legend: Sequence[Entry],
+    legend: Sequence[figures.Entry],
     across: str,
     label: str,
 ) -> Figure:
@@ -313,12 +303,14 @@ def _draw_errors(
         for curve in own:
             name, errors = curve["integrator"], np.maximum(_numbers(curve["errors"]), _SMALLEST)
             if name != TRUTH:
-                style = {**curve_style(name, schemes), **marker_style(schemes[name])}
+                style = {**curve_style(name, schemes), **figures.marker_style(schemes[name])}
                 axes.loglog(_numbers(curve[across]), errors, **style)
             elif across == "steps":
                 axes.axhline(errors[0], **curve_style(name, schemes))
             else:
-                axes.loglog(_numbers(curve[across]), errors, "*", color=INK, markersize=9, zorder=5)
+                axes.loglog(
+                    _numbers(curve[across]), errors, "*", color=figures.INK, markersize=9, zorder=5
+                )
         if across == "steps":
             _draw_slopes(axes, own)
         error = f"error of {coordinate}, {own[0]['unit']}"
@@ -342,10 +334,12 @@ def _draw_slopes(axes: Axes, curves: Sequence[Curve]) -> None:
     for order, (error, curve) in best.items():
         steps = _numbers(curve["steps"])
         guide = 0.3 * error * (steps / steps[0]) ** order
-        axes.loglog(steps, guide, color=SOFT, linewidth=0.8, linestyle=(0, (1, 2)), zorder=0.5)
+        axes.loglog(
+            steps, guide, color=figures.SOFT, linewidth=0.8, linestyle=(0, (1, 2)), zorder=0.5
+        )
         axes.annotate(
             f"slope {order}", (steps[-2], guide[-2]), xytext=(3, -3),
-            textcoords="offset points", size=7, color=SOFT, va="top",
+            textcoords="offset points", size=7, color=figures.SOFT, va="top",
         )  # fmt: skip
     axes.set_ylim(max(0.3 * low, 0.1 * _SMALLEST), high)
 
@@ -359,7 +353,7 @@ class _Map(NamedTuple):
     ticks: dict[float, str]  # its lowest and highest are the limits of the colours
 
 
-_ERROR: Final = (COOL, PAPER, WARM)
+_ERROR: Final = (figures.COOL, figures.PAPER, figures.WARM)
 _MAPS: Final = (
     _Map(
         "rebound", "rebound energy − analytic", _ERROR,
@@ -370,18 +364,20 @@ _MAPS: Final = (
         {-0.5: "−0.5: shallow", 0.0: "exact", 0.5: "+0.5: deep"},
     ),
     _Map(  # powers of ten
-        "residual", "Σ |residual| / impact energy", (PAPER, WARM),
+        "residual", "Σ |residual| / impact energy", (figures.PAPER, figures.WARM),
         {-6.0: "10⁻⁶", -3.0: "10⁻³", 0.0: "1"},
     ),
 )  # fmt: skip
 
 _LEGEND: Final = (
-    Entry("energy gained beyond", {"color": INK, "linewidth": 1.8}),
-    Entry("oscillator's limit", {"color": INK, "linewidth": 1.0, "linestyle": (0, (3, 2))}),
+    figures.Entry("energy gained beyond", {"color": figures.INK, "linewidth": 1.8}),
+    figures.Entry(
+        "oscillator's limit", {"color": figures.INK, "linewidth": 1.0, "linestyle": (0, (3, 2))}
+    ),
 )
 
 
-def draw_contact(curves: Sequence[Curve], schemes: SeriesStyles) -> Figure:
+def draw_contact(curves: Sequence[Curve], schemes: figures.SeriesStyles) -> Figure:
     """Rebound, penetration and ledger of one plant's impact, for every integrator."""
     found = {c["integrator"]: c for c in curves}
     names = [name for name in schemes if name in found]
@@ -431,13 +427,13 @@ def _draw_map(axes: Axes, curve: Curve, quantity: _Map) -> Any:
     )
     gains = np.array(curve["gains"], dtype=bool)
     for row, column in np.argwhere(gains[:, 1:] != gains[:, :-1]):
-        axes.plot(across[[column + 1] * 2], up[row : row + 2], color=INK, linewidth=1.8)
+        axes.plot(across[[column + 1] * 2], up[row : row + 2], color=figures.INK, linewidth=1.8)
     for row, column in np.argwhere(gains[1:] != gains[:-1]):
-        axes.plot(across[column : column + 2], up[[row + 1] * 2], color=INK, linewidth=1.8)
+        axes.plot(across[column : column + 2], up[[row + 1] * 2], color=figures.INK, linewidth=1.8)
     theory = theory_of(curve["integrator"])
     if theory is not None and 0.0 < theory.oscillation_limit < math.inf:
         limit = theory.oscillation_limit / _numbers(curve["rates"])
-        axes.plot(stiffness, limit, color=INK, linewidth=1.0, linestyle=(0, (3, 2)))
+        axes.plot(stiffness, limit, color=figures.INK, linewidth=1.0, linestyle=(0, (3, 2)))
     axes.set(xscale="log", yscale="log", xlim=across[[0, -1]], ylim=up[[-1, 0]])
     axes.minorticks_off()
     axes.set_yticks(steps, [f"{x:.2g}" for x in steps])
@@ -449,22 +445,22 @@ def _draw_scale(figure: Figure, axes: Axes, mesh: Any, quantity: _Map, beside: b
     wide, high = (float(x) for x in figure.get_size_inches())
     box = axes.get_position()
     if beside:
-        place = axes_at(figure, box.x1 * wide + 0.2, box.y0 * high, 0.12, box.height * high)
+        place = figures.axes_at(figure, box.x1 * wide + 0.2, box.y0 * high, 0.12, box.height * high)
         bar = figure.colorbar(mesh, cax=place)
-        bar.set_label(quantity.title, size=8, color=INK)
+        bar.set_label(quantity.title, size=8, color=figures.INK)
     else:
-        place = axes_at(figure, box.x0 * wide, box.y0 * high - 0.6, box.width * wide, 0.1)
+        place = figures.axes_at(figure, box.x0 * wide, box.y0 * high - 0.6, box.width * wide, 0.1)
         bar = figure.colorbar(mesh, cax=place, orientation="horizontal")
     bar.outline.set_visible(False)
     bar.set_ticks(list(quantity.ticks), labels=list(quantity.ticks.values()))
-    bar.ax.tick_params(labelsize=7, colors=SOFT, length=0)
+    bar.ax.tick_params(labelsize=7, colors=figures.SOFT, length=0)
     if not beside:
         first, *_, last = bar.ax.get_xticklabels()
         first.set_horizontalalignment("left")
         last.set_horizontalalignment("right")
 
 
-FIGURES: Final[dict[str, tuple[str, Callable[[Sequence[Curve], SeriesStyles], Figure]]]] = {
+FIGURES: Final[dict[str, tuple[str, Callable[[Sequence[Curve], figures.SeriesStyles], Figure]]]] = {
     "energy": ("free_motion", draw_energy),
     "phase_portraits": ("free_motion", draw_phase),
     "stability": ("stiffness", draw_stability),
@@ -492,10 +488,10 @@ def write_diagnosis_figures(result: Mapping[str, Any], directory: Path) -> list[
     schemes, curves = schemes_of(result["integrators"]), result["curves"]
     for name, (key, draw) in FIGURES.items():
         if curves.get(key):
-            written += write_figure(draw(curves[key], schemes), directory / name)
+            written += figures.write_figure(draw(curves[key], schemes), directory / name)
     impacts = curves.get("contact", [])
     for plant in _plants_of(impacts):
         own = [c for c in impacts if c["plant"] == plant]
         name = f"contact_{re.sub(r'[^A-Za-z0-9._]+', '-', plant)}"
-        written += write_figure(draw_contact(own, schemes), directory / name)
+        written += figures.write_figure(draw_contact(own, schemes), directory / name)
     return written

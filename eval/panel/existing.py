@@ -135,7 +135,7 @@ def given_panel(spec: PanelSpec, directory: RunDirectory, called: Call) -> Panel
     layout, matrix = reduce_records(spec, directory, rows, homes)
     doubts = doubts_of(existing, spec, layout, matrix, EvidenceStore(directory.evidence))
     found = {"looks": layout.looks, "doubts": doubts}
-    return artefact_of(spec, directory, layout, matrix, called, **found)
+    return artefact_of(spec, directory, layout, matrix, called, (), **found)
 
 
 def other_facts(

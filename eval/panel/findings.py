@@ -17,39 +17,14 @@ from integ_gym.envs.registries import ENGINES, TRUTH
 from integ_gym.envs.settings import NATIVE, Discretization
 from integ_gym.evidence.store import EvidenceStore
 
-from ..statistics import (
-    Estimate,
-    holm,
-    mean_interval,
-    median_interval,
-    paired_difference,
-    paired_return,
-    paired_success,
-    ranking_intervals,
-    unpaired_difference,
-)
+from .. import statistics as stats
 from ..verdict import FAIL_MARGIN, UNSOLVED, Loss, adjust_for_look, share_of_look
+from . import result
 from .cells import Cell, axes_between, changes_name, is_engine, map_of
 from .conclusions import RETURN_MARGIN
 from .extrapolation import widen
 from .limit import order_of
 from .matrix import Matrix, PanelLayout
-from .result import (
-    MEASURES,
-    Against,
-    AxisCost,
-    EngineAgreement,
-    Limit,
-    Measure,
-    PairedEpisodes,
-    RankingAgreement,
-    Remedy,
-    RemedyCell,
-    RemedyLoss,
-    Row,
-    Separation,
-    TrainingCost,
-)
 from .spec import PanelSpec
 
 VARIANTS = {
@@ -99,7 +74,9 @@ def _same_steps(first: str, second: str, plant: Plant, dt: float) -> bool:
     return max(map(numerics.largest_error, *steps)) < SAME
 
 
-def agreements(layout: PanelLayout, matrix: Matrix, spec: PanelSpec) -> tuple[EngineAgreement, ...]:
+def agreements(
+    layout: PanelLayout, matrix: Matrix, spec: PanelSpec
+) -> tuple[result.EngineAgreement, ...]:
     """Every grid cell on a foreign engine beside its native twin.
 
     Args:
@@ -118,12 +95,12 @@ def agreements(layout: PanelLayout, matrix: Matrix, spec: PanelSpec) -> tuple[En
 
 def _agreement(
     cell: Cell, twin: str | None, layout: PanelLayout, matrix: Matrix
-) -> EngineAgreement:
+) -> result.EngineAgreement:
     rows = [row.name for row in layout.rows]
     here = [matrix.values(row, cell.name, "success") for row in rows]
     there = [] if twin is None else [matrix.values(row, twin, "success") for row in rows]
     pairs = list(zip(here, there, strict=False))
-    return EngineAgreement(
+    return result.EngineAgreement(
         cell=cell.name,
         **cell.discretization.arguments(),
         map=map_of(cell.discretization),
@@ -143,7 +120,7 @@ def _mean(values: Sequence[Any]) -> float:
 Array = npt.NDArray[Any]
 
 
-def limits(layout: PanelLayout, matrix: Matrix) -> tuple[Limit, ...]:
+def limits(layout: PanelLayout, matrix: Matrix) -> tuple[result.Limit, ...]:
     """What every row reaches at the limit at each of its control periods."""
     return tuple(
         matrix.limit(row.name, *_of_limit(layout, matrix, row.name, steps))
@@ -165,7 +142,7 @@ def _of_limit(
 
 def paired_episodes(
     layout: PanelLayout, matrix: Matrix, called: Sequence[str] = ()
-) -> tuple[PairedEpisodes, ...]:
+) -> tuple[result.PairedEpisodes, ...]:
     """What every given policy does in each cell, beside home; beside the truth without a home.
 
     Args:
@@ -178,8 +155,8 @@ def paired_episodes(
 
 
 def _paired(
-    layout: PanelLayout, matrix: Matrix, row: Row, called: Sequence[str]
-) -> Iterator[PairedEpisodes]:
+    layout: PanelLayout, matrix: Matrix, row: result.Row, called: Sequence[str]
+) -> Iterator[result.PairedEpisodes]:
     cells = layout.cells_of[row.name]
     against, shares = _held_against(layout, matrix, row, called)
     if against is None:
@@ -204,10 +181,10 @@ def _paired(
         found = at.get(cell)
         limited = [one for one in (base, found) if one is not None]
         here = found.success[0] if found else matrix.values(row.name, cell, "success")[0]
-        rate = paired_success(success, here)
+        rate = stats.paired_success(success, here)
         if limited:
             slack = sum(one.success_slack for one in limited)
-            least = paired_success(success, _nearer(success, here, slack))[1]
+            least = stats.paired_success(success, _nearer(success, here, slack))[1]
             rate = _beyond_slack(*rate, slack, least)
         rates.append(rate)
         here = found.returns[0] if found else matrix.values(row.name, cell, "return")[0]
@@ -218,11 +195,11 @@ def _paired(
             mean = shifted and _beyond_slack(*mean, abs(slack), shifted[1], math.inf)
         means.append(mean)
     share = share_of_look(max(1, len(layout.looks)))
-    adjusted = [adjust_for_look(p, share) for p in holm([p for _, p in rates]).tolist()]
+    adjusted = [adjust_for_look(p, share) for p in stats.holm([p for _, p in rates]).tolist()]
     known = [p for found in means if found for p in found[1:]]
-    corrected = iter(holm(known).tolist())
+    corrected = iter(stats.holm(known).tolist())
     for cell, (interval, p), own, p_adjusted in zip(tested, rates, means, adjusted, strict=True):
-        yield PairedEpisodes(
+        yield result.PairedEpisodes(
             row=row.name,
             cell=cell,
             against=against,
@@ -246,8 +223,8 @@ def _nearer(there: Array, here: Array, share: float) -> Array:
 
 
 def _beyond_slack(
-    lost: Estimate, p: float, slack: float, least: float, most: float = 1.0
-) -> tuple[Estimate, float]:
+    lost: stats.Estimate, p: float, slack: float, least: float, most: float = 1.0
+) -> tuple[stats.Estimate, float]:
     """A difference with a slack on either side; within it there is nothing to show.
 
     Args:
@@ -257,13 +234,13 @@ def _beyond_slack(
         least: p-value of the difference less the slack.
         most: bound of the difference.
     """
-    wide: Estimate = widen(lost, slack, -most, most)
+    wide: stats.Estimate = widen(lost, slack, -most, most)
     return wide, 1.0 if wide.ends[0] <= 0.0 <= wide.ends[1] else max(p, least)
 
 
 def _held_against(
-    layout: PanelLayout, matrix: Matrix, row: Row, called: Sequence[str]
-) -> tuple[Against | None, dict[str, float]]:
+    layout: PanelLayout, matrix: Matrix, row: result.Row, called: Sequence[str]
+) -> tuple[result.Against | None, dict[str, float]]:
     """What a row is held against, as shares of cells; None where there is nothing."""
     if row.shares and all(matrix.has(row.name, cell) for cell in row.shares):
         return "home", row.shares
@@ -279,19 +256,19 @@ def _mixed(matrix: Matrix, row: str, name: str, shares: dict[str, float]) -> Arr
     return np.clip(mean, 0.0, 1.0) if name == "success" else mean
 
 
-def _return(there: Array, here: Array) -> tuple[Estimate, float] | None:
+def _return(there: Array, here: Array) -> tuple[stats.Estimate, float] | None:
     """Difference of mean returns and its p-value; None where a return is not finite."""
     if not (np.isfinite(there).all() and np.isfinite(here).all()):
         return None
-    interval, p = paired_return(there, here)
-    return interval or Estimate(float(np.mean(there - here))), p
+    interval, p = stats.paired_return(there, here)
+    return interval or stats.Estimate(float(np.mean(there - here))), p
 
 
 FEWEST = 5
 """Policies below which nothing is said of their ranking."""
 
 
-def rankings(layout: PanelLayout, matrix: Matrix) -> tuple[RankingAgreement, ...]:
+def rankings(layout: PanelLayout, matrix: Matrix) -> tuple[result.RankingAgreement, ...]:
     """Agreement of every column's ranking of the trained policies with the truth's."""
     truth = layout.reference
     rows = [row for row in layout.rows if row.kind == "trained"]
@@ -302,16 +279,18 @@ def rankings(layout: PanelLayout, matrix: Matrix) -> tuple[RankingAgreement, ...
     return tuple(_ranking(matrix, rows, cell, truth) for cell in cells)
 
 
-def _ranking(matrix: Matrix, rows: list[Row], cell: str, truth: str) -> RankingAgreement:
+def _ranking(
+    matrix: Matrix, rows: list[result.Row], cell: str, truth: str
+) -> result.RankingAgreement:
     here = {row.name: matrix.rates(row.name, cell) for row in rows}
     there = {row.name: matrix.rates(row.name, truth) for row in rows}
     seeds = np.concatenate([np.arange(len(rates)) for rates in here.values()])
-    correlation, violation = ranking_intervals(
+    correlation, violation = stats.ranking_intervals(
         np.concatenate(list(here.values())), np.concatenate(list(there.values())), seeds
     )
     chosen = max(here, key=lambda name: float(here[name].mean()))
     best = max(there, key=lambda name: float(there[name].mean()))
-    return RankingAgreement(
+    return result.RankingAgreement(
         cell=cell,
         policies=len(seeds),
         correlation=correlation,
@@ -326,7 +305,7 @@ Losses = Mapping[tuple[str, str], Loss]
 """By row and cell."""
 
 
-def remedies(layout: PanelLayout, matrix: Matrix, losses: Losses) -> tuple[Remedy, ...]:
+def remedies(layout: PanelLayout, matrix: Matrix, losses: Losses) -> tuple[result.Remedy, ...]:
     """One entry per mixture: its loss in every column, beside that of single discretizations.
 
     Only rows of a single discretization that learned are held against it. In every column
@@ -340,7 +319,7 @@ def remedies(layout: PanelLayout, matrix: Matrix, losses: Losses) -> tuple[Remed
     ]
     mixtures = [row.name for row in layout.rows if row.kind == "trained" and len(row.shares) > 1]
     return tuple(
-        Remedy(
+        result.Remedy(
             row=mixture,
             singles=tuple(singles),
             cells=tuple(
@@ -355,18 +334,18 @@ def remedies(layout: PanelLayout, matrix: Matrix, losses: Losses) -> tuple[Remed
 
 def _remedy_in(
     matrix: Matrix, losses: Losses, mixture: str, singles: Sequence[str], cell: str
-) -> RemedyCell:
+) -> result.RemedyCell:
     rates = {row: matrix.rates(row, cell) for row in matrix.rows}
-    return RemedyCell(
+    return result.RemedyCell(
         cell=cell,
         member=cell in matrix.rows[mixture].shares,
         solved=any(bool(own.mean() >= UNSOLVED) for own in rates.values()),
         overfitting=losses[mixture, cell].overfitting,
         lost=tuple(
-            RemedyLoss(
+            result.RemedyLoss(
                 row=row,
                 overfitting=losses[row, cell].overfitting,
-                difference=unpaired_difference(rates[mixture], rates[row]).interval,
+                difference=stats.unpaired_difference(rates[mixture], rates[row]).interval,
             )
             for row in singles
             if matrix.rows[row].home != cell
@@ -375,19 +354,21 @@ def _remedy_in(
     )
 
 
-def separations(layout: PanelLayout, matrix: Matrix) -> tuple[Separation, ...]:
+def separations(layout: PanelLayout, matrix: Matrix) -> tuple[result.Separation, ...]:
     """What each difference costs each trained or given row in cells that differ from its home."""
     rows = [row for row in layout.rows if row.home is not None]
     return tuple(one for row in rows for one in _separations_of(layout, matrix, row))
 
 
-def _separations_of(layout: PanelLayout, matrix: Matrix, row: Row) -> Iterator[Separation]:
+def _separations_of(
+    layout: PanelLayout, matrix: Matrix, row: result.Row
+) -> Iterator[result.Separation]:
     """Of one row, whose cells are found by what they are."""
     home = layout.cells[str(row.home)].discretization
     cells = [layout.cells[name] for name in layout.cells_of[row.name]]
     own = [cell for cell in cells if cell.kind != "limit"]
     names = {_content(axes_between(home, cell)): cell.name for cell in own}
-    for measure, cell in product(MEASURES, own):
+    for measure, cell in product(result.MEASURES, own):
         axes = axes_between(home, cell)
         if cell.integrator == TRUTH or len(axes) < 2 or (row.name, cell.name) in layout.broken:
             continue
@@ -397,7 +378,7 @@ def _separations_of(layout: PanelLayout, matrix: Matrix, row: Row) -> Iterator[S
             alone = names.get(_content({axis: changes}))
             without = names.get(_content({k: x for k, x in axes.items() if k != axis}))
             costs.append(
-                AxisCost(
+                result.AxisCost(
                     axis=axis,
                     changes=changes,
                     alone=alone,
@@ -407,22 +388,24 @@ def _separations_of(layout: PanelLayout, matrix: Matrix, row: Row) -> Iterator[S
                 )
             )
         if total is not None and any(one.alone or one.without for one in costs):
-            yield Separation(
+            yield result.Separation(
                 row=row.name, cell=cell.name, measure=measure, lost=total, axes=tuple(costs)
             )
 
 
-def _lost(matrix: Matrix, row: Row, measure: Measure, cell: str | None) -> Estimate | None:
+def _lost(
+    matrix: Matrix, row: result.Row, measure: result.Measure, cell: str | None
+) -> stats.Estimate | None:
     """What a row loses against home; None without a cell, or where a return is not finite."""
     if cell is None:
         return None
     own, there = (matrix.means(row.name, name, measure) for name in (str(row.home), cell))
     if measure == "success":
-        return paired_difference(own, there).interval
+        return stats.paired_difference(own, there).interval
     drop = own - there
     if not np.isfinite(drop).all():
         return None
-    return mean_interval(drop) or Estimate(float(drop.mean()))
+    return stats.mean_interval(drop) or stats.Estimate(float(drop.mean()))
 
 
 def _content(axes: Mapping[str, Mapping[str, Any]]) -> str:
@@ -456,7 +439,7 @@ def decisions_to_success(lengths: Array, successes: Array) -> float:
 
 def training_costs(
     store: EvidenceStore, policies: Mapping[str, Sequence[str]]
-) -> dict[str, TrainingCost]:
+) -> dict[str, result.TrainingCost]:
     """Cost of every row, from the records of its training episodes.
 
     Args:
@@ -476,11 +459,11 @@ def training_costs(
     for row, ids in policies.items():
         chosen = [names == policy for policy in ids]
         by_seed = [decisions_to_success(lengths[own], successes[own]) for own in chosen]
-        costs[row] = TrainingCost(
+        costs[row] = result.TrainingCost(
             window=WINDOW,
             rate=RATE,
             by_seed=tuple(value if math.isfinite(value) else None for value in by_seed),
             reached=int(np.isfinite(by_seed).sum()),
-            median=median_interval(by_seed),
+            median=stats.median_interval(by_seed),
         )
     return costs

@@ -16,6 +16,7 @@ from integ_gym.evidence.labels import SENTENCE_COLUMNS, failure_sentence
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.support.errors import InputError
 
+from .. import verdict as rules
 from ..power import Comparison
 from ..statistics import (
     Estimate,
@@ -25,20 +26,6 @@ from ..statistics import (
     mean_interval,
     rate_interval,
     unpaired_difference,
-)
-from ..verdict import (
-    FIRST_SHARE,
-    LEARNED,
-    TAIL,
-    UNSOLVABLE,
-    Achieved,
-    Attempt,
-    Looks,
-    Loss,
-    Rates,
-    ReferenceClass,
-    reference_class,
-    split,
 )
 from .achieve import Tried
 from .cells import AppliedDiscretization, Cell, Home, cell_at, main_home
@@ -152,7 +139,7 @@ class Matrix:
     def learned(self, row: str) -> bool | None:
         """Whether a row succeeds at home; None without a home."""
         home = self.home_rates(row)
-        return None if home is None else bool(home.mean() >= LEARNED)
+        return None if home is None else bool(home.mean() >= rules.LEARNED)
 
     def entry(
         self,
@@ -160,7 +147,7 @@ class Matrix:
         cell: str,
         native: str | None,
         reference: str | None,
-        loss: Loss | None = None,
+        loss: rules.Loss | None = None,
         file: Sequence[str] = (),
         query: str = "",
     ) -> Entry:
@@ -283,7 +270,7 @@ class Matrix:
         lost = home - self.rates(row, cell)
         worst = int(np.argmax(lost))
         return {
-            "tail": rate_interval((lost > TAIL).astype(np.float64)),
+            "tail": rate_interval((lost > rules.TAIL).astype(np.float64)),
             "worst_policy": self.rows[row].policy_ids[worst],
             "worst_loss": float(lost[worst]),
         }
@@ -297,10 +284,14 @@ class Matrix:
             return None
         return unpaired_difference(self.rates(native, cell), self.rates(row, cell)).interval
 
-    def _reference_class(self, row: str, cell: str, reference: str | None) -> ReferenceClass | None:
+    def _reference_class(
+        self, row: str, cell: str, reference: str | None
+    ) -> rules.ReferenceClass | None:
         if reference in (None, cell) or not self.has(row, str(reference)):
             return None
-        return reference_class(self.rates(row, cell).mean(), self.rates(row, str(reference)).mean())
+        return rules.reference_class(
+            self.rates(row, cell).mean(), self.rates(row, str(reference)).mean()
+        )
 
 
 def _unit_mean(values: Array) -> Estimate | None:
@@ -340,7 +331,7 @@ class PanelLayout:
     family: Sequence[tuple[str, str]] = ()
     compare: Sequence[tuple[str, str]] = ()
     looks: tuple[Look, ...] = ()
-    looks_before: Looks = field(default_factory=Looks)
+    looks_before: rules.Looks = field(default_factory=rules.Looks)
     tried: Mapping[str, Tried] = field(default_factory=dict)
     applied: Mapping[str, AppliedDiscretization] = field(default_factory=dict)
     contracts: Contracts = field(default_factory=dict)
@@ -384,7 +375,7 @@ class PanelLayout:
         )
 
     @property
-    def looks_so_far(self) -> Looks:
+    def looks_so_far(self) -> rules.Looks:
         """All looks so far, this one included."""
         return self.looks_before.then(self.looks[-1].seeds) if self.looks else self.looks_before
 
@@ -392,7 +383,7 @@ class PanelLayout:
     def share(self) -> float:
         """Of the level, what this look has for comparisons of two rows."""
         if not self.looks:
-            return FIRST_SHARE
+            return rules.FIRST_SHARE
         return self.looks_before.shares(self.looks[-1].seeds).exceeds
 
     def native(self, cell: str) -> str | None:
@@ -413,7 +404,7 @@ class PanelLayout:
         own = self.cells[cell]
         if not own.plain or own.kind in ("ladder", "limit"):
             return None
-        if self.achieved(matrix, cell).status in UNSOLVABLE:
+        if self.achieved(matrix, cell).status in rules.UNSOLVABLE:
             return None
         exact: Iterable[Cell] = (cell for cell in self.cells.values() if cell.reference)
         finest = map(self.cells.__getitem__, called)
@@ -432,12 +423,12 @@ class PanelLayout:
                 found.setdefault(cell.control_period, {})[cell.limit_part] = cell.name
         return tuple(tuple(own[part] for part in PARTS) for own in found.values())
 
-    def rates(self, matrix: Matrix, row: str, cell: str) -> Rates | None:
+    def rates(self, matrix: Matrix, row: str, cell: str) -> rules.Rates | None:
         """What the loss of a row in a cell is made of; None without a home."""
         native, home = self.native(cell), matrix.home_rates(row)
         if home is None:
             return None
-        return Rates(
+        return rules.Rates(
             home,
             matrix.rates(row, cell),
             matrix.recovered_rates(row, cell),
@@ -445,24 +436,24 @@ class PanelLayout:
             self._tried(cell).recovered or None,
         )
 
-    def loss(self, matrix: Matrix, row: str, cell: str) -> Loss | None:
+    def loss(self, matrix: Matrix, row: str, cell: str) -> rules.Loss | None:
         """The loss of a row in a cell; None at home and without one."""
         rates = self.rates(matrix, row, cell)
-        return None if rates is None or cell == matrix.rows[row].home else split(rates)
+        return None if rates is None or cell == matrix.rows[row].home else rules.split(rates)
 
-    def losses(self, matrix: Matrix) -> dict[tuple[str, str], Loss]:
+    def losses(self, matrix: Matrix) -> dict[tuple[str, str], rules.Loss]:
         """Every loss that there is, by row and cell."""
         places = [(row.name, cell) for row in self.rows for cell in self.cells_of[row.name]]
         found = {place: self.loss(matrix, *place) for place in places}
         return {place: loss for place, loss in found.items() if loss is not None}
 
-    def achieved(self, matrix: Matrix, cell: str) -> Achieved:
+    def achieved(self, matrix: Matrix, cell: str) -> rules.Achieved:
         """Whether a cell can be solved: by any policy, or by what was tried before."""
         attempts = []
         for row in self.rows:
             if row.kind != "baseline" and matrix.has(row.name, cell):
                 rates = matrix.rates(row.name, cell), matrix.recovered_rates(row.name, cell)
-                attempts.append(Attempt(row.name, *(float(rate.mean()) for rate in rates)))
+                attempts.append(rules.Attempt(row.name, *(float(rate.mean()) for rate in rates)))
         return self._tried(cell).achieved(*attempts)
 
     def comparison(self, matrix: Matrix, row: str, cell: str) -> Comparison:

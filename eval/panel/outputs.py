@@ -129,8 +129,8 @@ def _rows_of(spec: PanelSpec, directory: RunDirectory) -> tuple[Row, ...]:
     homes, there = {spec.name_of(home): home for home in spec.train}, evaluated(directory)
     policies: dict[str, list[Policy]] = {name: [] for name in (*homes, *spec.baselines)}
     for unit in units_of(spec):
-        path = policy_file(directory.policies / unit.policy) if unit.home else None
-        file = path and path.relative_to(directory.path).as_posix()
+        path = policy_file(directory.policies / unit.policy)
+        file = path.relative_to(directory.path).as_posix() if unit.home else None
         policy_hash = there[unit.policy].policy_hash
         policy = Policy(id=unit.policy, seed=unit.seed, hash=policy_hash, file=file)
         policies[unit.row].append(policy)

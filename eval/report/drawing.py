@@ -6,31 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
-from integ_gym.support.figures import (
-    BOLD,
-    INK,
-    LINE,
-    PALETTE,
-    PAPER,
-    SOFT,
-    SUNK,
-    Entry,
-    axes_at,
-    bare,
-    blank_figure,
-    draw_heading,
-    draw_legend,
-    fitting,
-    inch_canvas,
-    ink_on,
-    legend_lines,
-    line_style,
-    marker_style,
-    mixed,
-    plain,
-    scheme_entries,
-    success_colour,
-)
+from integ_gym.support import figures
 from integ_gym.support.terminal import NONE, step
 
 from ..panel.result import Group
@@ -54,30 +30,34 @@ _LONGEST: Final = 90  # letters that fit the left margin when they are smallest
 def draw_forest(forest: Forest) -> Figure:
     """All blocks, one under the other, on one axis."""
     tall = sum(_SPLIT + _PITCH * len(block.lines) for block in forest.blocks)
-    figure = blank_figure(_LEFT + _WIDTH + _RIGHT, _TOP + tall + _BOTTOM)
-    axes = axes_at(figure, _LEFT, _BOTTOM, _WIDTH, tall)
+    figure = figures.blank_figure(_LEFT + _WIDTH + _RIGHT, _TOP + tall + _BOTTOM)
+    axes = figures.axes_at(figure, _LEFT, _BOTTOM, _WIDTH, tall)
     draw_axis(axes, forest.axis, tall)
-    axes.grid(axis="x", color=LINE, linewidth=0.7)
+    axes.grid(axis="x", color=figures.LINE, linewidth=0.7)
     axes.set_axisbelow(True)
-    bare(axes)
+    figures.bare(axes)
     if forest.axis.low < 0.0:
-        axes.axvline(forest.axis.share(0.0), color=SOFT, linewidth=0.8)
-    canvas = inch_canvas(figure)
-    draw_heading(canvas, 0.3, forest.title, forest.about)
-    behind = {"facecolor": PAPER, "edgecolor": "none", "pad": 1.5}
-    size = fitting([_who(x) for block in forest.blocks for x in block.lines], _LEFT - 0.45, 8.5)
+        axes.axvline(forest.axis.share(0.0), color=figures.SOFT, linewidth=0.8)
+    canvas = figures.inch_canvas(figure)
+    figures.draw_heading(canvas, 0.3, forest.title, forest.about)
+    behind = {"facecolor": figures.PAPER, "edgecolor": "none", "pad": 1.5}
+    size = figures.fitting(
+        [_who(x) for block in forest.blocks for x in block.lines], _LEFT - 0.45, 8.5
+    )
     right, y = _LEFT + _WIDTH + 0.15, 0.0
     for block in forest.blocks:
         y += _SPLIT
-        heading = plain(block.title, 120)
-        canvas.text(0.3, _TOP + y - 0.1, heading, size=9, color=INK, weight="bold", bbox=behind)
+        heading = figures.plain(block.title, 120)
+        canvas.text(
+            0.3, _TOP + y - 0.1, heading, size=9, color=figures.INK, weight="bold", bbox=behind
+        )
         for line in block.lines:
             middle = y + _PITCH / 2
             draw_marks(axes, line, forest.axis, middle, 0.5 * _PITCH)
             texts: list[tuple[float, str, dict[str, Any]]] = [
-                (_LEFT - 0.15, _who(line), {"size": size, "color": INK, "ha": "right"}),
-                (right, line.number, {"size": 8.5, "color": INK, "weight": "bold"}),
-                (right + 0.47, line.detail, {"size": 8, "color": SOFT}),
+                (_LEFT - 0.15, _who(line), {"size": size, "color": figures.INK, "ha": "right"}),
+                (right, line.number, {"size": 8.5, "color": figures.INK, "weight": "bold"}),
+                (right + 0.47, line.detail, {"size": 8, "color": figures.SOFT}),
             ]
             for x, text, style in texts:
                 canvas.text(x, _TOP + middle, text, va="center", **style)
@@ -87,7 +67,7 @@ def draw_forest(forest: Forest) -> Figure:
 
 def _who(line: Line) -> str:
     note = f" ({line.note})" if line.note else ""
-    return plain((f"{line.row} → " if line.row else "") + line.cell + note, _LONGEST)
+    return figures.plain((f"{line.row} → " if line.row else "") + line.cell + note, _LONGEST)
 
 
 def draw_axis(axes: Axes, axis: Axis, tall: float, scale: float = 1.0) -> None:
@@ -103,8 +83,8 @@ def draw_axis(axes: Axes, axis: Axis, tall: float, scale: float = 1.0) -> None:
     axes.set_xticks([axis.share(tick) for tick, _ in axis.ticks], [text for _, text in axis.ticks])
     if axis.margins:
         band = axis.share(-EQUIVALENCE_MARGIN), axis.share(EQUIVALENCE_MARGIN)
-        axes.axvspan(*band, color=INK, alpha=0.07, linewidth=0)
-        margin, red = axis.share(FAIL_MARGIN), PALETTE["fails"][0]
+        axes.axvspan(*band, color=figures.INK, alpha=0.07, linewidth=0)
+        margin, red = axis.share(FAIL_MARGIN), figures.PALETTE["fails"][0]
         axes.axvline(margin, color=red, linewidth=1.2 * scale, linestyle=(0, (4, 3)))
 
 
@@ -113,7 +93,7 @@ def draw_marks(
 ) -> None:
     """Marks of a line, ``reach`` above and below ``y``, inches."""
     for mark in line.marks:
-        colour, down = PALETTE[mark.tone][0], y + reach * mark.down
+        colour, down = figures.PALETTE[mark.tone][0], y + reach * mark.down
         if mark.value.bounded:
             low, high = (axis.share(end) for end in mark.value.ends)
             axes.plot(
@@ -125,7 +105,7 @@ def draw_marks(
                 axes.plot([end, end], cap, color=colour, linewidth=1.1 * scale)
         axes.plot(
             axis.share(mark.value.estimate), down, "o", color=colour, markersize=5.5 * scale,
-            markerfacecolor=colour if mark.filled else PAPER, clip_on=False,
+            markerfacecolor=colour if mark.filled else figures.PAPER, clip_on=False,
         )  # fmt: skip
 
 
@@ -139,43 +119,43 @@ def draw_ladders(ladders: LadderPlots) -> Figure:
     unit = (2 if ladders.paired else 1) * (_LADDER_WIDTH + _SIDE) + 0.3
     wide = max(0.3 + across * unit, 6.9)
     legend = ladder_entries(ladders)
-    top = 1.3 + 0.2 * legend_lines(legend, wide)
+    top = 1.3 + 0.2 * figures.legend_lines(legend, wide)
     high = top + math.ceil(len(ladders.rows) / across) * (_HEIGHT + _BELOW) + 0.1
-    figure = blank_figure(wide, high)
-    canvas = inch_canvas(figure)
-    draw_heading(canvas, 0.3, ladders.title, ladders.about)
-    draw_legend(canvas, legend, wide)
+    figure = figures.blank_figure(wide, high)
+    canvas = figures.inch_canvas(figure)
+    figures.draw_heading(canvas, 0.3, ladders.title, ladders.about)
+    figures.draw_legend(canvas, legend, wide)
     for number, (row, plots) in enumerate(ladders.rows):
         x = 0.3 + (number % across) * unit
         y = top + (number // across) * (_HEIGHT + _BELOW)
-        canvas.text(x, y - 0.02, plain(row), size=10, color=INK, weight="bold")
+        canvas.text(x, y - 0.02, figures.plain(row), size=10, color=figures.INK, weight="bold")
         for place, plot in enumerate(plots):
             left = x + 0.42 + place * (_LADDER_WIDTH + _SIDE)
-            axes = axes_at(figure, left, high - y - 0.32 - _HEIGHT, _LADDER_WIDTH, _HEIGHT)
+            axes = figures.axes_at(figure, left, high - y - 0.32 - _HEIGHT, _LADDER_WIDTH, _HEIGHT)
             axes.set(ylim=(-0.04, 1.06), xlim=(-0.15, 1.15))
             axes.set_yticks(
                 [at for at, _ in RATE_AXIS.ticks], [text for _, text in RATE_AXIS.ticks]
             )
             axes.set_xticks([share for share, _ in plot.ticks], [text for _, text in plot.ticks])
-            axes.grid(axis="y", color=LINE, linewidth=0.7)
+            axes.grid(axis="y", color=figures.LINE, linewidth=0.7)
             axes.set_axisbelow(True)
-            axes.set_title(plot.about, size=8, color=SOFT, loc="left", pad=3)
-            axes.set_xlabel(plot.along, size=8, color=SOFT, labelpad=1)
-            bare(axes)
+            axes.set_title(plot.about, size=8, color=figures.SOFT, loc="left", pad=3)
+            axes.set_xlabel(plot.along, size=8, color=figures.SOFT, labelpad=1)
+            figures.bare(axes)
             draw_series(axes, plot)
     return figure
 
 
-def ladder_entries(ladders: LadderPlots, scale: float = 1.0) -> list[Entry]:
+def ladder_entries(ladders: LadderPlots, scale: float = 1.0) -> list[figures.Entry]:
     """Of the legend: the series, and the truth where a plot has it."""
     truth = any(plot.truth is not None for _, plots in ladders.rows for plot in plots)
-    return scheme_entries(ladders.schemes) + (
-        [Entry(ladders.truth_name, _truth(scale))] if truth else []
+    return figures.scheme_entries(ladders.schemes) + (
+        [figures.Entry(ladders.truth_name, _truth(scale))] if truth else []
     )
 
 
 def _truth(scale: float) -> dict[str, Any]:
-    return {"color": INK, "linewidth": 1.3 * scale, "linestyle": (0, (4, 3))}
+    return {"color": figures.INK, "linewidth": 1.3 * scale, "linestyle": (0, (4, 3))}
 
 
 def draw_series(axes: Axes, plot: LadderPlot, scale: float = 1.0) -> None:
@@ -196,7 +176,10 @@ def draw_series(axes: Axes, plot: LadderPlot, scale: float = 1.0) -> None:
                 alpha=0.45,
             )  # fmt: skip
         rates = [point.value.estimate for point in series.points]
-        style = {**line_style(series.style, 1.6 * scale), **marker_style(series.style)}
+        style = {
+            **figures.line_style(series.style, 1.6 * scale),
+            **figures.marker_style(series.style),
+        }
         style["markersize"] *= scale
         axes.plot(xs, rates, clip_on=False, **style)
 
@@ -222,13 +205,13 @@ def draw_matrix(matrix: Matrix) -> Figure:
     rows = sum(len(block.lines) for block in matrix.blocks)
     bottom = _MATRIX_TOP + _CELL_HEIGHT * rows + _BLOCK_GAP * (len(matrix.blocks) - 1)
     lines = len(notes) + len(matrix.hatchings)
-    figure = blank_figure(max(right + 0.35, 7.2), bottom + 0.6 + _LEGEND_LINE * lines)
-    axes = inch_canvas(figure)
-    draw_heading(axes, 0.3, matrix.title, matrix.about)
+    figure = figures.blank_figure(max(right + 0.35, 7.2), bottom + 0.6 + _LEGEND_LINE * lines)
+    axes = figures.inch_canvas(figure)
+    figures.draw_heading(axes, 0.3, matrix.title, matrix.about)
     _draw_column_heads(axes, matrix, columns, bottom)
     y = _MATRIX_TOP
     for block in matrix.blocks:
-        axes.text(0.3, y - 0.1, block.title, size=8.5, color=SOFT, va="baseline")
+        axes.text(0.3, y - 0.1, block.title, size=8.5, color=figures.SOFT, va="baseline")
         for line in block.lines:
             _draw_row(axes, line, columns, y)
             y += _CELL_HEIGHT
@@ -238,17 +221,17 @@ def draw_matrix(matrix: Matrix) -> Figure:
 
 
 def _draw_row(axes: Axes, line: MatrixLine, columns: dict[str, float], y: float) -> None:
-    name = plain(line.name, 38)
+    name = figures.plain(line.name, 38)
     axes.text(
         _MATRIX_LEFT - 0.14, y + _CELL_HEIGHT / 2, name, ha="right", va="center", weight="bold",
-        size=fitting([name], _MATRIX_LEFT - 0.44, 9.0), color=INK,
+        size=figures.fitting([name], _MATRIX_LEFT - 0.44, 9.0), color=figures.INK,
     )  # fmt: skip
     for cell, shade in line.shades.items():
         x, size = columns[cell], (_CELL_WIDTH, _CELL_HEIGHT)
         ink, behind = draw_shade(axes, shade, (x, y), size, 0.02, 1.2)
         if shade is not None and shade.home:
-            draw_box(axes, (x, y), size, 0.03, fill=False, edgecolor=PAPER, linewidth=2.6)
-            draw_box(axes, (x, y), size, 0.008, fill=False, edgecolor=INK, linewidth=1.9)
+            draw_box(axes, (x, y), size, 0.03, fill=False, edgecolor=figures.PAPER, linewidth=2.6)
+            draw_box(axes, (x, y), size, 0.008, fill=False, edgecolor=figures.INK, linewidth=1.9)
         marks = " ".join(shade.marks) if shade else ""
         text = shade.text if shade else NONE
         up = 0.05 if marks else 0.0
@@ -281,8 +264,10 @@ def draw_shade(
         gap: to its edges.
         pad: around a text on a hatching, points.
     """
-    colour = SUNK if shade is None or shade.tone == "empty" else _tone(shade.tone, shade.share)
-    ink = SOFT if shade is None or shade.tone == "empty" else ink_on(colour)
+    colour = (
+        figures.SUNK if shade is None or shade.tone == "empty" else _tone(shade.tone, shade.share)
+    )
+    ink = figures.SOFT if shade is None or shade.tone == "empty" else figures.ink_on(colour)
     draw_box(axes, corner, size, gap, facecolor=colour, linewidth=0)
     if shade is None or not shade.hatched:
         return ink, None
@@ -302,18 +287,22 @@ def draw_box(
 
 def _stripes(hatched: str, ground: str, ink: str) -> dict[str, Any]:
     """Properties of a hatched rectangle, as Matplotlib takes them."""
-    colour = mixed(ground, ink, _STRIPES)
+    colour = figures.mixed(ground, ink, _STRIPES)
     return {"facecolor": ground, "edgecolor": colour, "hatch": _HATCHES[hatched]}
 
 
 def _tone(tone: str, share: float) -> str:
     """A colour of the scale of rates, or one thinned with the paper's."""
-    return success_colour(share) if tone == "rate" else mixed(PAPER, PALETTE[tone][0], share)
+    return (
+        figures.success_colour(share)
+        if tone == "rate"
+        else figures.mixed(figures.PAPER, figures.PALETTE[tone][0], share)
+    )
 
 
 def _draw_matrix_legend(axes: Axes, matrix: Matrix, notes: Sequence[str], y: float) -> None:
     def small(x: float, y: float, text: str) -> None:
-        axes.text(x, y, text, size=8, color=SOFT, ha="left", va="center")
+        axes.text(x, y, text, size=8, color=figures.SOFT, ha="left", va="center")
 
     def signed(share: float) -> str:
         return _tone("warm" if share > 0.5 else "cool", abs(2.0 * share - 1.0))
@@ -321,22 +310,24 @@ def _draw_matrix_legend(axes: Axes, matrix: Matrix, notes: Sequence[str], y: flo
     low, high = matrix.ends
     x, parts = _MATRIX_LEFT + 0.07 * len(low) + 0.08, 60
     small(_MATRIX_LEFT, y, low)
-    colour: Callable[[float], str] = signed if matrix.signed else success_colour
+    colour: Callable[[float], str] = signed if matrix.signed else figures.success_colour
     for part in range(parts):
         place, shade = (x + part / parts, y - 0.065), colour((part + 0.5) / parts)
         draw_box(axes, place, (1.1 / parts, 0.13), 0.0, facecolor=shade, linewidth=0)
     small(x + 1.18, y, high)
     x += 1.38 + 0.07 * len(high)
-    draw_box(axes, (x, y - 0.07), (0.2, 0.14), 0.0, fill=False, edgecolor=INK, linewidth=1.6)
+    draw_box(
+        axes, (x, y - 0.07), (0.2, 0.14), 0.0, fill=False, edgecolor=figures.INK, linewidth=1.6
+    )
     small(x + 0.28, y, "trained here")
     for note in notes:
         y += _LEGEND_LINE
-        small(_MATRIX_LEFT, y, plain(note, 80))
+        small(_MATRIX_LEFT, y, figures.plain(note, 80))
     for hatched, words in matrix.hatchings:
         y += _LEGEND_LINE
-        hatching = _stripes(hatched, SUNK, INK)
+        hatching = _stripes(hatched, figures.SUNK, figures.INK)
         draw_box(axes, (_MATRIX_LEFT, y - 0.08), (0.3, 0.16), 0.0, linewidth=0, **hatching)
-        small(_MATRIX_LEFT + 0.38, y, plain(words, 80))
+        small(_MATRIX_LEFT + 0.38, y, figures.plain(words, 80))
 
 
 def _draw_column_heads(
@@ -345,35 +336,35 @@ def _draw_column_heads(
     """Names of integrators over their steps."""
     heads, size = [_head(group) for group in matrix.groups], 9.5
     for group, lines in zip(matrix.groups, heads, strict=True):
-        size = min(size, fitting(lines, len(group.cells) * _CELL_WIDTH + 0.1, 9.5))
+        size = min(size, figures.fitting(lines, len(group.cells) * _CELL_WIDTH + 0.1, 9.5))
     for group, lines in zip(matrix.groups, heads, strict=True):
         first, last = columns[group.cells[0].name], columns[group.cells[-1].name] + _CELL_WIDTH
         axes.text(
-            (first + last) / 2, _MATRIX_TOP - 0.62, "\n".join(lines), color=INK, ha="center",
-            size=size, weight="bold", va="bottom", linespacing=1.0,
+            (first + last) / 2, _MATRIX_TOP - 0.62, "\n".join(lines), size=size, ha="center",
+            color=figures.INK, weight="bold", va="bottom", linespacing=1.0,
         )  # fmt: skip
         if group.reference:
             edge = last + _TRUTH_GAP / 2
-            axes.plot([edge, edge], [_MATRIX_TOP - 0.75, bottom], color=INK, linewidth=1.2)
+            axes.plot([edge, edge], [_MATRIX_TOP - 0.75, bottom], color=figures.INK, linewidth=1.2)
         else:
             ends = [first + 0.05, last - 0.05]
-            axes.plot(ends, [_MATRIX_TOP - 0.54] * 2, color=LINE, linewidth=1)
+            axes.plot(ends, [_MATRIX_TOP - 0.54] * 2, color=figures.LINE, linewidth=1)
         for cell in group.cells:
             texts = [("reference" if cell.reference else step(cell.dt), 0.36, 7.5)]
             texts += [(f"every {step(cell.control_period)}", 0.22, 6.5)] * matrix.periods
             for text, up, points in texts:
                 axes.text(
                     columns[cell.name] + _CELL_WIDTH / 2, _MATRIX_TOP - up, text, size=points,
-                    color=SOFT, ha="center", va="baseline",
+                    color=figures.SOFT, ha="center", va="baseline",
                 )  # fmt: skip
 
 
 def _head(group: Group) -> list[str]:
     """A group's name on one line, or cut after underscores and spaces into two where narrow."""
     width = len(group.cells) * _CELL_WIDTH + 0.1
-    most = int(width / (BOLD * 6.5))
-    text = plain(group.label, max(2 * most, 8))
-    if len(text) * BOLD * 9.5 <= width:
+    most = int(width / (figures.BOLD * 6.5))
+    text = figures.plain(group.label, max(2 * most, 8))
+    if len(text) * figures.BOLD * 9.5 <= width:
         return [text]
     cuts = [place + 1 for place, letter in enumerate(text[:-1]) if letter in "_ "]
     cut = min(cuts, key=lambda place: abs(place - len(text) / 2), default=len(text))

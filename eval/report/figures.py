@@ -8,34 +8,12 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from integ_gym.support.figures import (
-    FORMATS,
-    INK,
-    LINE,
-    PAPER,
-    axes_at,
-    blank_figure,
-    draw_legend,
-    inch_canvas,
-    legend_lines,
-    plain,
-    write_figure,
-)
+from integ_gym.support import figures
 from integ_gym.support.optional import load
 from integ_gym.support.terminal import NONE, step
 
 from ..panel.result import Panel
-from .drawing import (
-    draw_axis,
-    draw_box,
-    draw_forest,
-    draw_ladders,
-    draw_marks,
-    draw_matrix,
-    draw_series,
-    draw_shade,
-    ladder_entries,
-)
+from . import drawing
 from .forests import (
     RATE_AXIS,
     Forest,
@@ -68,26 +46,26 @@ _LETTER: Final = 0.063
 _LINE: Final = 0.155
 """Inches from line to line of type."""
 
-_TYPE: Final[dict[str, Any]] = {"size": SIZE, "color": INK}
+_TYPE: Final[dict[str, Any]] = {"size": SIZE, "color": figures.INK}
 _SCALE: Final = 0.7
 """Of lines and markers, to those beside a page."""
 
 
 def _short(name: str, room: float) -> str:
     """Names of rows and cells with no more than they need, cut to a width in inches."""
-    return plain(name.replace(" dt=", " "), int(room / _LETTER))
+    return figures.plain(name.replace(" dt=", " "), int(room / _LETTER))
 
 
 def _label(axes: Axes, across: str, up: str) -> None:
     """Label axes; with ticks, and without a frame above and at the right."""
     axes.set_xlabel(across, labelpad=2, **_TYPE)
     axes.set_ylabel(up, labelpad=2, **_TYPE)
-    axes.tick_params(labelsize=SIZE, colors=INK, length=2.5, width=0.6, pad=2)
+    axes.tick_params(labelsize=SIZE, colors=figures.INK, length=2.5, width=0.6, pad=2)
     axes.set_facecolor("none")
     for side, spine in axes.spines.items():
         spine.set_visible(side in ("left", "bottom"))
-        spine.set(color=INK, linewidth=0.6)
-    axes.grid(color=LINE, linewidth=0.5)
+        spine.set(color=figures.INK, linewidth=0.6)
+    axes.grid(color=figures.LINE, linewidth=0.5)
     axes.set_axisbelow(True)
 
 
@@ -98,13 +76,13 @@ _EDGE, _RIGHT, _BOTTOM = 0.12, 0.5, 0.4
 def print_forest(forest: Forest) -> Figure:
     """All blocks, one under the other, on one axis; names and numbers above their marks."""
     tall = sum(_HEADING + _PITCH * len(block.lines) for block in forest.blocks)
-    figure = blank_figure(COLUMN, tall + _BOTTOM + 0.06)
-    axes = axes_at(figure, _EDGE, _BOTTOM, COLUMN - _EDGE - _RIGHT, tall)
-    draw_axis(axes, forest.axis, tall, _SCALE)
+    figure = figures.blank_figure(COLUMN, tall + _BOTTOM + 0.06)
+    axes = figures.axes_at(figure, _EDGE, _BOTTOM, COLUMN - _EDGE - _RIGHT, tall)
+    drawing.draw_axis(axes, forest.axis, tall, _SCALE)
     _label(axes, forest.along, "")
     axes.spines["left"].set_visible(False)
-    canvas = inch_canvas(figure)
-    behind = {"facecolor": PAPER, "edgecolor": "none", "pad": 0.6}
+    canvas = figures.inch_canvas(figure)
+    behind = {"facecolor": figures.PAPER, "edgecolor": "none", "pad": 0.6}
     y = 0.0
     for block in forest.blocks:
         heading = _short(block.title, COLUMN - 2 * _EDGE)
@@ -115,7 +93,7 @@ def print_forest(forest: Forest) -> Figure:
             name, middle = _short(who, COLUMN - _EDGE - _RIGHT + 0.25), 0.06 + y + 0.5 * _LINE
             canvas.text(_EDGE, middle, name, va="center", bbox=behind, **_TYPE)
             canvas.text(COLUMN - _EDGE, middle, line.number, va="center", ha="right", **_TYPE)
-            draw_marks(axes, line, forest.axis, y + 1.3 * _LINE, 0.2 * _LINE, _SCALE)
+            drawing.draw_marks(axes, line, forest.axis, y + 1.3 * _LINE, 0.2 * _LINE, _SCALE)
             y += _PITCH
     return figure
 
@@ -129,12 +107,12 @@ def print_ladders(ladders: LadderPlots) -> Figure:
     plots = [(row, plot) for row, own in ladders.rows for plot in own]
     wide, across = (COLUMN, 2) if len(plots) <= 2 else (PAGE, 4)
     unit = (wide - _LEFT + _GAP - 0.08) / across
-    legend = ladder_entries(ladders, _SCALE)
-    top = _LINE * legend_lines(legend, wide, **_LEGEND) + 0.06
+    legend = drawing.ladder_entries(ladders, _SCALE)
+    top = _LINE * figures.legend_lines(legend, wide, **_LEGEND) + 0.06
     high = top + math.ceil(len(plots) / across) * (_ABOVE + _HEIGHT + _BELOW)
-    figure = blank_figure(wide, high)
-    canvas = inch_canvas(figure)
-    draw_legend(canvas, legend, wide, 0.1, pitch=_LINE, scale=_SCALE, **_LEGEND)
+    figure = figures.blank_figure(wide, high)
+    canvas = figures.inch_canvas(figure)
+    figures.draw_legend(canvas, legend, wide, 0.1, pitch=_LINE, scale=_SCALE, **_LEGEND)
     for number, (row, plot) in enumerate(plots):
         left = _LEFT + (number % across) * unit
         y = top + (number // across) * (_ABOVE + _HEIGHT + _BELOW)
@@ -142,7 +120,7 @@ def print_ladders(ladders: LadderPlots) -> Figure:
         for line, words in enumerate((row, about)):
             middle = y + (line + 0.7) * _LINE
             canvas.text(left, middle, _short(words, unit - 0.08), va="center", **_TYPE)
-        axes = axes_at(figure, left, high - y - _ABOVE - _HEIGHT, unit - _GAP, _HEIGHT)
+        axes = figures.axes_at(figure, left, high - y - _ABOVE - _HEIGHT, unit - _GAP, _HEIGHT)
         axes.set(ylim=(-0.05, 1.08), xlim=(-0.12, 1.12))
         first = number % across == 0
         rates = [text if first else "" for _, text in RATE_AXIS.ticks]
@@ -150,7 +128,7 @@ def print_ladders(ladders: LadderPlots) -> Figure:
         ticks = thin_ticks(plot.ticks, _LETTER / (unit - _GAP))
         axes.set_xticks([share for share, _ in ticks], [text for _, text in ticks])
         _label(axes, plot.along, "success" if first else "")
-        draw_series(axes, plot, _SCALE)
+        drawing.draw_series(axes, plot, _SCALE)
     return figure
 
 
@@ -172,20 +150,20 @@ def print_matrix(matrix: Matrix) -> Figure:
     needed = right + _MATRIX_EDGE
     wide = next((width for width in (COLUMN, PAGE) if needed <= width), needed)
     signs = [note for note in matrix.notes if not note.startswith("columns:")]
-    notes = [plain(", ".join(["framed: trained here", *signs]), 110)]
-    notes += [f"hatched: {plain(words, 100)}" for _, words in matrix.hatchings]
+    notes = [figures.plain(", ".join(["framed: trained here", *signs]), 110)]
+    notes += [f"hatched: {figures.plain(words, 100)}" for _, words in matrix.hatchings]
     top = _MATRIX_EDGE + _HEADS
     bottom = top + _MATRIX_HEIGHT * len(lines)
-    figure = blank_figure(wide, bottom + 0.1 + _LINE * (1.2 + len(notes)))
-    axes = inch_canvas(figure)
+    figure = figures.blank_figure(wide, bottom + 0.1 + _LINE * (1.2 + len(notes)))
+    axes = figures.inch_canvas(figure)
     for group in matrix.groups:
         first, last = places[group.cells[0].name][0], sum(places[group.cells[-1].name])
-        name = plain(group.label, 30).replace("_", "\n")
+        name = figures.plain(group.label, 30).replace("_", "\n")
         axes.text(
             (first + last) / 2.0, top - 0.5, name, ha="center", va="bottom", linespacing=1.0,
             **_TYPE,
         )  # fmt: skip
-        axes.plot([first + 0.03, last - 0.03], [top - 0.47] * 2, color=INK, linewidth=0.6)
+        axes.plot([first + 0.03, last - 0.03], [top - 0.47] * 2, color=figures.INK, linewidth=0.6)
         for cell in group.cells:
             x, width = places[cell.name]
             axes.text(
@@ -234,9 +212,9 @@ def _places(
 
 def _draw_cell(axes: Axes, shade: Shade | None, x: float, y: float, width: float) -> None:
     size = width, _MATRIX_HEIGHT
-    ink, behind = draw_shade(axes, shade, (x, y), size, 0.01, 0.5)
+    ink, behind = drawing.draw_shade(axes, shade, (x, y), size, 0.01, 0.5)
     if shade is not None and shade.home:
-        draw_box(axes, (x, y), size, 0.02, fill=False, edgecolor=INK, linewidth=1.3)
+        drawing.draw_box(axes, (x, y), size, 0.02, fill=False, edgecolor=figures.INK, linewidth=1.3)
     text = "\n".join(filter(None, (shade.text, " ".join(shade.marks)))) if shade else NONE
     axes.text(
         x + width / 2.0, y + _MATRIX_HEIGHT / 2.0, text, ha="center", va="center", linespacing=0.95,
@@ -247,9 +225,9 @@ def _draw_cell(axes: Axes, shade: Shade | None, x: float, y: float, width: float
 STYLES: Final = ("page", "paper")
 """How figures look: as on the page, or as papers print them."""
 
-_MATRIX = (draw_matrix, print_matrix)
-_FOREST = (draw_forest, print_forest)
-_LADDERS = (draw_ladders, print_ladders)
+_MATRIX = (drawing.draw_matrix, print_matrix)
+_FOREST = (drawing.draw_forest, print_forest)
+_LADDERS = (drawing.draw_ladders, print_ladders)
 
 FIGURES: Final[dict[str, tuple[Any, tuple[Any, Any]]]] = {
     "success_matrix": (success_matrix, _MATRIX),
@@ -295,8 +273,8 @@ def write_figures(panel: Panel, directory: str | PathLike[str], style: str = "pa
     for name, (describe, draw) in FIGURES.items():
         path, described = Path(directory) / name, describe(panel)
         if described is not None:
-            written += write_figure(draw[STYLES.index(style)](described), path)
+            written += figures.write_figure(draw[STYLES.index(style)](described), path)
         else:
-            for suffix in FORMATS:
+            for suffix in figures.FORMATS:
                 path.with_suffix(suffix).unlink(missing_ok=True)
     return written

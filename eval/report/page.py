@@ -32,25 +32,9 @@ from ..panel.conclusions import (
 )
 from ..panel.result import Failure, Panel
 from ..verdict import PolicyComparison
+from . import forests
 from .episodes import Episodes, read_episodes
 from .findings import findings_of
-from .forests import (
-    RATE_AXIS,
-    VERDICT_ORDER,
-    Axis,
-    Line,
-    Mark,
-    Tone,
-    Trust,
-    check_forest,
-    difference_axis,
-    gap_forest,
-    mixtures_of,
-    ordered_verdicts,
-    paired_return,
-    paired_success,
-    trust_of,
-)
 from .ladders import Series, ladder_plots, sweep_plots
 from .matrices import shade_style, success_matrix
 from .payload import LABEL_WORDS, pack_payload, quote_command
@@ -65,7 +49,7 @@ SHOWN_FINDINGS: Final = 7
 SIGNS: Final = {"fails": "✕", "transfers": "✓", "inconclusive": "?"}
 """Signs of verdicts, whose names are those of their colours, too."""
 
-_OUTCOME_TONES: Final[dict[str, Tone]] = {
+_OUTCOME_TONES: Final[dict[str, forests.Tone]] = {
     "accepted": "transfers", "rejected": "fails", "uninformative": "inconclusive",
 }  # fmt: skip
 _ROLES: Final = {"quarter_step": "dt/4", "reference": "truth"}
@@ -116,8 +100,8 @@ def render(panel: Panel, episodes: Episodes | None = None, seal: str | None = No
     ModuleNotFoundError
         As `write_report`.
     """
-    trusts, task = trust_of(panel), describe_task(panel)
-    success, returns = paired_success(panel), paired_return(panel)
+    trusts, task = forests.trust_of(panel), describe_task(panel)
+    success, returns = forests.paired_success(panel), forests.paired_return(panel)
     rows = [row for row in panel.rows if not row.baseline]
     text: str = _template().render(
         **page_parts("".join(_files("sheets").values()), _script(panel, episodes)),
@@ -135,10 +119,10 @@ def render(panel: Panel, episodes: Episodes | None = None, seal: str | None = No
         carried=pack_payload(panel, episodes, task, _href),
         tiles=_tiles(panel, trusts),
         success=success_matrix(panel),
-        verdicts=ordered_verdicts(panel),
-        gaps=gap_forest(panel),
+        verdicts=forests.ordered_verdicts(panel),
+        gaps=forests.gap_forest(panel),
         paired=list(filter(None, (success, returns) if panel.truth else (returns, success))),
-        remedies=mixtures_of(panel),
+        remedies=forests.mixtures_of(panel),
         engine_lines=sorted(panel.engine_agreement, key=lambda e: (e.map, e.engine, -e.dt)),
         costs=[
             (row, panel.training_costs[row.name], panel.on_yardstick(row.name))
@@ -147,7 +131,7 @@ def render(panel: Panel, episodes: Episodes | None = None, seal: str | None = No
         ],
         ladders=ladder_plots(panel),
         sweeps=sweep_plots(panel),
-        checks=check_forest(panel),
+        checks=forests.check_forest(panel),
         separations=separations_by_measure(panel),
         trust=trusts,
         rankings=sorted(panel.rankings, key=lambda one: -one.violation.estimate),
@@ -188,14 +172,14 @@ def _template() -> Any:
     environment.globals.update(
         rules=rules,
         frame={"LEFT": _LEFT, "TOP": _TOP, "RIGHT": _RIGHT, "BOTTOM": _BOTTOM},
-        rate_axis=RATE_AXIS,
+        rate_axis=forests.RATE_AXIS,
         signs=SIGNS,
         outcome_tones=_OUTCOME_TONES,
-        verdict_order=VERDICT_ORDER,
+        verdict_order=forests.VERDICT_ORDER,
         label_words=LABEL_WORDS,
         shown_findings=SHOWN_FINDINGS,
         ramp=", ".join(f"#{stop}" for stop in VIRIDIS),
-        mark=Mark,
+        mark=forests.Mark,
         verdict_reason=verdict_reason,
         comparison_reason=comparison_reason,
         cost_words=cost_words,
@@ -228,7 +212,7 @@ def _href(path: str) -> str:
     return "./" + quote(path.replace("\\", "/").lstrip("/"), safe="/=")
 
 
-def _along(axis: Axis, value: float) -> float:
+def _along(axis: forests.Axis, value: float) -> float:
     """Place of a value on an axis, in percent of the width."""
     return round(100.0 * axis.share(value), 2)
 
@@ -283,7 +267,7 @@ def _watch_words(panel: Panel, episodes: Episodes | None) -> str:
     )
 
 
-def _tiles(panel: Panel, trusts: Sequence[Trust]) -> list[tuple[str, str]]:
+def _tiles(panel: Panel, trusts: Sequence[forests.Trust]) -> list[tuple[str, str]]:
     """Headline counts: (number, what it counts)."""
     trained = [row for row in panel.rows if row.kind == "trained"]
     mixtures = sum(row.mixed for row in trained)
@@ -340,14 +324,14 @@ def _failures(panel: Panel) -> list[tuple[str, list[Failure]]]:
     return sorted(by_label.items(), key=lambda pair: -len(pair[1]))
 
 
-def _comparison(compared: PolicyComparison) -> tuple[list[Line], Axis]:
+def _comparison(compared: PolicyComparison) -> tuple[list[forests.Line], forests.Axis]:
     """Success of one policy minus that of another in every cell."""
     lines = [
-        Line(
+        forests.Line(
             "",
             cell.name,
             (compared.a, cell.name),
-            (Mark(cell.difference, _OUTCOME_TONES[compared.outcome]),),
+            (forests.Mark(cell.difference, _OUTCOME_TONES[compared.outcome]),),
             fixed(cell.difference.estimate, 2, True),
             cell.status.replace("_", " "),
             f"A − B {cell.difference}",
@@ -355,7 +339,7 @@ def _comparison(compared: PolicyComparison) -> tuple[list[Line], Axis]:
         )
         for cell in compared.cells
     ]
-    return lines, difference_axis([cell.difference for cell in compared.cells], 0.5)
+    return lines, forests.difference_axis([cell.difference for cell in compared.cells], 0.5)
 
 
 def _settings(panel: Panel) -> list[tuple[str, str]]:

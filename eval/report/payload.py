@@ -26,18 +26,8 @@ from ..film import LEAST_START
 from ..panel.cells import Cell
 from ..panel.result import Entry, Panel, Row
 from ..statistics import Estimate
+from . import matrices
 from .episodes import LEDGER, Array, Episodes, Trace, choice_words
-from .matrices import (
-    Shade,
-    energy_matrix,
-    loss_matrix,
-    mean_words,
-    return_matrix,
-    shade_style,
-    solved_words,
-    success_matrix,
-    time_matrix,
-)
 from .task import Task
 
 UNKNOWN: Final = -32768
@@ -65,11 +55,11 @@ LABEL_WORDS: Final = {
 """Failure labels in words, in the order in which their rules are tried."""
 
 _MEASURES: Final = {
-    "success": success_matrix,
-    "loss": loss_matrix,
-    "return": return_matrix,
-    "energy": energy_matrix,
-    "time to success": time_matrix,
+    "success": matrices.success_matrix,
+    "loss": matrices.loss_matrix,
+    "return": matrices.return_matrix,
+    "energy": matrices.energy_matrix,
+    "time to success": matrices.time_matrix,
 }
 _LEVELS: Final = 65535
 _PLAIN = re.compile(r"[\w@%+=:,./-]+", re.ASCII)
@@ -147,8 +137,14 @@ def quote_command(words: Sequence[str]) -> str:
 def _measures(panel: Panel) -> list[dict[str, Any]]:
     """The matrices that a reader can choose from, each cell as its script shows it."""
 
-    def shown(shade: Shade) -> list[str]:
-        return [shade.text, shade_style(shade), " ".join(shade.marks), shade.words, shade.tone]
+    def shown(shade: matrices.Shade) -> list[str]:
+        return [
+            shade.text,
+            matrices.shade_style(shade),
+            " ".join(shade.marks),
+            shade.words,
+            shade.tone,
+        ]
 
     return [
         {
@@ -182,7 +178,7 @@ def _entry(panel: Panel, entry: Entry) -> dict[str, Any]:
     time = _interval(entry.time_to_success, three, " s")
     facts = {
         "success": _interval(entry.success),
-        f"return, {mean_words(panel)}": _interval(entry.returns, three),
+        f"return, {matrices.mean_words(panel)}": _interval(entry.returns, three),
         "time to success": time
         and f"{time}, {entry.time_to_success_episodes} of {entry.episodes} episodes",
         "energy residual": _interval(entry.energy_residual, signed, " J"),
@@ -197,7 +193,7 @@ def _entry(panel: Panel, entry: Entry) -> dict[str, Any]:
         "energy from the numerics": _interval(entry.numerics_share, percent),
         "transfer gap": _interval(entry.transfer_gap),
         f"against the {panel.yardstick_name}": (entry.reference_class or "").replace("_", " "),
-        "the cell": solved_words(panel, panel.cell(entry.cell)),
+        "the cell": matrices.solved_words(panel, panel.cell(entry.cell)),
         "episodes": f"{entry.episodes:,}",
         "diverged": entry.diverged and str(entry.diverged),
         "solver not converged": entry.not_converged and str(entry.not_converged),
