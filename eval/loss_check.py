@@ -165,29 +165,25 @@ class Check:
     def __str__(self) -> str:
         """The answer in one line."""
         where = "on the truth" if self.exact else f"at {self.truth.name}"
-        lost, home = self.loss, self.home
+        lost, home = self.loss, self.home.name
         low, high = lost.ends
-        told = (
-            f"Success at home {home.success:.2f}, {where} {self.truth.success:.2f}, lost "
+        end = {
+            "contract_error": self.truth.contract,
+            "not_learned": f"too little was learned on {home} to lose it.",
+            "closed": closed_words(where.partition(" ")[2], self.truth.achievability),
+            "not_cause": f"practically equal (within ±{EQUIVALENCE_MARGIN}), {home} is not the "
+            "cause.",
+        }.get(self._status)
+        by_cause = {
+            "yes": f"{home} is the cause.",
+            "no": f"{home} is not a cause of losing more than {max(high, 0.0):.2f}.",
+            "undecided": f"undecided whether {home} is a cause.",
+        }
+        return (
+            f"Success at home {self.home.success:.2f}, {where} {self.truth.success:.2f}, lost "
             f"{lost.estimate:z.2f} (95 % interval {low:z.2f} to {high:z.2f}): "
+            f"{end or by_cause[self.cause]}"
         )
-        status = self._status
-        if status == "contract_error":
-            return f"{told}{self.truth.contract}"
-        if status == "not_learned":
-            return f"{told}too little was learned on {home.name} to lose it."
-        if status == "closed":
-            place = "the truth" if self.exact else self.truth.name
-            return f"{told}{closed_words(place, self.truth.achievability)}"
-        if status == "not_cause":
-            equal = f"practically equal (within ±{EQUIVALENCE_MARGIN})"
-            return f"{told}{equal}, {home.name} is not the cause."
-        if self.cause == "yes":
-            return f"{told}{home.name} is the cause."
-        if self.cause == "no":
-            most = max(high, 0.0)
-            return f"{told}{home.name} is not a cause of losing more than {most:.2f}."
-        return f"{told}undecided whether {home.name} is a cause."
 
 
 def check(
@@ -234,12 +230,8 @@ def check(
         raise InputError(f"`environment` gives `{given[0]}`; give it as an argument of its own")
     testbed = find_testbed(env_id, environment or {})
     period = testbed.control_period if control_period is None else control_period
-    home = Discretization(
-        integrator,
-        dt,
-        dt if period is None else period,
-        testbed.home.engine if engine is None else engine,
-    )
+    own = testbed.home.engine if engine is None else engine
+    home = Discretization(integrator, dt, dt if period is None else period, own)
     if home.integrator == "reference" and home.engine == NATIVE:
         raise InputError(
             "`reference` is the truth itself, so that nothing can be lost on it; check another "
@@ -315,8 +307,7 @@ def check_of(panel: Panel, place: Path, home: Discretization) -> Check:
         if cell.name != home.name:
             lost = loss_interval(at_home.success_by_seed, entry.success_by_seed)
         differs = contract_reason(panel, row.name, cell.name)
-        found = CheckedCell(cell.name, success, recovered, lost, cell.achievability, differs)
-        cells.append(found)
+        cells.append(CheckedCell(cell.name, success, recovered, lost, cell.achievability, differs))
     exact, starts = panel.truth is not None, panel.spec["episodes"]
     return Check(panel, place, row.seeds, starts, cells[0], cells[-1], exact, tuple(cells))
 

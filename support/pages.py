@@ -56,6 +56,13 @@ function copyable(block) {
 """Opens what a link leads to and, for print, all that is closed; a button beside every command."""
 
 
+@cache
+def page_template(package: str, name: str) -> Any:
+    """The template of a page, from a file beside a package's modules; see below."""
+    text = resources.files(package).joinpath(name).read_text("utf-8")
+    return page_environment().from_string(text)
+
+
 def page_environment(templates: Mapping[str, str] | None = None) -> Any:
     """A jinja2 environment that escapes everything, with the filters of numbers.
 

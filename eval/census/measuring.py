@@ -21,17 +21,7 @@ from integ_gym.evidence.record import plain
 from integ_gym.support.errors import describe_exception
 from integ_gym.support.optional import install_command, installed_versions
 
-from .subjects import (
-    COAST,
-    PUBLISHED,
-    Sample,
-    State,
-    Statement,
-    Subject,
-    Transition,
-    engine_subjects,
-    installed,
-)
+from . import subjects
 
 
 @dataclass(frozen=True)
@@ -49,7 +39,7 @@ class Drift:
         exact_energies: of the exact solution at the same instants.
     """
 
-    start: State
+    start: subjects.State
     duration: float
     end: float
     largest: float
@@ -57,7 +47,7 @@ class Drift:
     exact_energies: tuple[float, ...]
 
 
-def energy_drift(plant: Plant, states: Sequence[State], period: float) -> Drift:
+def energy_drift(plant: Plant, states: Sequence[subjects.State], period: float) -> Drift:
     """Follow the energy of a free motion.
 
     Args:
@@ -72,7 +62,7 @@ def energy_drift(plant: Plant, states: Sequence[State], period: float) -> Drift:
             end = numerics.advance("reference", plant, start, period)
             exact_states[k] = tuple(end[0::2]), tuple(end[1::2])
 
-    def energy(state: State) -> float:
+    def energy(state: subjects.State) -> float:
         try:
             return float(system.energy(SCALAR, *state))
         except (ArithmeticError, ValueError):  # of a component that is not finite
@@ -134,7 +124,7 @@ class Found:
         return self.substeps * self.dt
 
 
-def identify(samples: Sequence[Sample], stated: Statement, width: int) -> Found:
+def identify(samples: Sequence[subjects.Sample], stated: subjects.Statement, width: int) -> Found:
     """Search for the map, the number of steps and, failing that, the length of a control period.
 
     Args:
@@ -159,7 +149,7 @@ def identify(samples: Sequence[Sample], stated: Statement, width: int) -> Found:
 
 
 def _candidates(
-    samples: Sequence[Sample], stated: Statement
+    samples: Sequence[subjects.Sample], stated: subjects.Statement
 ) -> Iterator[tuple[int, float, Sequence[str]]]:
     """Numbers of steps, lengths of a control period in seconds, and maps for which to try them."""
     others = [n for n in SUBSTEPS if n != stated.substeps]
@@ -173,7 +163,11 @@ def _candidates(
 
 
 def _compared(
-    samples: Sequence[Sample], stated: Statement, count: int, period: float, limit: float
+    samples: Sequence[subjects.Sample],
+    stated: subjects.Statement,
+    count: int,
+    period: float,
+    limit: float,
 ) -> Found:
     """The nearest map in ``count`` steps over ``period``."""
     names = (*map_names(), TRUTH)
@@ -198,7 +192,7 @@ def _compared(
     )
 
 
-def _fitted_period(samples: Sequence[Sample], name: str, count: int) -> float | None:
+def _fitted_period(samples: Sequence[subjects.Sample], name: str, count: int) -> float | None:
     """The length of a control period with which a map is nearest, s; None where it fails."""
 
     def residuals(period: float) -> np.ndarray:
@@ -229,8 +223,8 @@ def _fitted_period(samples: Sequence[Sample], name: str, count: int) -> float | 
 
 
 def _few(
-    samples: Sequence[Sample], name: str, count: int, period: float
-) -> Iterator[tuple[State, State]]:
+    samples: Sequence[subjects.Sample], name: str, count: int, period: float
+) -> Iterator[tuple[subjects.State, subjects.State]]:
     """Where a map ends, and where the subject did, after a few control periods of each sample."""
     for sample in samples:
         for case, end in sample.transitions[:SCREENED]:
@@ -259,11 +253,11 @@ class SpeedLimit:
     slowed: bool = False
 
 
-def find_speed_limit(sample: Sample, found: Found) -> SpeedLimit:
+def find_speed_limit(sample: subjects.Sample, found: Found) -> SpeedLimit:
     """Compare fast control periods with the map that was found at lower speeds."""
     fastest = max(abs(x) for (_, v, _), _ in sample.transitions for x in v)
 
-    def mapped(one: Transition, most: float | None = None) -> State:
+    def mapped(one: subjects.Transition, most: float | None = None) -> subjects.State:
         case = one.case
         return numerics.mapped(found.map, sample.plant, found.dt, found.substeps, case, most)
 
@@ -310,7 +304,7 @@ class Line:
         authority: largest control over the largest torque of gravity, or over the weight.
     """
 
-    subject: Subject
+    subject: subjects.Subject
     found: Found
     speed_limit: SpeedLimit | None
     drift: Drift | None
@@ -349,7 +343,7 @@ class Line:
         return {name: plain(value) for name, value in line.items()}
 
 
-def measure(subject: Subject) -> Line:
+def measure(subject: subjects.Subject) -> Line:
     """Look at a subject."""
     plant: Any = subject.plant
     access = subject.access
@@ -439,7 +433,7 @@ class Census:
             "command": command,
             "created": datetime.now(UTC).isoformat(timespec="seconds"),
             "versions": installed_versions(PACKAGES),
-            "free_motion_seconds": COAST,
+            "free_motion_seconds": subjects.COAST,
             "maps": {name: _about(name) for name in (*map_names(), TRUTH)},
             "lines": [line.to_json() for line in self.lines],
             "missing": self.missing,
@@ -464,8 +458,8 @@ def take_census(
     """
     census = Census()
     for name in libraries:
-        library = PUBLISHED.load(name)()
-        if not installed(name):
+        library = subjects.PUBLISHED.load(name)()
+        if not subjects.installed(name):
             census.missing[library.title] = library.install
         else:
             tell(library.title)
@@ -475,7 +469,7 @@ def take_census(
             census.missing[name] = install_command(name)
         else:
             tell(name)
-            _look(census, name, partial(engine_subjects, name, integrators_of(name)))
+            _look(census, name, partial(subjects.engine_subjects, name, integrators_of(name)))
     return census
 
 
@@ -484,7 +478,7 @@ def _about(name: str) -> str:
     return " ".join(str(one_step_map(name).__doc__).split("\n\n")[0].split())
 
 
-def _look(census: Census, source: str, subjects: Callable[[], Iterator[Subject]]) -> None:
+def _look(census: Census, source: str, subjects: Callable[[], Iterator[subjects.Subject]]) -> None:
     try:
         for subject in subjects():
             census.lines.append(measure(subject))

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from functools import cache
-from importlib import resources
 from typing import Any, Final
 
-from integ_gym.support.pages import page_environment, page_parts
+from integ_gym.support.pages import page_parts, page_template
 from integ_gym.support.terminal import compact_percent, plural, step
 
 Json = Mapping[str, Any]
@@ -125,7 +123,7 @@ def render_census(document: Json) -> str:
         (len(engines), "integrator of engines", "integrators of engines"),
         (len(maps), "one-step map found", "different one-step maps found"),
     )
-    text: str = _template().render(
+    text: str = page_template(str(__package__), "census.html.j2").render(
         **page_parts(),
         **{words.__name__: words for words in WORDS},
         document=document,
@@ -143,12 +141,6 @@ def render_census(document: Json) -> str:
         plural=plural,
     )
     return text
-
-
-@cache
-def _template() -> Any:
-    folder = resources.files(__package__)
-    return page_environment().from_string(folder.joinpath("census.html.j2").read_text("utf-8"))
 
 
 def _answer(published: Sequence[Json]) -> str:

@@ -43,12 +43,10 @@ def diagnose_plant(diagnosis: Diagnosis) -> None:
     q, _ = split_state(tuple(states.T))
     entries = [np.broadcast_to(x, STATES) for row in plant.mass_matrix(ARRAY, q) for x in row]
     change = float(np.ptp(np.array(entries), axis=1).max())
-    constant = plant.constant_mass_matrix
-    declared = Expectation(
-        "0: declared constant" if constant else "some: declared to depend on q",
-        "exactly" if constant else "above 0",
-        (change == 0.0) is constant,
-    )
+    words = "some: declared to depend on q", "above 0"
+    if plant.constant_mass_matrix:
+        words = "0: declared constant", "exactly"
+    declared = Expectation(*words, (change == 0.0) is plant.constant_mass_matrix)
     left, off = rest_energy(plant, subject.rest), jacobian_defect(plant, states)
 
     def agree(defect: float, what: str) -> tuple[float, str, Expectation]:

@@ -381,11 +381,9 @@ class Diagnosis:
         )
         asked = [x for x, y in zip(worst, stable or [True] * len(worst), strict=True) if y]
         if asked:
-            expectation = Expectation(
-                "solved" if len(asked) == len(worst) else "solved where it does not grow",
-                f"residual up to {amount(tolerance)} in {cap} iterations",
-                all(x <= tolerance for x in asked),
-            )
+            words = "solved" if len(asked) == len(worst) else "solved where it does not grow"
+            within = f"residual up to {amount(tolerance)} in {cap} iterations"
+            expectation = Expectation(words, within, all(x <= tolerance for x in asked))
             self.add(integrator, quantity, most, "", expectation, steps=steps)
 
 

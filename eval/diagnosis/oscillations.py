@@ -79,8 +79,7 @@ def _release(
 def energy_change(rollout: Rollout) -> Array:
     """Energy change at every instant as a share of the start's, shape (instants,)."""
     energy = rollout.info["energy"][:, 0]
-    change: Array = energy / energy[0] - 1.0
-    return change
+    return np.asarray(energy / energy[0] - 1.0)
 
 
 def _long_run(
@@ -262,5 +261,4 @@ def spectral_radii(plant: Plant, rest: Array, integrator: str, steps: Array) -> 
         ]
         columns.append((ends[0] - ends[1]) / (2.0 * _WIDTH))
     maps = np.nan_to_num(np.stack(columns, axis=-1), nan=1e9, posinf=1e9, neginf=-1e9)
-    values: Array = np.abs(np.linalg.eigvals(maps)).max(axis=-1)
-    return values
+    return np.asarray(np.abs(np.linalg.eigvals(maps)).max(axis=-1))

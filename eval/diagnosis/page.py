@@ -5,13 +5,11 @@ from __future__ import annotations
 import base64
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from functools import cache
-from importlib import resources
 from pathlib import Path
 from typing import Any, Final, TextIO
 
 from integ_gym.support.files import replace_file
-from integ_gym.support.pages import page_environment, page_parts
+from integ_gym.support.pages import page_parts, page_template
 from integ_gym.support.terminal import (
     hanging_indent,
     plural,
@@ -157,7 +155,7 @@ def write_page(result: Mapping[str, Any], directory: Path) -> Path:
     counted = {**counts, "expectation": len(asked), "recorded rollout": result["records"]}
     tiles = [tuple(plural(count, noun).split(" ", 1)) for noun, count in counted.items()]
     tiles.insert(3, (f"{len(failed):,}", "do not hold" if len(failed) != 1 else "does not hold"))
-    text: str = _template().render(
+    text: str = page_template(str(__package__), "diagnose.html.j2").render(
         **page_parts(),
         result=result,
         answer=_answer(result, asked, failed),
@@ -176,12 +174,6 @@ def write_page(result: Mapping[str, Any], directory: Path) -> Path:
         plural=plural,
     )
     return replace_file(directory / DIAGNOSIS_PAGE, text.encode())
-
-
-@cache
-def _template() -> Any:
-    folder = resources.files(__package__)
-    return page_environment().from_string(folder.joinpath("diagnose.html.j2").read_text("utf-8"))
 
 
 def _answer(result: Mapping[str, Any], asked: Sequence[Line], failed: Sequence[Line]) -> str:

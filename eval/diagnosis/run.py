@@ -189,8 +189,7 @@ def diagnose(
 def _examine_all(jobs: Sequence[Job], workers: int) -> Iterator[tuple[int, Diagnosis]]:
     """Places of jobs, with their results, as they are done."""
     if min(workers, len(jobs)) < 2:
-        for place, job in enumerate(jobs):
-            yield place, examine(*job)
+        yield from ((place, examine(*job)) for place, job in enumerate(jobs))
         return
     with Progress().pool(workers) as pool:
         order = sorted(range(len(jobs)), key=lambda place: jobs[place][0] not in _LONGEST)

@@ -26,7 +26,7 @@ from .cells import Cell, engine_versions, environments_of, file_name
 from .costs import trying_seconds
 from .episodes import attempts
 from .plan import inputs
-from .run_directory import RunDirectory, first_of, key_of, told_first
+from .run_directory import RunDirectory, first_of, key_of, name_start
 from .spec import PanelSpec
 from .units import HANDMADE, Work, baseline_of, has_controller
 
@@ -175,7 +175,7 @@ def _together(parts: Sequence[Tried]) -> Tried:
 
 def unit_of_cell(spec: PanelSpec, cell: Cell) -> str:
     """Name of the unit that tries a cell from the starts that came last."""
-    return f"{PREFIX}{file_name(cell.name)}{told_first(spec.latest.start)}"
+    return f"{PREFIX}{file_name(cell.name)}{name_start(spec.latest.start)}"
 
 
 def _key(spec: PanelSpec, cell: Cell) -> str:

@@ -17,22 +17,12 @@ from integ_gym.support.processes import host, instruction_sets
 
 from ..power import WITHOUT_VERDICT, Verdict, judge_family, postponed, seeds_wanted
 from ..verdict import PolicyCell, PolicyComparison, compare_policies
+from . import result
 from .cells import Cell
 from .checking.comparing import ROUNDING, differing
 from .extrapolation import entry_at_limit
 from .findings import limits, paired_episodes, rankings, remedies, separations
 from .matrix import Matrix, PanelLayout, mean_success
-from .result import (
-    FILE_NAME,
-    Entry,
-    Failure,
-    OtherVersionError,
-    Panel,
-    Row,
-    Stage,
-    limits_called,
-    read_panel,
-)
 from .run_directory import RunDirectory
 
 FAILURE_SAMPLE = 40
@@ -46,9 +36,9 @@ def build_artefact(
     *,
     directory: str,
     training_steps: int | None = None,
-    stage: Stage | None = None,
+    stage: result.Stage | None = None,
     **other: Any,
-) -> Panel:
+) -> result.Panel:
     """Everything that a panel found.
 
     Args:
@@ -61,7 +51,7 @@ def build_artefact(
         other: attributes of :class:`Panel` that the outcome does not tell.
     """
     losses, at_limit = layout.losses(matrix), limits(layout, matrix)
-    called = limits_called(at_limit, layout.rows)
+    called = result.limits_called(at_limit, layout.rows)
     at = {(one.row, one.cell): one for one in at_limit if one.cell in called}
     places = [(row, cell) for row in layout.rows for cell in layout.cells_of[row.name]]
     failures = [
@@ -73,7 +63,7 @@ def build_artefact(
     known = [(p.id, p.hash) for row in layout.rows for p in row.policies if p.hash]
     hashes = dict(sorted(known))
 
-    def entry(row: Row, cell: str) -> Entry:
+    def entry(row: result.Row, cell: str) -> result.Entry:
         """What a row did in a cell; no loss, gap or class where the contract is not kept."""
         kept = (row.name, cell) not in layout.broken
         found = matrix.entry(
@@ -87,7 +77,7 @@ def build_artefact(
         )
         return entry_at_limit(found, at.get((row.name, cell)))
 
-    return Panel(
+    return result.Panel(
         **other,
         stage=stage,
         directory=directory,
@@ -148,7 +138,7 @@ def _compare(layout: PanelLayout, matrix: Matrix, a: str, b: str) -> PolicyCompa
     return compare_policies(cells, layout.share, a=a, b=b)
 
 
-def _row(row: Row, matrix: Matrix, training_steps: int | None) -> Row:
+def _row(row: result.Row, matrix: Matrix, training_steps: int | None) -> result.Row:
     """A row with what came out."""
     rates = matrix.home_rates(row.name)
     return msgspec.structs.replace(
@@ -170,7 +160,7 @@ def _cell(cell: Cell, layout: PanelLayout, matrix: Matrix) -> Cell:
     )
 
 
-def _query(directory: str, row: Row, cell: str) -> str:
+def _query(directory: str, row: result.Row, cell: str) -> str:
     """The command that lists the records behind an entry."""
     policies = ", ".join(sql_literal(policy) for policy in row.policy_ids)
     sql = (
@@ -180,12 +170,12 @@ def _query(directory: str, row: Row, cell: str) -> str:
     return shlex.join(["integ-gym", "evidence", "query", directory, sql])
 
 
-def _spread(failures: Sequence[Failure]) -> tuple[Failure, ...]:
+def _spread(failures: Sequence[result.Failure]) -> tuple[result.Failure, ...]:
     """A sample that takes turns between cells and labels, in a fixed order."""
-    groups: dict[tuple[str, str, str], list[Failure]] = {}
+    groups: dict[tuple[str, str, str], list[result.Failure]] = {}
     for failure in failures:
         groups.setdefault((failure.label, failure.row, failure.cell), []).append(failure)
-    sample: list[Failure] = []
+    sample: list[result.Failure] = []
     depth = 0
     while len(sample) < min(FAILURE_SAMPLE, len(failures)):
         layer = [group[depth] for group in groups.values() if len(group) > depth]
@@ -206,7 +196,7 @@ _COMMAND: Final = ".query"
 """End of the places of commands, which name the directory."""
 
 
-def differences(said: Panel, made: Panel) -> Iterator[tuple[str, Any, Any]]:
+def differences(said: result.Panel, made: result.Panel) -> Iterator[tuple[str, Any, Any]]:
     """What a panel says and is not what comes of its plan and records.
 
     Place, in words, what is said there, and what comes out.
@@ -214,19 +204,21 @@ def differences(said: Panel, made: Panel) -> Iterator[tuple[str, Any, Any]]:
     yield from _of_parts(said, made, VOLATILE)
 
 
-def as_sealed(directory: RunDirectory, made: Panel) -> Panel:
+def as_sealed(directory: RunDirectory, made: result.Panel) -> result.Panel:
     """The panel that a run was sealed with, where it says the same; else the one that was made."""
     if not directory.was_sealed:
         return made
     try:
-        held = read_panel(directory.path / FILE_NAME)
-    except OtherVersionError:
+        held = result.read_panel(directory.path / result.FILE_NAME)
+    except result.OtherVersionError:
         return made
     other = (place for place, *_ in _of_parts(held, made, (*VOLATILE, *_CALLED)))
     return made if any(not place.endswith(_COMMAND) for place in other) else held
 
 
-def _of_parts(said: Panel, made: Panel, but: tuple[str, ...]) -> Iterator[tuple[str, Any, Any]]:
+def _of_parts(
+    said: result.Panel, made: result.Panel, but: tuple[str, ...]
+) -> Iterator[tuple[str, Any, Any]]:
     """What differs in all parts but some."""
     one, other = (msgspec.to_builtins(panel) for panel in (said, made))
     for part in one:

@@ -7,17 +7,8 @@ import time
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
+from integ_gym.support import interpreters
 from integ_gym.support.errors import IntegGymError, describe_exception
-from integ_gym.support.interpreters import (
-    Interpreter,
-    InterpreterError,
-    are_running,
-    call_there,
-    find_interpreter,
-    make_interpreter,
-    modules_in,
-    needed_versions,
-)
 from integ_gym.support.terminal import print_wrapped
 from integ_gym.train.policy import Policy
 from integ_gym.train.policy_files.programs import ProgramPolicy
@@ -32,28 +23,28 @@ _LARGE = ("torch", "jax", "tensorflow")
 def other_packages(cells: Iterable[Cell]) -> list[tuple[str, ...]]:
     """Versions of packages in some cells that are not those of this interpreter."""
     listed = dict.fromkeys(cell.packages for cell in cells)
-    return [packages for packages in listed if not are_running(packages)]
+    return [packages for packages in listed if not interpreters.are_running(packages)]
 
 
 def needed_by(spec: PanelSpec, cells: Iterable[Cell], policies: Sequence[Policy]) -> dict[str, str]:
     """Versions, as they are here, of what the evaluation of policies in cells imports."""
     names = [spec.env_id.partition(":")[0], *sorted({cell.engine for cell in cells})]
     names += [policy.extra for policy in policies if isinstance(policy, ProgramPolicy)]
-    return needed_versions(names, modules_in(policies))
+    return interpreters.needed_versions(names, interpreters.modules_in(policies))
 
 
 def interpreter_for(
     packages: Sequence[str], spec: PanelSpec, cells: Iterable[Cell], policies: Sequence[Policy]
-) -> Interpreter:
+) -> interpreters.Interpreter:
     """The interpreter of cells with these packages; see :func:`make_interpreter`."""
-    return make_interpreter(packages, needed_by(spec, cells, policies))
+    return interpreters.make_interpreter(packages, needed_by(spec, cells, policies))
 
 
 def interpreters_of(spec: PanelSpec) -> dict[tuple[str, ...], bool]:
     """Packages that a panel's cells ask for, and whether there is an interpreter with them."""
     cells = all_cells(spec)
     return {
-        packages: find_interpreter(packages, needed_by(spec, cells, ())) is not None
+        packages: interpreters.find_interpreter(packages, needed_by(spec, cells, ())) is not None
         for packages in other_packages(cells)
     }
 
@@ -96,12 +87,12 @@ def make_interpreters(
             reported.append(words)
             tell(words)
 
-        interpreter = make_interpreter(packages, needed, report)
+        interpreter = interpreters.make_interpreter(packages, needed, report)
         if reported:
             tell(f"made after {time.monotonic() - begin:.0f} s")
         there = [cell for cell in cells if cell.packages == packages]
-        for fault in call_there(interpreter, faults_of, spec, there):
-            raise InterpreterError(fault)
+        for fault in interpreters.call_there(interpreter, faults_of, spec, there):
+            raise interpreters.InterpreterError(fault)
 
 
 def faults_of(spec: PanelSpec, cells: Sequence[Cell]) -> Iterator[str]:

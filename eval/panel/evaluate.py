@@ -26,7 +26,7 @@ from .contracts import Contracts, compare_engines, contracts_in, not_compared
 from .costs import cell_seconds, cell_timing, trying_seconds
 from .episodes import Subject, divided, evaluate
 from .plan import inputs
-from .run_directory import RunDirectory, first_of, key_of, told_first
+from .run_directory import RunDirectory, first_of, key_of, name_start
 from .spec import PanelSpec
 from .training import preparation_of
 from .units import Work, open_work, panel_bar
@@ -309,7 +309,7 @@ def unit_of(spec: PanelSpec, batch: Sequence[Subject]) -> tuple[str, str]:
     key = _key(spec, hashes, cells.values())
     first, others = next(iter(hashes)), len(hashes) - 1
     named = f"{first}-and-{others}-more" if others else first
-    unit = f"{PREFIX}{named}{told_first(spec.latest.start)}"
+    unit = f"{PREFIX}{named}{name_start(spec.latest.start)}"
     return (f"{unit}-added-{key[:8]}" if batch[0].recorded else unit), key
 
 

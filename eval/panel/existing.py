@@ -55,9 +55,9 @@ from .outputs import CHECKING, JUDGING, Call, artefact_of, phases, reduce_record
 from .plan import planned_home
 from .policies import (
     Existing,
+    find_policy,
     given_policy,
     is_reference,
-    kept_policy,
     read_existing,
     read_policy_file,
 )
@@ -127,7 +127,7 @@ def given_panel(spec: PanelSpec, directory: RunDirectory, called: Call) -> Panel
     Raises:
         ValueError: where the manifest does not say what is known of the policy.
     """
-    existing = _kept(spec, directory)
+    existing = _find_existing(spec, directory)
     name = existing.policy.policy_id
     file = next((f"policies/{name}/{kept}" for kept in existing.files), None)
     policy = PanelPolicy(id=name, seed=existing.seed, hash=existing.policy.content_hash, file=file)
@@ -146,9 +146,9 @@ def other_facts(
     Raises:
         ValueError: for a file that cannot be read, or a manifest without this.
     """
-    existing, said = _kept(spec, directory), _facts(directory)
+    existing, said = _find_existing(spec, directory), _facts(directory)
     folder = directory.policies / existing.policy.policy_id
-    found = kept_policy(folder)
+    found = find_policy(folder)
     if found is None:
         if said.file is not None:
             yield "file", said.file, None
@@ -185,7 +185,7 @@ def _facts(directory: RunDirectory) -> Facts:
         raise InputError(f"its {MANIFEST} does not say what the policy is ({error})") from None
 
 
-def _kept(spec: PanelSpec, directory: RunDirectory) -> Existing:
+def _find_existing(spec: PanelSpec, directory: RunDirectory) -> Existing:
     """The policy of an evaluation, as far as doubts ask for it."""
     plan, facts = directory.manifest()["specification"], _facts(directory)
     environments = environments_of(spec.testbed, spec.columns()[0], 1)
@@ -416,7 +416,12 @@ def evaluate_existing(
         PanelError: if an evaluation fails; what was finished stays.
     """
     row, home, spec = existing.policy.policy_id, existing.home, as_there(spec, out)
-    content = {**spec.to_json(), "policy": existing.policy.content_hash, "home": existing.told}
+    content = {
+        **spec.to_json(),
+        "policy": existing.policy.content_hash,
+        "home": existing.stated_home,
+    }
+    content["home"] = existing.stated_home
     learned_by = installed_versions(TRAINERS["sb3"])
     directory = RunDirectory(out, content, {**learned_by, **spec.engine_versions()})
     subjects = [

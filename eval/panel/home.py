@@ -58,7 +58,7 @@ class Provenance:
         if self.home is None:
             return f"home: unknown ({self.origin}); judged at {period}"
         members = " and ".join(member.name for member in self.home.shares)
-        alike = f"{members}, {period}" if self.home.control_period else _named(self.home)
+        alike = f"{members}, {period}" if self.home.control_period else _home_words(self.home)
         rest = "".join(f", {name}={value}" for name, value in self.trained_with.items())
         return f"home: {alike}{rest} ({self.origin})"
 
@@ -134,18 +134,18 @@ def provenance(
             origin = f"the side-car beside the policy{'' if HASH_KEY in card else unseen}"
             known = True
     _check_period(env_id, arguments, given)
-    environments = _closed(env_id, {**_stepped(arguments), **given})
+    environments = _make_closed(env_id, {**_with_step(arguments), **given})
     home = _home(environments.mixture) if known else None
     main = main_home(home)
     period = (environments.setups[0].timing if main is None else main).control_period
     if card is not None and home is not None and "integrator" not in told:
         _check_period_of(stated, told, home, origin)
     elif card is not None and home is not None:
-        other = _home(_closed(env_id, {**told, **given}).mixture)
+        other = _home(_make_closed(env_id, {**told, **given}).mixture)
         if other != home:
             raise InputError(
-                f"--home says {_named(other)} and {origin} {_named(home)}; leave out --home, "
-                "or correct the other"
+                f"--home says {_home_words(other)} and {origin} {_home_words(home)}; leave out "
+                "--home, or correct the other"
             )
         _check_same(told, _defaults(env_id, arguments) | arguments)
     trained_with = {name: x for name, x in arguments.items() if name not in VARIED}
@@ -165,7 +165,7 @@ def _check_period_of(stated: Stated, told: Mapping[str, Any], home: Home, origin
     if stated == UNKNOWN or not all(said is None or math.isclose(said, p) for p in periods):
         says = "the home is unknown" if said is None else f"control period {said:g} s"
         raise InputError(
-            f"--home says {says} and {origin} {_named(home)}; leave out --home, or write the "
+            f"--home says {says} and {origin} {_home_words(home)}; leave out --home, or write the "
             "side-car again"
         )
 
@@ -204,7 +204,7 @@ def _check_period(env_id: str, arguments: Mapping[str, Any], given: Mapping[str,
             )
 
 
-def _named(home: Home) -> str:
+def _home_words(home: Home) -> str:
     """A home in words, control period included."""
     return " and ".join(
         f"{member.name} with control period {member.control_period:g} s" for member in home.shares
@@ -213,7 +213,7 @@ def _named(home: Home) -> str:
 
 def _defaults(env_id: str, arguments: Mapping[str, Any]) -> dict[str, Any]:
     """What else the policy met in its training, where that is told as a whole."""
-    setup = _closed(env_id, _stepped(arguments)).setups[0]
+    setup = _make_closed(env_id, _with_step(arguments)).setups[0]
     return {name: x for name, x in setup.arguments().items() if name not in _OF_THE_EPISODE}
 
 
@@ -225,14 +225,14 @@ def _origin(stated: Stated, told: Mapping[str, Any], env_id: str) -> str:
     return f"no side-car says it, and none was stated; {how_to_state(env_id)}"
 
 
-def _stepped(arguments: Mapping[str, Any]) -> dict[str, Any]:
+def _with_step(arguments: Mapping[str, Any]) -> dict[str, Any]:
     """A control period alone is that of one step per decision; a mixture's members have theirs."""
     if "control_period" in arguments and not {"dt", "mixture"} & set(arguments):
         return {"dt": arguments["control_period"], **arguments}
     return dict(arguments)
 
 
-def _closed(env_id: str, arguments: Mapping[str, Any]) -> DiscretizedVectorEnv:
+def _make_closed(env_id: str, arguments: Mapping[str, Any]) -> DiscretizedVectorEnv:
     environments = make_training_environments(env_id, arguments, 1)
     environments.close()
     return environments

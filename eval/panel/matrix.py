@@ -16,17 +16,9 @@ from integ_gym.evidence.labels import SENTENCE_COLUMNS, failure_sentence
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.support.errors import InputError
 
+from .. import statistics as stats
 from .. import verdict as rules
 from ..power import Comparison
-from ..statistics import (
-    Estimate,
-    draws_for,
-    iqm,
-    iqm_interval,
-    mean_interval,
-    rate_interval,
-    unpaired_difference,
-)
 from .achieve import Tried
 from .cells import AppliedDiscretization, Cell, Home, cell_at, main_home
 from .contracts import Contracts, is_kept
@@ -114,14 +106,12 @@ class Matrix:
         values = self.units(row, cell, "success" if measure == "success" else "return")
         if measure != "success":
             values = values / self.units(row, cell, "duration")
-        means: Array = values.mean(axis=1)
-        return means
+        return np.asarray(values.mean(axis=1))
 
     def recovered_rates(self, row: str, cell: str) -> Array:
         """Success rate of every unit within one horizon or two, shape (units,)."""
         later = np.nan_to_num(self.units(row, cell, "replay_second_horizon"))
-        means: Array = np.maximum(self.units(row, cell, "success"), later).mean(axis=1)
-        return means
+        return np.asarray(np.maximum(self.units(row, cell, "success"), later).mean(axis=1))
 
     def home_rates(self, row: str) -> Array | None:
         """Success rate of every unit at home, shape (units,), or None without a home.
@@ -133,8 +123,7 @@ class Matrix:
         if not shares or not all(self.has(row, cell) for cell in shares):
             return None
         parts = [share * self.rates(row, cell) for cell, share in shares.items()]
-        mean: Array = np.clip(np.sum(parts, axis=0), 0.0, 1.0)
-        return mean
+        return np.asarray(np.clip(np.sum(parts, axis=0), 0.0, 1.0))
 
     def learned(self, row: str) -> bool | None:
         """Whether a row succeeds at home; None without a home."""
@@ -244,15 +233,15 @@ class Matrix:
             returns=widen(returns, found.return_slack, -np.inf, np.inf),
         )
 
-    def _mean_return(self, row: str, returns: Array) -> Estimate | None:
+    def _mean_return(self, row: str, returns: Array) -> stats.Estimate | None:
         values = self._by_unit(row, returns)
         if not np.isfinite(values).all():
             return None
         if self._by_episode:
             return _unit_mean(values)
-        return iqm_interval(values) or Estimate(iqm(values))
+        return stats.iqm_interval(values) or stats.Estimate(stats.iqm(values))
 
-    def _numerics_share(self, row: str, cell: str) -> Estimate | None:
+    def _numerics_share(self, row: str, cell: str) -> stats.Estimate | None:
         """Of the energy gained until the goal is first reached, what numerical error put in."""
         success, energy, residual = (
             self.units(row, cell, name)
@@ -270,19 +259,19 @@ class Matrix:
         lost = home - self.rates(row, cell)
         worst = int(np.argmax(lost))
         return {
-            "tail": rate_interval((lost > rules.TAIL).astype(np.float64)),
+            "tail": stats.rate_interval((lost > rules.TAIL).astype(np.float64)),
             "worst_policy": self.rows[row].policy_ids[worst],
             "worst_loss": float(lost[worst]),
         }
 
-    def _mean(self, row: str, cell: str, name: str) -> Estimate | None:
+    def _mean(self, row: str, cell: str, name: str) -> stats.Estimate | None:
         """Mean over units of each unit's mean over its episodes that have a value."""
         return _unit_mean(self.units(row, cell, name))
 
-    def _transfer_gap(self, row: str, cell: str, native: str | None) -> Estimate | None:
+    def _transfer_gap(self, row: str, cell: str, native: str | None) -> stats.Estimate | None:
         if native is None or native == row or self.rows[row].kind == "baseline":
             return None
-        return unpaired_difference(self.rates(native, cell), self.rates(row, cell)).interval
+        return stats.unpaired_difference(self.rates(native, cell), self.rates(row, cell)).interval
 
     def _reference_class(
         self, row: str, cell: str, reference: str | None
@@ -294,16 +283,16 @@ class Matrix:
         )
 
 
-def _unit_mean(values: Array) -> Estimate | None:
+def _unit_mean(values: Array) -> stats.Estimate | None:
     """Mean over units of each unit's mean over its finite values; None without any."""
     present = np.isfinite(values)
     means = [float(v[p].mean()) for v, p in zip(values, present, strict=True) if p.any()]
-    return mean_interval(means) or Estimate(means[0]) if means else None
+    return stats.mean_interval(means) or stats.Estimate(means[0]) if means else None
 
 
-def mean_success(rates: Array) -> Estimate:
+def mean_success(rates: Array) -> stats.Estimate:
     """A mean success rate over units of replication."""
-    return rate_interval(rates, draws=draws_for(len(rates)))
+    return stats.rate_interval(rates, draws=stats.draws_for(len(rates)))
 
 
 @dataclass(frozen=True)

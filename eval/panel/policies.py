@@ -68,7 +68,7 @@ class Existing:
         return self.provenance.home
 
     @property
-    def told(self) -> dict[str, Any]:
+    def stated_home(self) -> dict[str, Any]:
         """What a panel's specification says of its home; null where that is unknown."""
         shares = {} if self.home is None else self.home.shares
         members = [one.arguments() for one in shares] or None
@@ -143,7 +143,7 @@ def read_policy_file(path: Path, obs_stats: Path | None = None) -> tuple[Any, An
     return (policy if obs_stats is None else read_weights(path, told, obs_stats)), told, files
 
 
-def kept_policy(folder: Path) -> tuple[Path, Path | None] | None:
+def find_policy(folder: Path) -> tuple[Path, Path | None] | None:
     """File and observation statistics of a policy in its folder of a run; None without a file."""
     found = (readable_file(folder), *(folder / f"policy{ending}" for ending in POLICY_ENDINGS))
     file = next((path for path in found if path.exists()), None)
@@ -156,7 +156,7 @@ def hashes_of(folder: Path) -> set[str]:
     Raises:
         PolicyFileError: see :func:`read_policy_file`.
     """
-    kept = kept_policy(folder)
+    kept = find_policy(folder)
     return set() if kept is None else {read_policy_file(*kept)[0].content_hash}
 
 
@@ -212,7 +212,7 @@ def given_policy(
         TypeError, ValueError: for what cannot be asked for actions, or for a home that cannot be;
             see also :func:`~integ_gym.eval.panel.home.provenance`.
     """
-    target = _loaded(given) if isinstance(given, str) else given
+    target = _load(given) if isinstance(given, str) else given
     known, environments = provenance(env_id, None, home, environment)
     policy = _as_policy(target, _name(given, target), env_id, known.environment, environments)
     policy = replace(policy, policy_id=row_name(policy.policy_id))
@@ -220,7 +220,7 @@ def given_policy(
     return Existing(policy, known, {}, None, environments.single_action_space, bare)
 
 
-def _loaded(reference: str) -> Any:
+def _load(reference: str) -> Any:
     module, _, name = reference.partition(":")
     try:
         target: Any = importlib.import_module(module)
@@ -302,7 +302,7 @@ def policy_of(record: EvidenceRecord, store: EvidenceStore, own_code: bool = Fal
         )
     policies = store.directory.parent / "policies"
     for path, obs_stats in _files(policies, name):
-        if _told_hash(path) in (wanted, None):
+        if _stated_hash(path) in (wanted, None):
             found: Any = read_existing(path, record["env_id"], {}, obs_stats, own_code).policy
             if found.content_hash == wanted:
                 named: Policy = replace(found, policy_id=name)
@@ -345,12 +345,12 @@ class ActingIn:
 def _files(policies: Path, name: str) -> Iterator[tuple[Path, Path | None]]:
     """File and observation statistics of every policy of a run, that of a name first."""
     for folder in sorted(policies.glob("*/"), key=lambda own: (own.name != name, own.name)):
-        kept = kept_policy(folder)
+        kept = find_policy(folder)
         if kept is not None:
             yield kept
 
 
-def _told_hash(path: Path) -> str | None:
+def _stated_hash(path: Path) -> str | None:
     """The hash that a side-car tells; None where it must be computed."""
     if any(path.parent.glob("obs_stats.*")):
         return None

@@ -18,24 +18,17 @@ from integ_gym.evidence.schema import published_text, schema_head
 from integ_gym.support.errors import InputError
 from integ_gym.support.files import read_bounded, write_json
 
+from .. import verdict as rules
 from ..contract import Contract
 from ..power import Verdict
 from ..statistics import Estimate, Median, Part
-from ..verdict import (
-    EQUIVALENCE_MARGIN,
-    FAIL_MARGIN,
-    UNSOLVABLE,
-    PolicyComparison,
-    ReferenceClass,
-    require_unique,
-)
 from .cells import Cell, Home, cell_at, flatten, place_name
 
 RowKind: TypeAlias = Literal["trained", "given", "baseline"]
 """Trained by the panel, given to it, or a baseline that nobody trained."""
 
 
-MOST_CHANGED: Final = EQUIVALENCE_MARGIN
+MOST_CHANGED: Final = rules.EQUIVALENCE_MARGIN
 """Share of episodes that need not converge at a limit; with more, no practical equality could be
 shown there."""
 
@@ -200,7 +193,7 @@ class Entry(Part, frozen=True, kw_only=True):
     worst_policy: str | None = None
     worst_loss: float | None = None
     transfer_gap: Estimate | None
-    reference_class: ReferenceClass | None
+    reference_class: rules.ReferenceClass | None
     labels: dict[str, int]
     file: tuple[str, ...]
     query: str
@@ -624,7 +617,7 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
     paired: tuple[PairedEpisodes, ...] = ()
     verdicts: tuple[Verdict, ...] = ()
     looks: tuple[Look, ...] = ()
-    policy_comparisons: tuple[PolicyComparison, ...] = ()
+    policy_comparisons: tuple[rules.PolicyComparison, ...] = ()
     separations: tuple[Separation, ...] = ()
     units: dict[str, str] = msgspec.field(default_factory=dict)
     remedies: tuple[Remedy, ...] = ()
@@ -635,9 +628,9 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
     failures_total: int = 0
 
     def __post_init__(self) -> None:
-        require_unique([row.name for row in self.rows], "row")
-        require_unique([cell.name for cell in self.cells], "cell")
-        require_unique([f"{e.row} in {e.cell}" for e in self.matrix], "entry")
+        rules.require_unique([row.name for row in self.rows], "row")
+        rules.require_unique([cell.name for cell in self.cells], "cell")
+        rules.require_unique([f"{e.row} in {e.cell}" for e in self.matrix], "entry")
         for entry in self.matrix:
             if entry.row not in self._row_places or entry.cell not in self._cell_places:
                 raise InputError(
@@ -834,7 +827,7 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
         cells that are known not to be solvable in time.
         """
         declared = {(judged.row, judged.cell) for judged in self.verdicts}
-        columns = {cell.name for cell in self.columns if cell.achievability not in UNSOLVABLE}
+        columns = {cell.name for cell in self.columns if cell.achievability not in rules.UNSOLVABLE}
         found = []  # without those where the contract is not kept, which have no loss
         for entry in self.matrix:
             row = self.row(entry.row)
@@ -855,7 +848,7 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
     def exploratory_failures(self) -> int:
         """How many of them lose more by overfitting than verdicts let pass."""
         losses = [entry.overfitting for entry in self.exploratory]
-        return sum(loss is not None and loss.estimate > FAIL_MARGIN for loss in losses)
+        return sum(loss is not None and loss.estimate > rules.FAIL_MARGIN for loss in losses)
 
     @cached_property
     def _limit_names(self) -> dict[str, str]:

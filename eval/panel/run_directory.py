@@ -222,7 +222,8 @@ class RunDirectory:
 
     def take(self, files: Mapping[str, bytes]) -> None:
         """Put files of units that were done elsewhere in place, markers last."""
-        write_files(self.path, dict(sorted(files.items(), key=_is_marker)))
+        names = sorted(files, key=lambda name: name.startswith("units/"))
+        write_files(self.path, {name: files[name] for name in names})
 
     def make_folders(self) -> None:
         """Make the folders of a run."""
@@ -246,7 +247,7 @@ class RunDirectory:
             known = path.parent == self.evidence and self._marker(path.stem).exists()
             if path.exists() and not known and path.name not in (PANEL_FILE, SEAL_FILE):
                 raise RunDirectoryError(
-                    f"{self._told(path)} {finding.message}; restore it from a copy, or give "
+                    f"{self._place_words(path)} {finding.message}; restore it from a copy, or give "
                     "another directory with --out"
                 )
         suspend_seal(self.path)
@@ -330,7 +331,7 @@ class RunDirectory:
                 f"{self.storage} exists and holds no panel; give another directory with --out"
             )
 
-    def _told(self, file: Path) -> str:
+    def _place_words(self, file: Path) -> str:
         """A file's place, for messages."""
         return f"{self.storage}/{file.relative_to(self.path).as_posix()}"
 
@@ -352,8 +353,9 @@ class RunDirectory:
             more = [f"and {len(other) - 3} more differences"] if len(other) > 4 else []
             told = ", ".join((other[:3] if more else other) + more)
             raise RunDirectoryError(
-                f"{self.storage} holds another panel: {told}; give another directory "
-                f"with --out{self._kept(before)}, or the specification that it was started with"
+                f"{self.storage} holds another panel: {told}; give another directory with "
+                f"--out{self._policies_words(before)}, or the specification that it was started "
+                "with"
             )
         versions = self.versions()
         changed = [
@@ -368,7 +370,7 @@ class RunDirectory:
                 "with --out"
             )
 
-    def _kept(self, before: Mapping[str, Any]) -> str:
+    def _policies_words(self, before: Mapping[str, Any]) -> str:
         """How policies that are here are judged on another number of starts."""
         same = before.get("episodes") == self._specification.get("episodes")
         if same or not before.get(GROWING):
@@ -377,9 +379,8 @@ class RunDirectory:
 
     def _check_growth(self, before: Any, now: Any) -> None:
         """Check that the seeds that were there are the first that are wanted."""
-        if before == now or not isinstance(before, list) or not isinstance(now, list):
-            return
-        if before == now[: len(before)]:
+        lists = isinstance(before, list) and isinstance(now, list)
+        if not lists or before == now[: len(before)]:
             return
         if not now:
             raise RunDirectoryError(
@@ -442,7 +443,7 @@ class RunDirectory:
             lost.append(self._records(unit))
         if lost:
             print(
-                f"{self._told(lost[0])} is missing or cut off: unit {unit} is done again",
+                f"{self._place_words(lost[0])} is missing or cut off: unit {unit} is done again",
                 file=sys.stderr,
             )
         return None if lost else held
@@ -465,8 +466,8 @@ class RunDirectory:
         if _is_cut_off(file):
             return False
         raise RunDirectoryError(
-            f"{self._told(file)} was changed after unit {unit} was finished; restore it from a "
-            "copy, or remove it to do the unit again"
+            f"{self._place_words(file)} was changed after unit {unit} was finished; restore it "
+            "from a copy, or remove it to do the unit again"
         )
 
     def faults(self) -> Iterator[tuple[str, str]]:
@@ -512,7 +513,7 @@ class RunDirectory:
         files = {file.name: file for file in (other.policies / policy).iterdir()}
         for remains in (self.policies / policy).glob("*"):
             if remains.name not in files:
-                self._discard(remains)
+                remains.unlink()
         for name, file in files.items():
             replace_file(self.policies / policy / name, file.read_bytes())
 
@@ -548,27 +549,20 @@ class RunDirectory:
 
     def discard_remains(self, unit: str) -> None:
         """Remove what is left of a unit that was not finished or has lost a file."""
-        self._discard(self._marker(unit))
-        self._discard(self._records(unit))
+        for file in (self._marker(unit), self._records(unit)):
+            file.unlink(missing_ok=True)
 
     def discard_unmarked(self, prefix: str) -> None:
         """Remove the records of all units without a marker whose names begin with ``prefix``."""
         for path in self.evidence.glob(f"{prefix}*.parquet"):
             if not self._marker(path.stem).exists():
-                self._discard(path)
-
-    def _discard(self, file: Path) -> None:
-        file.unlink(missing_ok=True)
+                path.unlink()
 
     def _marker(self, unit: str) -> Path:
         return self._units / f"{unit}.json"
 
     def _records(self, unit: str) -> Path:
         return self.evidence / f"{unit}.parquet"
-
-
-def _is_marker(named: tuple[str, Any]) -> bool:
-    return named[0].startswith("units/")
 
 
 def _few(values: Sequence[Any]) -> str:
@@ -580,7 +574,7 @@ def first_of(marker: Mapping[str, Any]) -> int:
     return int(marker.get(FIRST, 0))
 
 
-def told_first(episode: int) -> str:
+def name_start(episode: int) -> str:
     """End of the name of a unit whose episodes begin with one; nothing for those from the start."""
     return f"-from-{episode}" if episode else ""
 

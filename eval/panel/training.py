@@ -217,8 +217,8 @@ def finished_policies(path: Path, spec: PanelSpec) -> RunDirectory:
     wanted, trainer = spec.to_json()["trainer"], held.get("trainer")
     if trainer != wanted:
         raise RunDirectoryError(
-            f"the policies in {path} come from trainer {_named(trainer)}, this panel's from "
-            f"{_named(wanted)}; choose with --trainer, or train without --policies"
+            f"the policies in {path} come from trainer {_trainer_words(trainer)}, this panel's "
+            f"from {_trainer_words(wanted)}; choose with --trainer, or train without --policies"
         )
     source = RunDirectory(path, held)
     for unit in trained_units(spec):
@@ -258,7 +258,7 @@ def _check(source: RunDirectory, unit: Unit, key: str) -> None:
         )
 
 
-def _named(trainer: Any) -> str:
+def _trainer_words(trainer: Any) -> str:
     if not isinstance(trainer, Mapping):
         return repr(trainer)
     packages = [f"{k} {v}" for k, v in trainer.items() if k != "name"]

@@ -13,16 +13,7 @@ from integ_gym.support.optional import load
 from integ_gym.support.terminal import NONE, step
 
 from ..panel.result import Panel
-from . import drawing
-from .forests import (
-    RATE_AXIS,
-    Forest,
-    check_forest,
-    gap_forest,
-    paired_return,
-    paired_success,
-    remedy_forest,
-)
+from . import drawing, forests
 from .ladders import LadderPlots, ladder_plots, sweep_plots, thin_ticks
 from .matrices import Matrix, MatrixLine, Shade, energy_matrix, return_matrix, success_matrix
 
@@ -73,7 +64,7 @@ _PITCH, _HEADING = 1.7 * _LINE, 1.5 * _LINE
 _EDGE, _RIGHT, _BOTTOM = 0.12, 0.5, 0.4
 
 
-def print_forest(forest: Forest) -> Figure:
+def print_forest(forest: forests.Forest) -> Figure:
     """All blocks, one under the other, on one axis; names and numbers above their marks."""
     tall = sum(_HEADING + _PITCH * len(block.lines) for block in forest.blocks)
     figure = figures.blank_figure(COLUMN, tall + _BOTTOM + 0.06)
@@ -123,8 +114,8 @@ def print_ladders(ladders: LadderPlots) -> Figure:
         axes = figures.axes_at(figure, left, high - y - _ABOVE - _HEIGHT, unit - _GAP, _HEIGHT)
         axes.set(ylim=(-0.05, 1.08), xlim=(-0.12, 1.12))
         first = number % across == 0
-        rates = [text if first else "" for _, text in RATE_AXIS.ticks]
-        axes.set_yticks([tick for tick, _ in RATE_AXIS.ticks], rates)
+        rates = [text if first else "" for _, text in forests.RATE_AXIS.ticks]
+        axes.set_yticks([tick for tick, _ in forests.RATE_AXIS.ticks], rates)
         ticks = thin_ticks(plot.ticks, _LETTER / (unit - _GAP))
         axes.set_xticks([share for share, _ in ticks], [text for _, text in ticks])
         _label(axes, plot.along, "success" if first else "")
@@ -232,14 +223,14 @@ _LADDERS = (drawing.draw_ladders, print_ladders)
 FIGURES: Final[dict[str, tuple[Any, tuple[Any, Any]]]] = {
     "success_matrix": (success_matrix, _MATRIX),
     "return_matrix": (return_matrix, _MATRIX),
-    "transfer_gaps": (gap_forest, _FOREST),
-    "paired_success": (paired_success, _FOREST),
-    "paired_return": (paired_return, _FOREST),
+    "transfer_gaps": (forests.gap_forest, _FOREST),
+    "paired_success": (forests.paired_success, _FOREST),
+    "paired_return": (forests.paired_return, _FOREST),
     "energy_residual": (energy_matrix, _MATRIX),
     "refinement_ladder": (ladder_plots, _LADDERS),
     "sweeps": (sweep_plots, _LADDERS),
-    "perturbations": (check_forest, _FOREST),
-    "remedy": (remedy_forest, _FOREST),
+    "perturbations": (forests.check_forest, _FOREST),
+    "remedy": (forests.remedy_forest, _FOREST),
 }
 """Name of a figure to what describes it, as for the page, and what draws that in each style."""
 

@@ -21,15 +21,7 @@ from integ_gym.support.pages import page_environment, page_parts
 from integ_gym.support.terminal import fixed, nonbreaking, plural, seconds, true_minus
 
 from .. import verdict as rules
-from ..panel.conclusions import (
-    answer_lines,
-    comparison_reason,
-    cost_words,
-    finding_of,
-    next_step,
-    separations_by_measure,
-    verdict_reason,
-)
+from ..panel import conclusions
 from ..panel.result import Failure, Panel
 from ..verdict import PolicyComparison
 from . import forests
@@ -109,8 +101,8 @@ def render(panel: Panel, episodes: Episodes | None = None, seal: str | None = No
         seal=seal,
         created=f"{panel.created.astimezone(UTC):%Y-%m-%d %H:%M} UTC",
         headline=_headline(panel),
-        details=answer_lines(panel)[1:],
-        next_step=next_step(panel),
+        details=conclusions.answer_lines(panel)[1:],
+        next_step=conclusions.next_step(panel),
         task=task,
         has_episodes=episodes is not None,
         leads=episodes.leads if episodes else (),
@@ -132,7 +124,7 @@ def render(panel: Panel, episodes: Episodes | None = None, seal: str | None = No
         ladders=ladder_plots(panel),
         sweeps=sweep_plots(panel),
         checks=forests.check_forest(panel),
-        separations=separations_by_measure(panel),
+        separations=conclusions.separations_by_measure(panel),
         trust=trusts,
         rankings=sorted(panel.rankings, key=lambda one: -one.violation.estimate),
         findings=findings_of(panel, trusts),
@@ -180,9 +172,9 @@ def _template() -> Any:
         shown_findings=SHOWN_FINDINGS,
         ramp=", ".join(f"#{stop}" for stop in VIRIDIS),
         mark=forests.Mark,
-        verdict_reason=verdict_reason,
-        comparison_reason=comparison_reason,
-        cost_words=cost_words,
+        verdict_reason=conclusions.verdict_reason,
+        comparison_reason=conclusions.comparison_reason,
+        cost_words=conclusions.cost_words,
         plural=plural,
         quote_command=quote_command,
     )
@@ -235,9 +227,9 @@ def _corners(marker: str) -> str:
 
 def _headline(panel: Panel) -> tuple[str, str]:
     """The first line of the answer, its conclusion apart from the numbers before it."""
-    line = answer_lines(panel)[0]
+    line = conclusions.answer_lines(panel)[0]
     numbers, colon, conclusion = line.rpartition(": ")
-    return (numbers + colon, conclusion) if finding_of(panel) and colon else (line, "")
+    return (numbers + colon, conclusion) if conclusions.finding_of(panel) and colon else (line, "")
 
 
 def _watch_title(episodes: Episodes | None) -> str:

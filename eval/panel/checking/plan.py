@@ -41,16 +41,8 @@ from ..run_directory import (
 )
 from ..spec import PanelSpec
 from ..units import Unit, is_card_of, trained_units
+from . import setups
 from .comparing import deny
-from .setups import (
-    PlannedPolicy,
-    Trained,
-    of_setups,
-    of_training,
-    of_versions,
-    planned_key,
-    planned_policies,
-)
 from .yardsticks import of_attempts, of_contracts, of_replays
 
 EVALUATION, TRIED = "evaluate-", "achieve-"
@@ -90,7 +82,7 @@ def planned(path: Path, own_code: bool, all_searches: bool = False) -> Iterator[
         manifest = read_manifest(path / MANIFEST)
         plan = manifest["specification"]
         spec = planned_spec(plan)
-        policies = planned_policies(plan, spec)
+        policies = setups.planned_policies(plan, spec)
         units = {unit.policy: unit for unit in trained_units(spec)}
         can_load = own_code or not names_code(plan)
     except SpecError as error:
@@ -102,7 +94,7 @@ def planned(path: Path, own_code: bool, all_searches: bool = False) -> Iterator[
     store = EvidenceStore(directory.evidence)
     found = evaluated(directory, lost=True)
     versions = manifest["versions"]
-    training = Trained(spec, versions, store, can_load)
+    training = setups.Trained(spec, versions, store, can_load)
     given = "policy" in plan
     is_present = _is_of_this_version(directory, versions)
     is_whole = is_present and is_finished(directory, spec)
@@ -115,9 +107,9 @@ def planned(path: Path, own_code: bool, all_searches: bool = False) -> Iterator[
         _of_policies(directory, found, policies, units, training),
         _of_records(directory, found, spec),
         _of_evaluations(directory, spec, plan, versions, can_load),
-        of_setups(spec, policies, store, can_load),
-        of_training(spec, units, store, can_load),
-        of_versions(versions, store),
+        setups.of_setups(spec, policies, store, can_load),
+        setups.of_training(spec, units, store, can_load),
+        setups.of_versions(versions, store),
         of_replays(directory, found, spec, policies, given) if can_load else iter(()),
         of_attempts(directory, spec, all_searches) if can_load else iter(()),
         of_contracts(directory, spec, homes, versions, is_whole) if can_load else iter(()),
@@ -198,7 +190,7 @@ def _missing(
     directory: RunDirectory,
     found: Mapping[str, Evaluated],
     spec: PanelSpec,
-    policies: Mapping[str, PlannedPolicy],
+    policies: Mapping[str, setups.PlannedPolicy],
 ) -> Iterator[Finding]:
     """Units of a finished run that its plan has, and of which nothing is left."""
     if not is_finished(directory, spec):
@@ -225,9 +217,9 @@ def of_files(directory: RunDirectory) -> Iterator[Finding]:
 def _of_policies(
     directory: RunDirectory,
     found: Mapping[str, Evaluated],
-    policies: Mapping[str, PlannedPolicy],
+    policies: Mapping[str, setups.PlannedPolicy],
     units: Mapping[str, Unit],
-    training: Trained,
+    training: setups.Trained,
 ) -> Iterator[Finding]:
     """Policies that are not those that were trained or evaluated."""
     markers = directory.markers("train-")
@@ -283,7 +275,7 @@ def _of_evaluations(
         where = [cells[name] for name in names]
         engines = engine_versions({cell.discretization.engine for cell in where})
         given = {**inputs(part, where), "trainer": plan["trainer"]}
-        wanted = planned_key(versions, engines, **{"spec": given, last: marker[last]})
+        wanted = setups.planned_key(versions, engines, **{"spec": given, last: marker[last]})
         yield from deny(file, None, "key", marker["key"], wanted)
 
 

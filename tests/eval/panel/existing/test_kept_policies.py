@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from integ_gym.eval.panel.policies import hashes_of, kept_policy, read_existing
+from integ_gym.eval.panel.policies import find_policy, hashes_of, read_existing
 from integ_gym.train.policy import BoxActions, DiscreteActions, MlpPolicy
 from integ_gym.train.policy_files.writing import save_policy
 
@@ -30,7 +30,7 @@ TORQUE = BoxActions(np.array([-2.0]), np.array([2.0]))
 )
 def test_what_is_evaluated_has_a_hash_of_what_is_kept(env_id, inputs, actions, ending, tmp_path):
     path = save_policy(_policy(inputs, actions), tmp_path / f"policy{ending}", env_id, home="stock")
-    assert kept_policy(tmp_path) == (path, None)
+    assert find_policy(tmp_path) == (path, None)
     assert read_existing(path, env_id, {}).policy.content_hash in hashes_of(tmp_path)
     other = save_policy(
         _policy(inputs, actions, 2.0), tmp_path / f"other{ending}", env_id, home="stock"
@@ -49,5 +49,5 @@ def test_statistics_are_part_of_what_is_kept(tmp_path):
 
 
 def test_a_run_of_functions_keeps_no_policy(tmp_path):
-    assert kept_policy(tmp_path) is None
+    assert find_policy(tmp_path) is None
     assert hashes_of(tmp_path) == set()
