@@ -1000,7 +1000,7 @@ def _next_of_given(panel: Panel, finding: Finding) -> NextStep | None:
     if (
         finding.status == "home_decides"
         and panel.yardstick is None
-        and "--spec" not in _words(panel.command)
+        and "--spec" not in _split_command(panel.command)
     ):
         steps = sorted({cell.dt for cell in panel.columns}, reverse=True)
         return NextStep("Try a finer step", _again(panel, "--dt", *steps, steps[-1] / 2.0))
@@ -1062,9 +1062,7 @@ def _again(panel: Panel, option: str, *values: str | float) -> str:
     In the same directory, whose looks go on; a home is stated in another one, for records keep it.
     """
     texts = [value if isinstance(value, str) else f"{value:g}" for value in values]
-    out, words = f"{panel.directory.rstrip('/')}-home", list[str]()
-    with suppress(ValueError):
-        words = shlex.split(panel.command)
+    out, words = f"{panel.directory.rstrip('/')}-home", _split_command(panel.command)
     if "--out" not in words[:-1]:
         python = {"--dt": f"dts=[{', '.join(texts)}]", "--episodes": f"episodes={texts[0]}"}
         home = f"home={texts[0]!r}, out={out!r}"
@@ -1075,3 +1073,9 @@ def _again(panel: Panel, option: str, *values: str | float) -> str:
         place = words.index(option)
         del words[place : place + 2]
     return " ".join([shlex.join(words), *(f"{option} {text}" for text in texts)])
+
+
+def _split_command(command: str) -> list[str]:
+    with suppress(ValueError):
+        return shlex.split(command)
+    return []
