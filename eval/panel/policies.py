@@ -29,12 +29,7 @@ from integ_gym.train.policy import CalledPolicy, MlpPolicy, Policy, behaviour_ha
 from integ_gym.train.policy_files.card import PolicyFileError
 from integ_gym.train.policy_files.onnx import onnx_card, onnx_data
 from integ_gym.train.policy_files.programs import ProgramPolicy, TorchScriptPolicy
-from integ_gym.train.policy_files.reading import (
-    ONNX_ENDING,
-    POLICY_ENDINGS,
-    read_weights,
-    unscaled,
-)
+from integ_gym.train.policy_files.reading import ONNX_ENDING, POLICY_ENDINGS, read_weights, unscaled
 from integ_gym.train.policy_files.sb3_zip import lacks_statistics, read_sb3_model
 from integ_gym.train.policy_files.sidecar import Stated, has_sidecar, read_trained, readable_file
 
