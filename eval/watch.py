@@ -23,20 +23,32 @@ from integ_gym.support.terminal import fixed
 from integ_gym.train.policy import Policy
 from integ_gym.train.policy_files.sidecar import read_trained, readable_file
 
-from . import film
+from .film import (
+    TRUE_NAMES,
+    Asked,
+    Episode,
+    Film,
+    arguments_on,
+    check_filmed,
+    episode_of_record,
+    episode_of_robot,
+    parse_discretization,
+    play_episode,
+    skeleton_of,
+)
 from .panel.cells import flatten
 from .panel.policies import policy_of, read_existing
 
 
 def side_by_side(
     policy: Policy | str | os.PathLike[str],
-    discretizations: Sequence[film.Asked],
+    discretizations: Sequence[Asked],
     seed: int,
     *,
     env_id: str | None = None,
     environment: Mapping[str, Any] | None = None,
     own_code: bool = False,
-) -> film.Film:
+) -> Film:
     """One policy from one start in several discretizations, as a film.
 
     >>> film = side_by_side("runs/rk4", ["rk4", "explicit_euler", "truth"], 0)  # doctest: +SKIP
@@ -69,7 +81,7 @@ def side_by_side(
         if env_id is None:
             _, card = read_trained(path)
             env_id = str(card["config"]["env_id"])
-        film.check_filmed(env_id)
+        check_filmed(env_id)
         existing = read_existing(path, env_id, given, None, own_code)
         acting: Policy = existing.policy
         arguments, seed_of = dict(existing.provenance.environment), existing.seed
@@ -83,18 +95,18 @@ def side_by_side(
             )
         if env_id is None:
             raise InputError("a policy alone does not say what it acts in; give env_id as well")
-        film.check_filmed(env_id)
+        check_filmed(env_id)
         acting, arguments, homes, seed_of = policy, given, (), None
     like = homes[0] if homes else Discretization.of(environment_setup(env_id, arguments))
     cells = [
-        film.parse_discretization(asked, like, env_id)
+        parse_discretization(asked, like, env_id)
         for asked in discretizations or (*(homes or [like]), TRUTH)
     ]
-    given_on = [film.arguments_on(cell, arguments) for cell in cells]
+    given_on = [arguments_on(cell, arguments) for cell in cells]
     for one in given_on:
         environment_setup(env_id, one)  # what cannot be is refused before any episode is played
-    episodes = [film.play_episode(acting, env_id, one, seed) for one in given_on]
-    return film.Film(
+    episodes = [play_episode(acting, env_id, one, seed) for one in given_on]
+    return Film(
         episodes,
         homes,
         describe_episodes(acting.policy_id, homes, seed_of, episodes, f"start {seed}"),
@@ -105,7 +117,7 @@ def describe_episodes(
     name: str,
     homes: Sequence[Discretization],
     seed: int | None,
-    episodes: Sequence[film.Episode],
+    episodes: Sequence[Episode],
     start: str,
 ) -> str:
     """What all episodes of a film have in common, in one line.
@@ -132,11 +144,11 @@ def describe_episodes(
 def watch(
     run: str | os.PathLike[str],
     record_id: str,
-    on: Sequence[film.Asked] = (),
+    on: Sequence[Asked] = (),
     *,
     own_code: bool = False,
     on_doubt: Callable[[str], None] = lambda doubt: None,
-) -> film.Film:
+) -> Film:
     """A recorded episode as a film.
 
     Episodes that have traces are shown as they were recorded, others are played again.
@@ -159,14 +171,14 @@ def watch(
     require("render", "evidence")
     store = open_run(Path(run))
     record = store.find(record_id)
-    if (skeleton := film.skeleton_of(record)) is not None:
+    if (skeleton := skeleton_of(record)) is not None:
         return _watch_robot(record, skeleton, on, store)
     _check_code(record, own_code)
-    film.check_filmed(record["env_id"])
+    check_filmed(record["env_id"])
     own = Discretization(**{name: record[name] for name in DISCRETIZATION})
 
-    def parse(asked: Iterable[film.Asked]) -> list[Discretization]:
-        cells = (film.parse_discretization(one, own, record["env_id"]) for one in asked)
+    def parse(asked: Iterable[Asked]) -> list[Discretization]:
+        cells = (parse_discretization(one, own, record["env_id"]) for one in asked)
         return list(dict.fromkeys(cells))
 
     trained = parse_field("training_discretization", record["training_discretization"]) or []
@@ -177,21 +189,18 @@ def watch(
     if not on:
         cells = _possible(cells, twins, policy, on_doubt)
     for cell in cells:  # what cannot be is refused before any episode is played
-        environment_setup(record["env_id"], film.arguments_on(cell, record.arguments()))
+        environment_setup(record["env_id"], arguments_on(cell, record.arguments()))
     episodes = [_episode(cell, record, twins.get(cell), policy, on_doubt) for cell in cells]
     changed = parse_field("perturbation", record["perturbation"]) or {}
     start = [f"start {record['episode_index']}", *(f"{k} {value}" for k, value in changed.items())]
     seed = record["training_seed"]
     note = describe_episodes(record["policy_id"], homes, seed, episodes, ", ".join(start))
-    return film.Film(episodes, homes, note)
+    return Film(episodes, homes, note)
 
 
 def _watch_robot(
-    record: EvidenceRecord,
-    skeleton: Mapping[str, Any],
-    on: Sequence[film.Asked],
-    store: EvidenceStore,
-) -> film.Film:
+    record: EvidenceRecord, skeleton: Mapping[str, Any], on: Sequence[Asked], store: EvidenceStore
+) -> Film:
     """Recorded episodes of a robot, of which no code is loaded: home, the record's, the finest."""
     own = Discretization(**{name: record[name] for name in DISCRETIZATION})
     twins = {
@@ -201,9 +210,9 @@ def _watch_robot(
     }
     trained = parse_field("training_discretization", record["training_discretization"]) or []
     homes = [Discretization(**one) for one in ([trained] if isinstance(trained, dict) else trained)]
-    if any(name in film.TRUE_NAMES for name in on):
+    if any(name in TRUE_NAMES for name in on):
         raise InputError("robots have no truth; leave it out")
-    cells = [film.parse_discretization(asked, own, record["env_id"]) for asked in on]
+    cells = [parse_discretization(asked, own, record["env_id"]) for asked in on]
     if not twins or not set(cells) <= set(twins):
         known = ", ".join(cell.name for cell in twins)
         raise InputError(
@@ -211,7 +220,7 @@ def _watch_robot(
         )
     finest = min(twins, key=lambda cell: cell.dt)
     shown = [cell for cell in dict.fromkeys(cells or (*homes, own, finest)) if cell in twins]
-    episodes = [film.episode_of_robot(twins[cell], skeleton) for cell in shown]
+    episodes = [episode_of_robot(twins[cell], skeleton) for cell in shown]
     title = record["env_id"].rpartition(":")[2]
     command = [
         f"{name.removeprefix(COMMANDED).replace('_', ' ')} {fixed(values[0], 2)}"
@@ -220,7 +229,7 @@ def _watch_robot(
     ]
     changed = parse_field("perturbation", record["perturbation"]) or {}
     told = [f"start {record['episode_index']}", *(f"{k} {value}" for k, value in flatten(changed))]
-    return film.Film(episodes, homes, ", ".join([title, *told, *command]))
+    return Film(episodes, homes, ", ".join([title, *told, *command]))
 
 
 _CANDIDATES = """
@@ -313,12 +322,12 @@ def _episode(
     twin: EvidenceRecord | bool | None,
     policy: Callable[[], Policy],
     on_doubt: Callable[[str], None],
-) -> film.Episode:
+) -> Episode:
     if isinstance(twin, EvidenceRecord):
-        return film.episode_of_record(twin)
-    arguments = film.arguments_on(cell, record.arguments())
+        return episode_of_record(twin)
+    arguments = arguments_on(cell, record.arguments())
     start = record["initial_state"]
-    episode = film.play_episode(policy(), record["env_id"], arguments, record["seed"], start)
+    episode = play_episode(policy(), record["env_id"], arguments, record["seed"], start)
     if twin is not None and twin != episode.success:
         recorded, again = (
             "succeeds" if success else "fails" for success in (twin, episode.success)
