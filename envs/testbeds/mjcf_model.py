@@ -94,7 +94,7 @@ def _hash(spec: Any, folder: Path) -> str:
 
 def _leave_out_missing(mujoco: Any, spec: Any, folder: Path) -> list[str]:
     """Delete what only shows and whose file is missing; names of these files."""
-    meshes = {one.name: one for one in spec.meshes if _is_missing(one.file, folder, spec.meshdir)}
+    meshes = {_name(one): one for one in spec.meshes if _is_missing(one.file, folder, spec.meshdir)}
     textures = [one for one in spec.textures if _is_missing(one.file, folder, spec.texturedir)]
     always = int(mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE)
     from_geoms = int(getattr(spec, "compiler", spec).inertiafromgeom) == always
@@ -111,7 +111,7 @@ def _leave_out_missing(mujoco: Any, spec: Any, folder: Path) -> list[str]:
                 'leave out inertiafromgeom="true"'
             )
         spec.delete(geom)
-    of_textures = {texture.name for texture in textures}
+    of_textures = {_name(texture) for texture in textures}
     for material in spec.materials:
         kept = ["" if name in of_textures else name for name in material.textures]
         if kept != list(material.textures):
@@ -119,6 +119,11 @@ def _leave_out_missing(mujoco: Any, spec: Any, folder: Path) -> list[str]:
     for asset in (*meshes.values(), *textures):
         spec.delete(asset)
     return [Path(asset.file).name for asset in (*meshes.values(), *textures)]
+
+
+def _name(asset: Any) -> str:
+    """What a mesh or texture is called: without a name of its own as its file, without ending."""
+    return str(asset.name or Path(asset.file).stem)
 
 
 def _is_missing(file: str, folder: Path, assets: str) -> bool:
