@@ -701,7 +701,8 @@ class CalledPolicy:
             given = predict(observations, **known, **({"state": states[0]} if states else {}))
             if not isinstance(given, tuple):
                 return _array(given)
-            states[:] = [given[1]] if given[1:] and given[1] is not None else []
+            remembers = _takes(predict, "state") and given[1:] and given[1] is not None
+            states[:] = [given[1]] if remembers else []
             return _array(given[0])
         ask = self.target.act if way == "act" else self.target
         if not _takes(ask, "state"):

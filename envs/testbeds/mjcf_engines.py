@@ -208,7 +208,11 @@ class NewtonModel(WarpModel):
         builder = newton.ModelBuilder(up_axis=newton.Axis.Z)
         builder.rigid_gap = 0.0
         newton.solvers.SolverMuJoCo.register_custom_attributes(builder)
-        builder.add_mjcf(self.compiled.xml, ctrl_direct=True)
+        builder.add_mjcf(
+            self.compiled.xml,
+            ctrl_direct=True,
+            path_resolver=lambda _, file: str(self.compiled.folder.absolute() / file),
+        )
         solver = newton.solvers.SolverMuJoCo(
             builder.finalize(skip_all_validations=True),
             integrator=integrator_of(model).lower(),

@@ -23,11 +23,13 @@ class CompiledModel(NamedTuple):
             that cannot write it.
         sha256: of the model as one file of XML and of the meshes, textures and height fields that
             it reads; None under a MuJoCo that cannot write it.
+        folder: of its files.
     """
 
     model: Any
     xml: str | None = None
     sha256: str | None = None
+    folder: Path = Path()
 
 
 def compile_model(source: Any) -> CompiledModel:
@@ -78,7 +80,7 @@ def _compile(source: Any) -> CompiledModel:
             f"and left out, which changes no motion: {', '.join(left_out[:3])}{more}",
             stacklevel=4,
         )
-    return CompiledModel(model, spec.to_xml(), _hash(spec, folder))
+    return CompiledModel(model, spec.to_xml(), _hash(spec, folder), folder)
 
 
 def _hash(spec: Any, folder: Path) -> str:

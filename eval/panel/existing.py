@@ -267,6 +267,7 @@ def plan(
     if given is not None:
         columns, asked, unmade = evaluation_cells(given.evaluate, around)
         limit = given.limit
+        at = [place for table in given.evaluate for place in many(table.get("at", ()))]
     else:
         columns, asked, unmade = _every_combination(
             existing, testbed, integrators, dts, varied, at, engines
@@ -364,11 +365,16 @@ def _methods(
         for name in testbed.integrators(one)
         if not integrators or name in integrators
     ]
-    for place, missing in ((0, engines), (1, integrators)):
-        if lacking := [one for one in missing if one not in {pair[place] for pair in found}]:
-            offered = dict.fromkeys(name for one in engines for name in testbed.integrators(one))
-            named = ", ".join(lacking if place else integrators)
-            raise InputError(unknown_name(f"integrator of {', '.join(engines)}", named, offered))
+    if lacking := [name for name in integrators if name not in {name for _, name in found}]:
+        offered = dict.fromkeys(name for one in engines for name in testbed.integrators(one))
+        kind = f"integrator of {', '.join(engines)}"
+        raise InputError(unknown_name(kind, ", ".join(lacking), offered))
+    for one in engines:
+        if one not in {engine for engine, _ in found}:
+            raise InputError(
+                f"{one} has no integrator called {' or '.join(integrators)}; leave {one} out, or "
+                f"name one of its own, too: {', '.join(testbed.integrators(one))}"
+            )
     return found
 
 
@@ -471,8 +477,9 @@ def _read_cells(path: Path) -> Evaluation:
     Raises:
         SpecError: if the file cannot be read, or has another form.
     """
+    data = read_toml(path)
     try:
-        found: Evaluation = convert("", read_toml(path), Evaluation)
+        found: Evaluation = convert("", data, Evaluation)
     except SpecError as error:
         raise SpecError(f"{path}: {error}") from None
     return found

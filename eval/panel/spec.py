@@ -657,11 +657,16 @@ def read_spec(path: Path) -> PanelSpec:
     Raises:
         SpecError: if the file cannot be read, or is no valid specification.
     """
-    return parse_spec(read_toml(path), source=str(path))
+    others = f", or a built-in panel: {', '.join(BUILT_IN)}"
+    return parse_spec(read_toml(path, others), source=str(path))
 
 
-def read_toml(path: Path) -> dict[str, Any]:
+def read_toml(path: Path, others: str = "") -> dict[str, Any]:
     """The plain data of a specification.
+
+    Args:
+        path: of the file.
+        others: what may be given in place of a file, for its error.
 
     Raises:
         SpecError: if the file cannot be read, or is no TOML.
@@ -673,7 +678,7 @@ def read_toml(path: Path) -> dict[str, Any]:
     except OSError as error:
         raise SpecError(
             f"cannot read the specification {path}: {error.strerror}; give the path of a TOML "
-            f"file, or a built-in panel: {', '.join(BUILT_IN)}"
+            f"file{others}"
         ) from error
     except tomllib.TOMLDecodeError as error:
         fault = f"is not valid TOML: {error}"

@@ -147,7 +147,8 @@ class OnnxPolicy(ProgramPolicy):
         inputs = [one.shape for one, _ in self._inputs]
         if not all(shape[1:] and all(isinstance(x, int) for x in shape[1:]) for shape in inputs):
             return None
-        size = sum(math.prod(shape[1:]) for shape in inputs)
+        several = len(inputs) > 1  # of what is observed, they may leave something out
+        size = len(self.names) if several else sum(math.prod(shape[1:]) for shape in inputs)
         probes = np.random.default_rng(0).normal(size=(_PROBES, size))
         alone = np.concatenate([self._run(self._session, row[None])[0][:1] for row in probes])
         try:

@@ -20,6 +20,7 @@ from integ_gym.envs.testbeds.mjcf_engines import (
     engine_of_model,
     integrators_of_model,
 )
+from integ_gym.envs.testbeds.mjcf_model import compile_model
 from integ_gym.evidence.labels import EpisodeContext
 from integ_gym.evidence.replaying import replay
 from integ_gym.evidence.store import EvidenceStore
@@ -119,3 +120,17 @@ def test_integrators_and_engines_that_are_not_there_are_refused_by_name():
     with pytest.raises(IntegGymError, match="mujoco_warp"):
         make_checked(testbed, replace(place, engine="drake"), 1)
     assert "featherstone" not in testbed.integrators("newton")
+
+
+def test_newton_finds_meshes_beside_the_models_file(tmp_path):
+    needs("newton")
+    (folder := tmp_path / "robot" / "meshes").mkdir(parents=True)
+    corners = "v 0 0 0\nv 0 0 1\nv 0 1 0\nv 1 0 0\n"
+    (folder / "part.obj").write_text(f"{corners}f 1 2 3\nf 1 4 2\nf 1 3 4\nf 2 4 3\n")
+    (tmp_path / "robot" / "robot.xml").write_text(
+        '<mujoco><compiler meshdir="meshes"/><asset><mesh name="part" file="part.obj"/></asset>'
+        '<worldbody><body name="torso"><freejoint/><geom size="0.1"/><geom type="mesh" mesh="part" '
+        'mass="0" contype="0" conaffinity="0"/></body></worldbody></mujoco>'
+    )
+    compiled = compile_model(tmp_path / "robot" / "robot.xml")
+    assert engine_of_model("newton", compiled.model, compiled).compiled is compiled

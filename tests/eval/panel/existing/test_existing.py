@@ -227,3 +227,15 @@ def test_cells_come_from_a_file_as_they_do_from_options(untrained_policy, tmp_pa
     spec.write_text("[[evaluate]]\nintegrator = 'rk4'\n")
     assert main([*command, "--spec", str(spec), "--out", str(tmp_path / "no")]) == 2
     assert "evaluate[0]" in capsys.readouterr().err
+    spec.write_text("[[evaluate]]\nat = 'home'\nmass_cart = 1.1\n")
+    homeless = [part for part in command if part != "--home" and "=" not in part]
+    assert main([*homeless, "--spec", str(spec), "--out", str(tmp_path / "no")]) == 2
+    assert "home is unknown" in capsys.readouterr().err
+
+
+def test_an_engine_without_the_integrators_asked_for_is_named(untrained_policy, tmp_path, capsys):
+    command = ["evaluate", str(untrained_policy), "--env", "IntegCartPole-v0"]
+    command += ["--integrator", "rk4", "--engine", "native", "--engine", "mujoco"]
+    command += ["--out", str(tmp_path / "out")]
+    assert main(command) == 2
+    assert "mujoco has no integrator called rk4" in capsys.readouterr().err

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 import random
+from dataclasses import replace
 
 import gymnasium as gym
 import numpy as np
@@ -200,5 +201,7 @@ def test_inputs_are_the_parts_of_an_observation_that_have_their_names(tmp_path):
         policy = read_existing(path, env_id, {}).policy
         assert policy.names == ("joint0", "joint1", "speed")
         assert policy.act(np.array([[1.0, 2.0, 3.0]])) == 23.0
+        among = replace(policy, names=("spare", *policy.names))
+        assert (among.act(np.array([[9.0, 1.0, 2.0, 3.0]] * 2)) == 23.0).all()
     with pytest.raises(PolicyFileError, match="takes the inputs speed, joint, and no part"):
         read_existing(path, PENDULUM, {})
