@@ -59,6 +59,7 @@ class RandomPolicy(Baseline):
     """
 
     policy_id = "random"
+    any_batch = True
 
     def __init__(self, space: spaces.Space[Any], seed: int = 0) -> None:
         self.seed = seed
@@ -154,6 +155,7 @@ class ZeroPolicy(Baseline):
     """
 
     policy_id = "zero"
+    any_batch = True
 
     def __init__(self, space: spaces.Space[Any]) -> None:
         self.discrete = isinstance(space, spaces.Discrete)
