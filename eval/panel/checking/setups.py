@@ -375,7 +375,7 @@ class Trained:
         returns = [x for x, _ in last if x is not None]
         if len(returns) < len(last):
             return None
-        successes = [float(x) for _, x in last]
+        successes = [float(x) for _, x in last if x is not None]
         return {**episode_summary(returns, successes), "exploring": True}
 
     @cached_property
