@@ -14,9 +14,10 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from integ_gym.envs.environment import environment_setup
+from integ_gym.envs.environment import environment_setup, is_integ_environment
 from integ_gym.envs.lanes import DiscretizedVectorEnv
 from integ_gym.envs.testbeds.making import find_testbed, make_training_environments
+from integ_gym.envs.testbeds.mjcf import model_arguments
 from integ_gym.evidence.record import EvidenceRecord
 from integ_gym.evidence.replaying import Acting
 from integ_gym.evidence.schema import argument_values
@@ -33,8 +34,8 @@ from integ_gym.train.policy_files.reading import ONNX_ENDING, POLICY_ENDINGS, re
 from integ_gym.train.policy_files.sb3_zip import lacks_statistics, read_sb3_model
 from integ_gym.train.policy_files.sidecar import Stated, has_sidecar, read_trained, readable_file
 
-from .cells import Home
-from .home import Provenance, provenance
+from .cells import Home, nominal_setup
+from .home import VARIED, Provenance, provenance
 
 
 @dataclass(frozen=True)
@@ -298,7 +299,8 @@ def policy_of(record: EvidenceRecord, store: EvidenceStore, own_code: bool = Fal
     policies = store.directory.parent / "policies"
     for path, obs_stats in _files(policies, name):
         if _stated_hash(path) in (wanted, None):
-            found: Any = read_existing(path, record["env_id"], {}, obs_stats, own_code).policy
+            own = _own_arguments(record)
+            found: Any = read_existing(path, record["env_id"], own, obs_stats, own_code).policy
             if found.content_hash == wanted:
                 named: Policy = replace(found, policy_id=name)
                 return named
@@ -357,10 +359,22 @@ def _stated_hash(path: Path) -> str | None:
 
 def _baseline(name: str, record: EvidenceRecord, store: EvidenceStore) -> Policy:
     """A baseline for the undisturbed task, as its run made it."""
+    env_id, testbed = record["env_id"], find_testbed(record["env_id"], _own_arguments(record))
+    if not is_integ_environment(env_id):
+        setup = nominal_setup(testbed, testbed.home.control_period)
+        return make_baseline(name, setup, controller=testbed.controller)
     found = store.query(
         "SELECT arguments FROM records WHERE phase = 'evaluation' AND perturbation IS NULL "
         "ORDER BY integrator <> 'reference' LIMIT 1"
     ).column("arguments")
     text = found[0].as_py() if len(found) else record["arguments"]
-    setup = environment_setup(record["env_id"], argument_values(text))
-    return make_baseline(name, setup, controller=find_testbed(record["env_id"], {}).controller)
+    setup = environment_setup(env_id, argument_values(text))
+    return make_baseline(name, setup, controller=testbed.controller)
+
+
+def _own_arguments(record: EvidenceRecord) -> dict[str, Any]:
+    """What a testbed of somebody's own was made with."""
+    if ":" not in record["env_id"] or is_integ_environment(record["env_id"]):
+        return {}
+    own = model_arguments(record.arguments())
+    return {name: value for name, value in own.items() if name not in VARIED}

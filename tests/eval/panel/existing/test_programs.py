@@ -24,6 +24,8 @@ from integ_gym.train.policy_files.card import PolicyFileError
 from integ_gym.train.policy_files.writing import write_sidecar
 
 PENDULUM, MONOPED = "IntegPendulum-v0", "examples.robots.monoped:Monoped"
+ARGUMENTS = {"name": "inverted_pendulum.xml"}
+"""Of the robot below."""
 
 
 class Recurrent(nn.Module):
@@ -110,15 +112,18 @@ def test_every_lane_remembers_its_episode_and_nothing_before(form, tmp_path):
 
 
 @pytest.mark.filterwarnings("ignore")  # of torch's exporter
-@pytest.mark.parametrize(("env_id", "inputs", "outputs"), [(PENDULUM, 3, 1), (MONOPED, 20, 3)])
+@pytest.mark.parametrize(
+    ("env_id", "inputs", "outputs", "given"),
+    [(PENDULUM, 3, 1, {}), (MONOPED, 20, 3, {}), (f"{__name__}:Robot", 3, 1, ARGUMENTS)],
+)
 def test_recurrent_policies_are_replayed_to_the_last_bit(
-    env_id, inputs, outputs, tmp_path, monkeypatch
+    env_id, inputs, outputs, given, tmp_path, monkeypatch
 ):
     monkeypatch.syspath_prepend(str(ROOT))
     integ_gym.evaluate(
         _recurrent(tmp_path / "recurrent.onnx", inputs, outputs), env_id, tmp_path / "run",
         home="stock", integrators=["reference" if env_id == PENDULUM else "Euler"], episodes=3,
-        environment={"duration": 1.0}, limit=False, workers=1, progress=False,
+        environment={"duration": 1.0, **given}, limit=False, workers=1, progress=False,
         on_doubt=lambda doubt: None,
     )  # fmt: skip
     store = EvidenceStore(tmp_path / "run" / "evidence")
@@ -127,6 +132,7 @@ def test_recurrent_policies_are_replayed_to_the_last_bit(
         store, None, random.Random(0), acting, decide=True, exact=True, own_code=True
     )
     assert not done.findings
+    assert not any(done.skipped.values())
     own = [one for _, one in store.named_records() if one["policy_id"] == "recurrent"]
     assert len(own) >= 6
     assert done.exact >= len(own)
@@ -179,10 +185,10 @@ class Wrapped(integ_gym.GymTestbed):
 class Robot(integ_gym.MjcfTestbed):
     control_period = 0.02
 
-    def model(self):
+    def model(self, name):
         from gymnasium.envs.mujoco import mujoco_env
 
-        return mujoco_env.expand_model_path("inverted_pendulum.xml")
+        return mujoco_env.expand_model_path(name)
 
     def observe(self, robot, memory, command):
         return {"joint": [1.0, 2.0], "speed": 1.0}
@@ -196,9 +202,9 @@ def test_inputs_are_the_parts_of_an_observation_that_have_their_names(tmp_path):
     path = tmp_path / "parts.onnx"
     given = torch.zeros(1, 1), torch.zeros(1, 2)
     _export(Parts(), path, given, ["speed", "joint"], ["actions"])
-    for kind in (Wrapped, Robot):
+    for kind, arguments in ((Wrapped, {}), (Robot, ARGUMENTS)):
         env_id = f"{__name__}:{kind.__name__}"
-        policy = read_existing(path, env_id, {}).policy
+        policy = read_existing(path, env_id, arguments).policy
         assert policy.names == ("joint0", "joint1", "speed")
         assert policy.act(np.array([[1.0, 2.0, 3.0]])) == 23.0
         among = replace(policy, names=("spare", *policy.names))
