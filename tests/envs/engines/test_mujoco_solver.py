@@ -35,8 +35,8 @@ def test_what_is_written_is_read_back():
     [
         ({"iteration": 1}, "iterations"),
         ({"iterations": 1.5}, "whole"),
-        ({"tolerance": -1.0}, "0 or above"),
-        ({"impratio": True}, "0 or above"),
+        ({"tolerance": -1.0}, "at least 0"),
+        ({"impratio": True}, "at least 0"),
         ({"cone": "round"}, "elliptic"),
         ({"refsafe": 1}, "true or false"),
     ],

@@ -8,6 +8,7 @@ import tomllib
 from dataclasses import replace
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 from engine_cases import needs
@@ -19,6 +20,7 @@ from integ_gym.envs.environment import environment_setup
 from integ_gym.envs.settings import Discretization
 from integ_gym.eval.panel.cells import Cell, DiscretizationMixture, SpecError, training_arguments
 from integ_gym.eval.panel.episodes import Subject, evaluate
+from integ_gym.eval.panel.existing import Evaluation
 from integ_gym.eval.panel.run import check_spec
 from integ_gym.eval.panel.spec import PanelSpec, parse_spec
 from integ_gym.eval.panel.units import training_config, units_of
@@ -90,7 +92,8 @@ def test_a_mixture_is_one_row_evaluated_at_its_members_first():
 def test_the_examples_of_the_documentation_are_valid():
     page = Path(__file__).parents[4] / "docs" / "reference" / "panel.md"
     examples = re.findall(r"```toml\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
-    first, example, task, looks = examples
+    first, example, evaluation, task, looks = examples
+    assert msgspec.convert(tomllib.loads(evaluation), Evaluation).limit
     needs("mujoco")
     for alone in (first, task):
         check_spec(parse_spec(tomllib.loads(alone), "docs/reference/panel.md"))
