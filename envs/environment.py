@@ -375,9 +375,12 @@ def with_horizon(spec: EnvSpec | None, mixture: Mixture) -> EnvSpec | None:
         return None
     spec = copy(spec)
     spec.max_episode_steps = mixture.horizon
-    if mixture.horizon == NO_LIMIT:
+    if mixture.horizon >= NO_LIMIT:
         spec.max_episode_steps = None
-        spec.kwargs = {**spec.kwargs, "duration": mixture.setups[0].settings.duration}
+        spec.kwargs = {
+            **spec.kwargs,
+            "duration": max(setup.settings.duration for setup in mixture.setups),
+        }
     return spec
 
 

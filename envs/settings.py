@@ -136,7 +136,7 @@ MOST = 1e9
 """No time is a larger multiple of another."""
 
 NO_LIMIT = 10**8
-"""Decisions of an episode without a limit."""
+"""Decisions of an episode without a limit, at least."""
 
 FINEST_DIVISION = 1000
 """Parts of the reference's step that are tried to fit latencies and sensor periods."""

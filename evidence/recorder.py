@@ -87,7 +87,7 @@ class Recorder:
         self._commit_on_close = commit_on_close
         self._commit_every = commit_every if commit_on_close else None
         self._horizon = max(setup.timing.horizon for setup, _ in setups)
-        if self._horizon == NO_LIMIT:
+        if self._horizon >= NO_LIMIT:
             raise InputError(
                 "episodes without a limit have no records; leave `max_episode_steps` out"
             )

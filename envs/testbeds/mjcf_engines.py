@@ -171,7 +171,10 @@ class WarpModel(ModelEngine):
         self._warp.capture_launch(self._graph)
         if lost := int(memory["overflow"][0]) & self._lost:
             kind = self._mjw.OverflowType(lost).name
-            raise InputError(f"{self.title} has no room for all constraints or contacts: {kind}")
+            raise InputError(
+                f"{self.title} has room for {CONTACTS} contacts and {ROWS} rows of constraints, "
+                f"and a state has more ({kind}); leave this engine out"
+            )
         return {name: memory[name][0] for name in WRITTEN}, int(memory["solver_niter"][0])
 
 

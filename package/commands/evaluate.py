@@ -61,8 +61,8 @@ def parser() -> argparse.ArgumentParser:
         type=Path,
         nargs="?",
         metavar="POLICY",
-        help="file of a policy: a .zip of stable-baselines3, .safetensors, .onnx, or a state dict; "
-        "see docs/how-to/policies.md",
+        help="file of a policy: a .zip of stable-baselines3, .safetensors, .onnx, a state dict, or "
+        "a TorchScript program (with --own-code); see docs/how-to/policies.md",
     )
     add(
         "--policy", metavar="MODULE:FUNCTION",
