@@ -20,7 +20,7 @@ from integ_gym.envs.transition import STATUS_NAMES
 from integ_gym.support.optional import installed_versions
 
 from . import labels
-from .episodes import told_setup
+from .episodes import COMMANDED, MEASURED, told_setup
 from .fields import (
     CODED_REASONS,
     FIRST_WRITTEN,
@@ -339,6 +339,8 @@ def _derive_fields(fields: Any) -> dict[str, Any]:
     versions = parse_field("package_versions", fields["package_versions"])
     if not isinstance(versions, dict):
         return expected
+    if fields["env_id"] in ENVIRONMENTS:
+        expected["command_error"] = None
     if fields["engine"] == NATIVE:
         expected["engine_version"] = versions.get("integ-gym")
     present = installed_versions(["integ-gym"]).items()
@@ -410,12 +412,21 @@ def _add_up(record: EvidenceRecord) -> Iterator[tuple[str, Any, float]]:
     if "energy" in trace:
         yield "energy_start", float(trace["energy"][0]), 0.0
         yield "energy_end", float(trace["energy"][-1]), 0.0
+    if "command_error" in record.fields:
+        yield "command_error", _command_error(trace), 0.0
     if "solver_iterations" in trace:
         yield "solver_iterations_max", _finite(trace["solver_iterations"].max()), 0.0
         yield "solver_iterations_mean", _finite(trace["solver_iterations"].mean()), 0.0
     yield "solver_status", STATUS_NAMES[int(trace["solver_status_code"].max())], 0.0
     if "time" in trace:
         yield "initial_state", [float(x[0]) for x in _states(record)], 0.0
+
+
+def _command_error(trace: Mapping[str, Array]) -> float | None:
+    """Root mean square of what is commanded minus what is measured, where a trace tells it."""
+    names = [name.removeprefix(MEASURED) for name in trace if name.startswith(MEASURED)]
+    missed = [trace[COMMANDED + name] - trace[MEASURED + name] for name in names]
+    return float(np.sqrt(np.mean(np.sum(np.square(missed), axis=0)))) if missed else None
 
 
 def _finite(value: Any) -> float | None:
