@@ -145,7 +145,7 @@ def provenance(
         if other != home:
             raise InputError(
                 f"--home says {_home_words(other)} and {origin} {_home_words(home)}; leave out "
-                "--home, or correct the other"
+                "--home"
             )
         _check_same(told, _defaults(env_id, arguments) | arguments)
     trained_with = {name: x for name, x in arguments.items() if name not in VARIED}

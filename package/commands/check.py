@@ -103,12 +103,22 @@ def main(argv: Sequence[str]) -> int:
     )
     print_wrapped(str(found))
     print_wrapped(_cost(found))
+    period = found.panel.rows[0].control_period
     if not found.learned:
-        print_wrapped("Train longer with --train-arg total_steps=N, or make the task easier.")
+        apart = "" if given.control_period else "; or give --control-period, which follows dt here"
+        print_wrapped(
+            f"Train longer with --train-arg total_steps=N, or make the task easier{apart}."
+        )
     names = ("judged on", "success", "within twice the time", "lost", "95 % interval")
     print_columns(names, list(_rows(found)), right=(False, True, True, True, True))
     print(f"Page: {(found.directory / 'report.html').resolve()}")
-    print_wrapped(f"Next: {unbroken(f'integ-gym watch {found.directory}')}")
+    if found.cause == "yes" and found.learned:
+        finer = f"--dt {given.dt / 2.0:g} --control-period {period:g}"
+        print_wrapped(
+            f"Next: see whether half the step is enough, by the same command with {finer}"
+        )
+    elif found.panel.failures:
+        print_wrapped(f"Next: {unbroken(f'integ-gym watch {found.directory}')}")
     return 0
 
 
