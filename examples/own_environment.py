@@ -3,7 +3,6 @@
 from argparse import ArgumentParser
 
 import gymnasium as gym
-from gymnasium.envs.classic_control import PendulumEnv
 
 import integ_gym
 
@@ -12,20 +11,13 @@ parser.add_argument("--episodes", type=int, default=50, help="starts at every st
 parser.add_argument("--out", default="runs/windy")
 
 
-class Windy(PendulumEnv):  # any gymnasium.Env will do; this one keeps its step in `dt`
-    def step(self, action):
-        return super().step(action + 0.5)  # N m
-
-
-WINDY = gym.envs.registration.EnvSpec("Windy-v0", entry_point=Windy, max_episode_steps=200)
-
-
-class Testbed(integ_gym.GymTestbed):  # what a panel needs to know of it
+class Testbed(integ_gym.GymTestbed):  # what a panel needs to know of an environment
     home = integ_gym.Discretization("symplectic_euler", 0.05, 0.05, "gymnasium")
     choices = ("symplectic_euler",)
 
     def build(self, discretization):
-        env = gym.make(WINDY)
+        env = gym.make("Pendulum-v1")  # any gymnasium.Env will do whose step can be set
+        env = gym.wrappers.TransformAction(env, lambda torque: torque + 0.5, None)  # wind, N m
         env.unwrapped.dt = discretization.dt
         return self.held(env, discretization, rewards="rate")
 
@@ -33,8 +25,13 @@ class Testbed(integ_gym.GymTestbed):  # what a panel needs to know of it
         return self.as_applied("symplectic_euler", env.unwrapped.dt, env)
 
 
+def swing_up(seen):  # pumps energy in until there are 5 J, then balances
+    cos, sin, speed = seen
+    pump = 2.0 if (speed > 0.0) == (speed**2 / 6.0 + 5.0 * cos < 5.0) else -2.0
+    return [-12.0 * sin - 3.0 * speed - 0.5 if cos > 0.9 else pump]
+
+
 if __name__ == "__main__":
-    given = vars(parser.parse_args())
-    policy, home = (lambda seen: [2.0 if seen[2] > 0.0 else -2.0]), Testbed.home.arguments()
-    panel = integ_gym.evaluate(policy, "own_environment:Testbed", home=home, workers=1, **given)
-    print(*(f"{e.returns.estimate:8.1f}  {e.row} on {e.cell}" for e in panel.matrix), sep="\n")
+    given, home = vars(parser.parse_args()), Testbed.home.arguments()
+    panel = integ_gym.evaluate(swing_up, "own_environment:Testbed", home=home, workers=1, **given)
+    print(f"{panel.answer}\nPage: {given['out']}/report.html")

@@ -12,7 +12,7 @@ SCRIPTS = sorted((ROOT / "examples").glob("*.py"))
 REDUCED = {
     "cleanrl_loop": (["--total-steps", "12800"], "12800 decisions: return"),
     "judge_policy": (["--episodes", "2", "--out", "judged"], "reference dt=0.05"),
-    "own_environment": (["--episodes", "2", "--out", "windy"], "symplectic_euler dt=0.0125"),
+    "own_environment": (["--episodes", "2", "--out", "windy"], "Mean return at home −"),
     "own_ppo": (["--total-steps", "4096", "--out", "own"], "integ-gym evaluate own/policy.zip"),
     "panel_from_python": (
         ["--total-steps", "4096", "--seeds", "2", "--out", "panel"],
