@@ -611,6 +611,9 @@ class StatedEnv(ForeignWrapper):
         self.env = with_delays(env, self.setup)
         late = (one for one in wrappers_of(self) if isinstance(one, Delayed))
         self._delayed = next(late, None)
+        space = self.action_space
+        if isinstance(space, spaces.Box):
+            self._ends = within_rounding(space.low.ravel(), space.high.ravel())
         self._control = self._nearest(np.zeros(len(self.setup.plant.controls)))
 
     def reset(
@@ -632,8 +635,7 @@ class StatedEnv(ForeignWrapper):
         if discrete:
             saturated = valid and bool((self._nearest(asked) != asked).any())
         else:
-            ends = within_rounding(space.low.ravel(), space.high.ravel())
-            saturated = valid and at_bounds(asked, ends)
+            saturated = valid and at_bounds(asked, self._ends)
         self._control = control = self._nearest(asked if valid else self._control)
         action = int(control[0]) if discrete else control.reshape(space.shape).astype(space.dtype)
         observation, reward, terminated, truncated, info = self.env.step(action)

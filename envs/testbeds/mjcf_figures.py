@@ -43,7 +43,8 @@ class Figures:
         self._mujoco, self._model = mujoco, model
         self._force = np.zeros(6)
         self._kept = int(mujoco.mjNSOLVER)
-        self._feet = feet_of(model)
+        feet = feet_of(model)
+        self._rows = {body: place for place, body in enumerate(feet.values(), 1)}
         self._root = np.array(model.body_rootid)
         self._body = np.array(model.geom_bodyid)
         wanted = [Further(f"command_{name}", "", "what is commanded") for name in commands]
@@ -53,14 +54,13 @@ class Figures:
             ("tangential_force", "N", "sum of the magnitudes of the tangential ones"),
             ("slip_speed", "m/s", "fastest slip of a contact"),
         )
-        feet = [f"{name}_" for name in foot_names(model)]
         self.columns: tuple[Further, ...] = (
             *wanted,
             *(shown if measured else ()),
             *(Further(f"{name}_force", "N, N m", "force of the actuator") for name in actuators),
             *(
                 Further(f"{owner}{name}", unit, f"{words}{', of this foot' if owner else ''}")
-                for owner in ("contact_", *feet)
+                for owner in ("contact_", *(f"{name}_" for name in feet))
                 for name, unit, words in parts
             ),
             Further("solver_residual", "1", "scaled gradient after the solver's last iteration"),
@@ -73,12 +73,12 @@ class Figures:
             data: where `mj_forward` was called.
             told: command, and what is measured of it.
         """
-        contacts = self._contacts(data) if data.ncon else np.zeros(3 * len(self._feet) + 3)
+        contacts = self._contacts(data) if data.ncon else np.zeros(3 * len(self._rows) + 3)
         return np.concatenate([*told, data.actuator_force, contacts, [self._residual(data)]])
 
     def _contacts(self, data: Any) -> Array:
         """Normal and tangential force, N, and slip, m/s: of all contacts, then of each foot."""
-        contact, feet = data.contact, {body: place for place, body in enumerate(self._feet)}
+        contact, places = data.contact, self._rows
         bodies = self._body[contact.geom]
         arm = contact.pos[:, None] - data.subtree_com[self._root[bodies]]
         moving = data.cvel[bodies]
@@ -87,12 +87,12 @@ class Figures:
         points -= spin[..., [2, 0, 1]] * arm[..., [1, 2, 0]]
         frame = contact.frame.reshape(-1, 3, 3)
         slips = np.einsum("kij,kj->ki", frame[:, 1:], points[:, 1] - points[:, 0]).tolist()
-        rows = [[0.0, 0.0, 0.0] for _ in range(len(feet) + 1)]
+        rows = [[0.0, 0.0, 0.0] for _ in range(len(places) + 1)]
         for place, (pair, slip) in enumerate(zip(bodies.tolist(), slips, strict=True)):
             self._mujoco.mj_contactForce(self._model, data, place, self._force)
             normal, *tangents = self._force[:3].tolist()
             if normal > 0.0:
-                for row in (0, *(feet[body] + 1 for body in pair if body in feet)):
+                for row in (0, *(places[body] for body in pair if body in places)):
                     own = rows[row]
                     own[0] += normal
                     own[1] += hypot(*tangents)
@@ -108,13 +108,11 @@ class Figures:
         return max((float(data.solver[place].gradient) for place in last), default=nan)
 
 
-def foot_names(model: Any) -> list[str]:
-    """Their names; of one without, its number."""
-    return [model.body(body).name or f"body{body}" for body in feet_of(model)]
+def feet_of(model: Any) -> dict[str, int]:
+    """Bodies without others below them that may touch what stands still, ascending.
 
-
-def feet_of(model: Any) -> list[int]:
-    """Bodies without others below them that may touch what stands still, ascending."""
+    By their names, or by number where one has none.
+    """
     body, kind, affinity = model.geom_bodyid, model.geom_contype, model.geom_conaffinity
     still = np.flatnonzero(model.body_weldid[body] == 0)
     touching = [
@@ -125,6 +123,7 @@ def feet_of(model: Any) -> list[int]:
     pairs = np.stack([model.pair_geom1, model.pair_geom2], axis=1)
     touching += pairs[np.isin(pairs, still).any(axis=1)].ravel().tolist()
     parents = set(model.body_parentid.tolist())
-    return sorted(
+    feet = sorted(
         own for own in set(body[touching].tolist()) if model.body_weldid[own] and own not in parents
     )
+    return {model.body(own).name or f"body{own}": own for own in feet}

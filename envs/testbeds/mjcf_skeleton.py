@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
-from .mjcf_figures import feet_of, foot_names
+from .mjcf_figures import feet_of
 
 _GEOMS = ("sphere", "capsule", "ellipsoid", "cylinder", "box")
 _JOINTS = ("free", "ball", "slide", "hinge")
@@ -32,9 +32,7 @@ def describe_skeleton(mujoco: Any, model: Any, coordinates: Iterable[str]) -> di
     return {
         "coordinates": list(coordinates),
         "weight": round(float(model.body_subtreemass[0] * -model.opt.gravity[2]), 2),
-        "feet": {
-            name: body - 1 for name, body in zip(foot_names(model), feet_of(model), strict=True)
-        },
+        "feet": {name: body - 1 for name, body in feet_of(model).items()},
         "floor": round(float(model.geom_pos[planes[0], 2]), 4) if planes else None,
         "bodies": [
             [int(model.body_parentid[k]) - 1, *_rounded(model.body_pos[k], model.body_quat[k])]

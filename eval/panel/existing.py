@@ -263,7 +263,7 @@ def plan(
     testbed = find_testbed(env_id, environment)
     period, name = existing.provenance.control_period, existing.policy.policy_id
     own = () if existing.home is None else tuple(existing.home.shares)
-    around = _around(existing, testbed)
+    around, form = _around(existing, testbed), given or Evaluation([])
     if given is not None:
         columns, asked, unmade = evaluation_cells(given.evaluate, around)
         limit = given.limit
@@ -294,10 +294,9 @@ def plan(
         environment=environment,
         limit=steps,
         ladder=False,
-        episodes=episodes or (50 if given is None else given.episodes),
-        episode_seed=PanelSpec.episode_seed if given is None else given.episode_seed,
-        question=(given and given.question)
-        or f"Does {name} survive another integrator or timestep?",
+        episodes=episodes or form.episodes,
+        episode_seed=form.episode_seed,
+        question=form.question or f"Does {name} survive another integrator or timestep?",
         unmade=unmade,
     )
     whole = replace(
@@ -422,12 +421,8 @@ def evaluate_existing(
         PanelError: if an evaluation fails; what was finished stays.
     """
     row, home, spec = existing.policy.policy_id, existing.home, as_there(spec, out)
-    content = {
-        **spec.to_json(),
-        "policy": existing.policy.content_hash,
-        "home": existing.stated_home,
-    }
-    content["home"] = existing.stated_home
+    own = {"policy": existing.policy.content_hash, "home": existing.stated_home}
+    content = {**spec.to_json(), **own}
     learned_by = installed_versions(TRAINERS["sb3"])
     directory = RunDirectory(out, content, {**learned_by, **spec.engine_versions()})
     subjects = [
