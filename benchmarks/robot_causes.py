@@ -6,17 +6,11 @@ The first line is the largest h d / M, an eigenvalue of h M⁻¹D at the start: 
 above 2. The others are how long episodes last, s, by integrator, solver iterations and warm start.
 """
 
-import argparse
-import sys
-import warnings
-from pathlib import Path
-
 import mujoco
 import numpy as np
-import onnxruntime
+from robots import decisions, open_robot, robot_parser
 
 from integ_gym import Discretization
-from integ_gym.envs.testbeds.making import find_testbed
 
 SETTINGS = (
     ("Euler", {"iterations": 1}, True),
@@ -30,9 +24,9 @@ SETTINGS = (
 
 def damping_number(model, data):
     """Largest eigenvalue of h M⁻¹D, of joint damping and of servos' damping."""
-    mass = np.array([np.zeros(model.nv)] * model.nv)
-    for column in range(model.nv):
-        mujoco.mj_mulM(model, data, mass[column], np.eye(model.nv)[column])
+    mass = np.zeros((model.nv, model.nv))
+    for column, unit in zip(mass, np.eye(model.nv), strict=True):
+        mujoco.mj_mulM(model, data, column, unit)
     damping = np.array(model.dof_damping).reshape(model.nv, -1)[:, 0].copy()
     for actuator in range(model.nu):
         joint = model.actuator_trnid[actuator, 0]
@@ -41,27 +35,11 @@ def damping_number(model, data):
     return model.opt.timestep * float(np.max(rates.real))
 
 
-def last(env, session, seed):
-    """Simulated seconds until an episode ends."""
-    observation, _ = env.reset(seed=seed)
-    while True:
-        (action,) = session.run(None, {"obs": observation[None].astype(np.float32)})[0]
-        observation, _, fallen, over, info = env.step(action)
-        if fallen or over:
-            return info["time"]
-
-
 def main():
     """Print what a robot's file and policy give."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("robot", help="module and class in examples/robots, as go1:Go1")
-    parser.add_argument("folder", help="of its files, the policy among them")
-    parser.add_argument("--episodes", type=int, default=4)
-    given = parser.parse_args()
-    warnings.simplefilter("ignore")
-    sys.path.append(str(Path(__file__).parents[1]))
-    testbed = find_testbed(f"examples.robots.{given.robot}", {"folder": given.folder})
-    session, home = onnxruntime.InferenceSession(f"{given.folder}/policy.onnx"), testbed.home
+    given = robot_parser(__doc__, 4).parse_args()
+    testbed, session = open_robot(given)
+    home = testbed.home
     (env,) = testbed.make(home, 1).envs
     env.reset(seed=0)
     number = damping_number(env.unwrapped.model, env.unwrapped.data)
@@ -72,7 +50,10 @@ def main():
         if not warm:
             flags = mujoco.mjtDisableBit.mjDSBL_WARMSTART
             env.unwrapped.model.opt.disableflags |= int(flags)
-        times = [last(env, session, seed) for seed in range(given.episodes)]
+        times = []
+        for seed in range(given.episodes):
+            *_, last = decisions(env, session, env.reset(seed=seed)[0])
+            times.append(last["time"])
         told = ", ".join(f"{name} {value}" for name, value in solver.items())
         start = "" if warm else ", no warm start"
         print(f"{integrator}, {told}{start}: {' '.join(f'{time:.2f}' for time in times)} s")

@@ -3,17 +3,11 @@
 ``python benchmarks/robot_loop.py go1:Go1 DIR``, with its files and its ``policy.onnx`` in DIR.
 """
 
-import argparse
-import sys
-import warnings
-from pathlib import Path
-
 import mujoco
 import numpy as np
-import onnxruntime
+from robots import decisions, open_robot, robot_parser
 
 from integ_gym import Discretization
-from integ_gym.envs.testbeds.making import find_testbed
 
 
 def load_model(path):
@@ -55,16 +49,8 @@ def plain_episode(name, model, session, qpos, qvel, command):
 
 
 def main():
-    made = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    made.add_argument("robot", help="module and class in examples/robots, as go1:Go1")
-    made.add_argument("folder", help="of its files, the policy among them")
-    made.add_argument("--episodes", type=int, default=10)
-    given = made.parse_args()
-    warnings.simplefilter("ignore")
-    sys.path.append(str(Path(__file__).parents[1]))
-    name = given.robot.partition(":")[0]
-    session = onnxruntime.InferenceSession(f"{given.folder}/policy.onnx")
-    testbed = find_testbed(f"examples.robots.{given.robot}", {"folder": given.folder})
+    given = robot_parser(__doc__, 10).parse_args()
+    name, (testbed, session) = given.robot.partition(":")[0], open_robot(given)
     own, home = load_model(testbed.model(given.folder)), testbed.home
     filed = home.integrator, own.opt.iterations
     others = [(one, count) for one in ("Euler", "implicitfast") for count in (1, 100)]
@@ -76,16 +62,14 @@ def main():
         succeeded = equal = 0
         for seed in range(given.episodes):
             observation, info = env.reset(seed=seed)
-            data, states, ended = env.unwrapped.data, [], False
+            data, states = env.unwrapped.data, []
             start = data.qpos.copy(), data.qvel.copy(), info["command"]
-            while not ended:
-                (action,) = session.run(None, {"obs": observation[None].astype(np.float32)})[0]
-                observation, _, fallen, ended, info = env.step(action)
-                ended = ended or fallen
+            for info in decisions(env, session, observation):
                 states.append(np.concatenate([data.qpos, data.qvel]))
+                success = info["success"]
             expected, lasts = plain_episode(name, own, session, *start)
             succeeded += lasts
-            equal += np.array_equal(expected, states) and lasts == info["success"]
+            equal += np.array_equal(expected, states) and lasts == success
         print(f"{integrator} iterations={iterations}: {succeeded} succeed, {equal} equal")
 
 

@@ -4,10 +4,8 @@
 starts, in pairs: the loop on one core, then the evaluation with its traces written on several.
 """
 
-import argparse
 import resource
 import statistics
-import sys
 import tempfile
 import time
 import warnings
@@ -15,10 +13,9 @@ from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
 
-import onnxruntime
 from robot_loop import load_model, plain_episode
+from robots import open_robot, robot_parser
 
-from integ_gym.envs.testbeds.making import find_testbed
 from integ_gym.eval.panel.cells import Cell
 from integ_gym.eval.panel.episodes import Subject, divided, evaluate
 from integ_gym.eval.panel.spec import PanelSpec
@@ -38,20 +35,12 @@ def record(spec, episodes, out):
 
 
 def main():
-    made = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    made.add_argument("robot", help="module and class in examples/robots, as go1:Go1")
-    made.add_argument("folder", help="of its files, the policy among them")
-    made.add_argument("--episodes", type=int, default=20)
-    made.add_argument("--workers", type=int, default=2)
-    made.add_argument("--pairs", type=int, default=5)
-    given = made.parse_args()
-    warnings.simplefilter("ignore")
-    sys.path.append(str(Path(__file__).parents[1]))
+    parser = robot_parser(__doc__, 20)
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--pairs", type=int, default=5)
+    given = parser.parse_args()
     path, arguments = f"examples.robots.{given.robot}", {"folder": given.folder}
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = 1
-    session = onnxruntime.InferenceSession(f"{given.folder}/policy.onnx", options)
-    testbed, name = find_testbed(path, arguments), given.robot.partition(":")[0]
+    (testbed, session), name = open_robot(given), given.robot.partition(":")[0]
     model, home = load_model(testbed.model(given.folder)), testbed.home
     spec = PanelSpec(
         name="pair", env_id=path, environment=arguments, control_period=home.control_period,

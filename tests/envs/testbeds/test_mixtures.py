@@ -7,8 +7,7 @@ from dataclasses import replace
 import gymnasium as gym
 import numpy as np
 import pytest
-from engine_cases import needs
-from house import ROOT
+from swaying import MONOPED
 
 import integ_gym
 from integ_gym import Applied, EpisodeContext, EvidenceStore, RecordVectorEvidence
@@ -20,15 +19,10 @@ from integ_gym.envs.testbeds.making import (
     make_training_environments,
 )
 
-TASKS = (*CLASSIC, "InvertedPendulum-v5", "examples.robots.monoped:Monoped")
+TASKS = (*CLASSIC, "InvertedPendulum-v5", MONOPED)
 LANES = 4
 
-
-@pytest.fixture(autouse=True)
-def _mujoco(tmp_path, monkeypatch):
-    needs("mujoco")
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.syspath_prepend(str(ROOT))
+pytestmark = pytest.mark.usefixtures("robots_found")
 
 
 def _places(env_id):

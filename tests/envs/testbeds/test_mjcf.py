@@ -9,9 +9,9 @@ import gymnasium as gym
 import numpy as np
 import onnx
 import pytest
-from engine_cases import needs
 from gymnasium.utils.env_checker import check_env
 from house import ROOT, page_blocks
+from swaying import MONOPED, record_swaying
 
 import integ_gym
 from integ_gym import Discretization, IntegGymError, MjcfTestbed
@@ -22,16 +22,13 @@ from integ_gym.eval.panel.episodes import Subject, evaluate
 from integ_gym.eval.panel.home import provenance
 from integ_gym.eval.panel.spec import PanelSpec
 from integ_gym.evidence.fields import VOLATILE_NAMES
-from integ_gym.evidence.labels import EpisodeContext
 from integ_gym.evidence.replaying import replay
 from integ_gym.evidence.store import EvidenceStore
-from integ_gym.evidence.vector_recorder import RecordVectorEvidence
 from integ_gym.train.baselines import make_baseline
 from integ_gym.train.policy_files.onnx import OnnxPolicy, onnx_bytes
 from integ_gym.train.policy_files.safetensors_file import read_safetensors
 from integ_gym.train.policy_files.sidecar import stated_arguments
 
-MONOPED = "examples.robots.monoped:Monoped"
 MODEL = """
 <mujoco>
   <compiler inertiafromgeom="{from_geoms}"/>
@@ -65,11 +62,7 @@ HIDDEN = 'contype="0" conaffinity="0"'
 HEAVY = '<inertial pos="0 0 0" mass="3" diaginertia="0.1 0.1 0.1"/>'
 
 
-@pytest.fixture(autouse=True)
-def _mujoco(tmp_path, monkeypatch):
-    needs("mujoco")
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.syspath_prepend(str(ROOT))
+pytestmark = pytest.mark.usefixtures("robots_found")
 
 
 class Stub(MjcfTestbed):
@@ -319,12 +312,7 @@ def test_who_stands_presses_with_the_weight_and_does_not_slip():
 def test_a_record_comes_out_to_the_last_bit(different, tmp_path):
     testbed = find_testbed(MONOPED, {"duration": 0.6})
     made = make_checked(testbed, testbed.home, 1, **different)
-    recorder = RecordVectorEvidence(made, tmp_path, EpisodeContext("run", "cell", policy_id="sway"))
-    observation, _ = recorder.reset(seed=[4])
-    for _ in range(30):
-        observation, *_ = recorder.step(0.3 * np.tanh(observation[:, 10:13], dtype=np.float32))
-    recorder.close()
-    ((file, record),) = EvidenceStore(tmp_path).named_records()
+    file, record = record_swaying(made, tmp_path, 30)
     assert record.fields["env_id"] == MONOPED
     assert record.fields["engine_description"].count("position") == 3
     errors = record.trace["command_v_x"] - record.trace["measured_v_x"]

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from engine_cases import needs
-from house import ROOT
+from swaying import MONOPED, record_swaying
 
 import integ_gym
 from integ_gym import IntegGymError
@@ -21,22 +21,14 @@ from integ_gym.envs.testbeds.mjcf_engines import (
     integrators_of_model,
 )
 from integ_gym.envs.testbeds.mjcf_model import compile_model
-from integ_gym.evidence.labels import EpisodeContext
 from integ_gym.evidence.replaying import replay
-from integ_gym.evidence.store import EvidenceStore
-from integ_gym.evidence.vector_recorder import RecordVectorEvidence
 
-MONOPED = "examples.robots.monoped:Monoped"
 ROUNDING = {64: 1e-10, 32: 1e-4}
 """Of one step's change of velocity, by width of floats: with a solver that has converged, what is
 left is their rounding, times the stiffness of contacts in float32."""
 
 
-@pytest.fixture(autouse=True)
-def _mujoco(tmp_path, monkeypatch):
-    needs("mujoco")
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.syspath_prepend(str(ROOT))
+pytestmark = pytest.mark.usefixtures("robots_found")
 
 
 def on(engine, integrator="Euler"):
@@ -86,12 +78,7 @@ def test_a_record_names_its_engine_and_is_played_again(engine, tmp_path):
     _, place = on(engine)
     testbed = find_testbed(MONOPED, {"duration": 0.24})
     made = make_checked(testbed, place, 1)
-    recorder = RecordVectorEvidence(made, tmp_path, EpisodeContext("run", "cell", policy_id="sway"))
-    observation, _ = recorder.reset(seed=[4])
-    for _ in range(12):
-        observation, *_ = recorder.step(0.3 * np.tanh(observation[:, 10:13], dtype=np.float32))
-    recorder.close()
-    ((file, record),) = EvidenceStore(tmp_path).named_records()
+    file, record = record_swaying(made, tmp_path, 12)
     told = [record.fields[name] for name in ("engine", "integrator", "engine_version")]
     assert told == [engine, place.integrator, made.setups[0].engine.version]
     done = replay([(file, record)], exact=True, own_code=True).settle()

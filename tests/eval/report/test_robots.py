@@ -12,6 +12,7 @@ from driving import Browser
 from engine_cases import needs
 from house import ROOT
 from report_pages import pixels
+from swaying import MONOPED
 
 import integ_gym
 from integ_gym.envs.rendering.skeletons import Skeleton
@@ -22,8 +23,6 @@ from integ_gym.evidence.store import EvidenceStore
 from integ_gym.support.errors import InputError
 
 pytestmark = pytest.mark.slow
-
-MONOPED = "examples.robots.monoped:Monoped"
 
 
 @pytest.fixture(scope="module")
