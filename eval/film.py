@@ -255,7 +255,7 @@ class RobotEpisode(Episode):
         return {}
 
 
-def skeleton_of(record: EvidenceRecord) -> Mapping[str, Any] | None:
+def skeleton_of(record: EvidenceRecord | Mapping[str, Any]) -> Mapping[str, Any] | None:
     """What a robot is drawn from; None of a record of no robot."""
     described = parse_field("engine_description", record["engine_description"]) or {}
     skeleton: Mapping[str, Any] | None = described.get("skeleton")

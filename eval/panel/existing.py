@@ -263,14 +263,15 @@ def plan(
     testbed = find_testbed(env_id, environment)
     period, name = existing.provenance.control_period, existing.policy.policy_id
     own = () if existing.home is None else tuple(existing.home.shares)
-    around, form = _around(existing, testbed), given or Evaluation([])
+    around = main_home(existing.home) or replace(testbed.home, control_period=period)
+    form = given or Evaluation([])
     if given is not None:
         columns, asked, unmade = evaluation_cells(given.evaluate, around)
         limit = given.limit
         at = [place for table in given.evaluate for place in many(table.get("at", ()))]
     else:
         columns, asked, unmade = _every_combination(
-            existing, testbed, integrators, dts, varied, at, engines
+            testbed, around, integrators, dts, varied, at, engines
         )
     if "home" in at and not own:
         raise InputError("the home is unknown, so nothing can be varied there; give --home")
@@ -310,15 +311,9 @@ def plan(
     return whole
 
 
-def _around(existing: Existing, testbed: Testbed) -> Discretization:
-    """The home of a policy, or where it is not known the testbed's at the policy's period."""
-    period = existing.provenance.control_period
-    return main_home(existing.home) or replace(testbed.home, control_period=period)
-
-
 def _every_combination(
-    existing: Existing,
     testbed: Testbed,
+    around: Discretization,
     integrators: Sequence[str],
     dts: Sequence[float],
     varied: Mapping[str, Any],
@@ -326,9 +321,10 @@ def _every_combination(
     engines: Sequence[str],
 ) -> tuple[tuple[Discretization, ...], tuple[Variation, ...], tuple[str, ...]]:
     """As :func:`~.tables.evaluation_cells`, of lists that are multiplied."""
-    period, around = existing.provenance.control_period, _around(existing, testbed)
     engine = around.engine if integrators else testbed.home.engine
-    periods = [period] if at else many(varied.get("control_period", period))
+    periods = (
+        [around.control_period] if at else many(varied.get("control_period", around.control_period))
+    )
     columns, unmade = fitting(
         (
             Discretization(integrator, dt, one, another)

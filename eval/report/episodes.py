@@ -21,13 +21,13 @@ from integ_gym.envs.settings import NATIVE, Setup
 from integ_gym.envs.steps import Script, script_of
 from integ_gym.evidence.episodes import COMMANDED, MEASURED
 from integ_gym.evidence.labels import SENTENCE_COLUMNS
-from integ_gym.evidence.schema import parse_field
 from integ_gym.evidence.store import EvidenceStore, sql_literal
 from integ_gym.train.policy import MlpPolicy
 from integ_gym.train.policy_files.card import PolicyFileError
 from integ_gym.train.policy_files.reading import read_weights
 from integ_gym.train.policy_files.sidecar import WEIGHTS_FILE
 
+from ..film import skeleton_of
 from ..panel.conclusions import finding_of
 from ..panel.result import Entry, Panel, Policy
 from ..power import WITHOUT_VERDICT
@@ -227,12 +227,9 @@ def read_episodes(panel: Panel, directory: str | PathLike[str]) -> Episodes | No
 
 
 def _read_skeleton(store: EvidenceStore) -> Mapping[str, Any] | None:
-    texts = store.query(
-        "SELECT engine_description FROM records WHERE phase = 'evaluation' LIMIT 1"
-    ).column("engine_description")
-    described = parse_field("engine_description", texts[0].as_py()) if len(texts) else {}
-    skeleton: Mapping[str, Any] | None = described.get("skeleton")
-    return skeleton
+    first = "SELECT engine_description FROM records WHERE phase = 'evaluation' LIMIT 1"
+    records = store.query(first).to_pylist()
+    return skeleton_of(records[0]) if records else None
 
 
 def _robot_columns(skeleton: Mapping[str, Any], names: Iterable[str]) -> list[str]:
