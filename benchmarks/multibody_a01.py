@@ -90,7 +90,7 @@ def _stepped(engine: Engine, steps: int) -> Iterator[Array]:
     q, v = RELEASED
     for _ in range(OUTPUTS):
         try:
-            motion = engine.advance(SCALAR, q, v, ((0.0, steps),), None)
+            motion = engine.advance(SCALAR, q, v, (((0.0,), steps),), None)
         except ArithmeticError:
             yield np.array([math.nan])
             return
@@ -105,7 +105,7 @@ def _compiled(engine: Engine, steps: int) -> Iterator[Array]:
     from integ_gym.envs.ops.jax_ops import JaxOps
 
     def output(state: Any, _: None) -> Any:
-        motion = engine.advance(JaxOps("float64"), *state, ((0.0, steps),), None)
+        motion = engine.advance(JaxOps("float64"), *state, (((0.0,), steps),), None)
         return (motion.q, motion.v), motion.q[0]
 
     run = jax.jit(lambda state: jax.lax.scan(output, state, length=AT_ONCE))

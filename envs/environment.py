@@ -43,6 +43,7 @@ from .tasks import FLOAT32_ROUNDING
 from .transition import (
     STATUS_NAMES,
     EnvState,
+    control_columns,
     quiet_status,
     scalar_start,
     scalar_step,
@@ -122,7 +123,7 @@ class IntegEnv(gym.Env[Observation, Any]):
         self.action_space = self.setup.action_space
         self.observation_space = observation_space(self.setup)  # type: ignore[assignment]
         self._discrete = self.setup.task.discrete
-        self._choices = {choice: float(choice) for choice in range(self._discrete or 0)}
+        self._choices = {choice: (float(choice),) for choice in range(self._discrete or 0)}
         self._noise = self.setup.settings.observation_noise
         count = len(self.setup.plant.coordinates)
         order = (place for k in range(count) for place in (k, count + k))
@@ -130,7 +131,8 @@ class IntegEnv(gym.Env[Observation, Any]):
         self.episode = -1
         """How many episodes have begun since the last seed, before this one."""
         self._state: EnvState | None = None
-        self._control = 0.0
+        self._applied = [applied for _, applied in control_columns(self.setup.plant)]
+        self._controls = (0.0,) * len(self._applied)
         self._sampled = True
         self._terminated = self._warned = False
         self.status_code = quiet_status(self.setup)
@@ -221,7 +223,7 @@ class IntegEnv(gym.Env[Observation, Any]):
             self._noise_stream = stream_of_episode(self.np_random, NOISE, self.episode)
         if self.setup.timing.drawn:
             self._arrivals = stream_of_episode(self.np_random, ARRIVAL, self.episode)
-        self._control, self._sampled = 0.0, True
+        self._controls, self._sampled = (0.0,) * len(self._applied), True
         self._terminated = self._warned = False
         self.status_code = info["solver_status"]
         info["solver_status"] = STATUS_NAMES[self.status_code]
@@ -250,7 +252,7 @@ class IntegEnv(gym.Env[Observation, Any]):
         except (ArithmeticError, ValueError):
             taken = scalar_step(self.setup, SCALAR, before, *given)
         state, observation, reward, terminated, truncated, info, self._sampled = taken
-        self._state, self._control = EnvState._make(state), info["control"]
+        self._state = EnvState._make(state)
         self.status_code = info["solver_status"]
         info["solver_status"] = STATUS_NAMES[self.status_code]
         if self.mixed:
@@ -265,6 +267,8 @@ class IntegEnv(gym.Env[Observation, Any]):
             period = setup.timing.control_period
             reward = float(setup.task.worst_return(SCALAR, 1, period, top_speed(setup)))
         self._terminated = self._terminated or terminated
+        if self.render_mode is not None:
+            self._controls = tuple([info[name] for name in self._applied])
         if self.render_mode == "human":
             self.render()
         return self._observed(observation), reward, terminated, truncated, info
@@ -286,7 +290,7 @@ class IntegEnv(gym.Env[Observation, Any]):
 
             self._renderer = Renderer(self.setup, self.render_mode, self.metadata["render_fps"])
         time = self._current().steps * self.setup.timing.control_period
-        frame: npt.NDArray[np.uint8] | None = self._renderer.draw(self.state, self._control, time)
+        frame: npt.NDArray[np.uint8] | None = self._renderer.draw(self.state, self._controls, time)
         return frame
 
     def close(self) -> None:
@@ -300,13 +304,13 @@ class IntegEnv(gym.Env[Observation, Any]):
             raise gym.error.ResetNeeded("call reset() before step(), state or render()")
         return self._state
 
-    def _read_action(self, action: Any) -> float:
+    def _read_action(self, action: Any) -> tuple[float, ...]:
         if self._discrete is None:
-            return box_action(action)
+            return box_action(action, len(self._applied))
         try:
             return self._choices[action]
         except (KeyError, TypeError):
-            return discrete_action(action, self._discrete)
+            return (discrete_action(action, self._discrete),)
 
     def _take_member(self, given: Any) -> None:
         """Run on a member of the mixture from this episode on; None draws it."""
@@ -483,22 +487,26 @@ _NO_ACTIONS = (str, bytes, bytearray, set, frozenset, dict)
 """What holds one thing that can be made a number, and is no action."""
 
 
-def box_action(action: Any) -> float:
-    """The one entry of a `Box` action as float; infinite where a float cannot hold it.
+def box_action(action: Any, count: int) -> tuple[float, ...]:
+    """The entries of a `Box` action as floats; infinite where a float cannot hold one.
 
     Raises:
-        ValueError: if the action does not have shape (1,).
+        ValueError: if the action does not have shape (count,).
     """
     try:
-        (value,) = action.tolist() if type(action) is np.ndarray else action
-        if isinstance(value, (str, bytes)) or isinstance(action, _NO_ACTIONS):
+        values = action.tolist() if type(action) is np.ndarray else [*action]
+        if len(values) != count or isinstance(action, _NO_ACTIONS):
             raise TypeError
-        return float(value)
+        for value in values:
+            if isinstance(value, (str, bytes)):
+                raise TypeError
+        return tuple([float(value) for value in values])
     except OverflowError:
-        return math.inf
+        return (math.inf,) * count
     except (TypeError, ValueError):
         raise InputError(
-            f"action must have shape (1,), got {format_action(action)} of shape {np.shape(action)}"
+            f"action must have shape ({count},), got {format_action(action)} of shape "
+            f"{np.shape(action)}"
         ) from None
 
 

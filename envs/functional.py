@@ -196,7 +196,7 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
     """An environment as pure functions; see :func:`make`.
 
     All functions take a single environment or a batch: components of shape ``lanes``, actions of
-    shape (*lanes, 1) for a `Box` and ``lanes`` for a `Discrete` space. A `Discrete` action that is
+    shape (*lanes, n) for a `Box` and ``lanes`` for a `Discrete` space. A `Discrete` action that is
     none of the choices cannot raise here and counts as 0; a non-finite one calls the fallback.
 
     Attributes:
@@ -336,18 +336,18 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
         return self._cast(fresh, jnp.shape(q[0]))  # type: ignore[no-any-return]
 
     def advance(
-        self, env: EnvState, control: Component, params: Params, drawn: Components = ()
+        self, env: EnvState, action: Components, params: Params, drawn: Components = ()
     ) -> tuple[EnvState, Outcome]:
         """One control period, without the sensor's noise.
 
         Args:
             env: components of one shape.
-            control: torque, force or action index, of that shape.
+            action: one entry per control, or an action's index, of that shape.
             params: values that broadcast against it.
             drawn: two numbers from [0, 1) of that shape where arrivals of commands are drawn, see
                 :attr:`arrival_size`.
         """
-        after = transition(self._ops, self.setup_of(params), env, control, drawn or None)
+        after = transition(self._ops, self.setup_of(params), env, action, drawn or None)
         return self._cast(after, jnp.shape(env.q[0]))  # type: ignore[no-any-return]
 
     def observe(self, env: EnvState, noise: Components, params: Any) -> Components:
@@ -379,7 +379,7 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
         drawn = ()
         if self.arrival_size:
             drawn = tuple(jax.random.uniform(jax.random.fold_in(rng, ARRIVAL), shape, self._dtype))
-        env, outcome = self.advance(state.env, self._control(action), own, drawn)
+        env, outcome = self.advance(state.env, self._entries(action), own, drawn)
         fresh = self._standard_noise(rng, jnp.shape(outcome.sampled))
         pairs = zip(fresh, state.noise, strict=True)
         noise = tuple(jnp.where(outcome.sampled, new, held) for new, held in pairs)
@@ -474,7 +474,8 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
         """The state at time 0: nothing is booked."""
         own = self.lane_params(params, member)
         drawn = (0.0 * env.q[0],) * self.arrival_size
-        _, outcome = jax.eval_shape(lambda e: self.advance(e, 0.0 * e.q[0], own, drawn), env)
+        action = (0.0 * env.q[0],) * self.setup.action_size
+        _, outcome = jax.eval_shape(lambda e: self.advance(e, action, own, drawn), env)
         nothing = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), outcome)
         noise = self._standard_noise(rng, jnp.shape(env.q[0]))
         return FuncState(env, nothing, noise, member)
@@ -486,9 +487,12 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
         size = 2 * len(self.setup.plant.coordinates)
         return tuple(jax.random.normal(rng, (size, *shape), self._dtype))
 
-    def _control(self, action: Any) -> Component:
+    def _entries(self, action: Any) -> Components:
+        """Of an action: of a `Box` one per control, or the index of a `Discrete`."""
         values = jnp.asarray(action, self._dtype)
-        return values if self.setup.task.discrete is not None else values[..., 0]
+        if self.setup.task.discrete is not None:
+            return (values,)
+        return tuple(jnp.moveaxis(values, -1, 0))
 
     def _cast(self, tree: Any, shape: tuple[int, ...]) -> Any:
         """All entries with one shape: floats in the environment's type, whole numbers int32."""
@@ -656,19 +660,19 @@ class FunctionalMixture(FunctionalEnv):
         return first._replace(control_period=jnp.concatenate(periods, axis=-1))
 
     def advance(
-        self, env: EnvState, control: Component, params: Any, drawn: Components = ()
+        self, env: EnvState, action: Components, params: Any, drawn: Components = ()
     ) -> tuple[EnvState, Outcome]:
         """One control period, each part of the lanes by its group's integrator alone.
 
         Args:
             env: components of shape (…, lanes).
-            control: torque, force or action index, of that shape.
+            action: one entry per control, or an action's index, of that shape.
             params: see :meth:`lane_params`.
             drawn: see :meth:`FunctionalEnv.advance`.
         """
         count = env.q[0].shape[-1]
         advanced = [
-            group.env.advance(*_of_lanes((env, control, own, drawn), lanes, count))
+            group.env.advance(*_of_lanes((env, action, own, drawn), lanes, count))
             for group, own, lanes in zip(self._groups, params, self._slices(count), strict=True)
         ]
         return jax.tree.map(lambda *parts: jnp.concatenate(parts, axis=-1), *advanced)  # type: ignore[no-any-return]

@@ -16,7 +16,7 @@ from integ_gym.support.errors import InputError
 
 from .ops.ops import Component, map_leaves
 from .settings import Mixture, Setup
-from .transition import BLANK, STATUS_NAMES
+from .transition import STATUS_NAMES
 
 Array = npt.NDArray[Any]
 
@@ -150,14 +150,12 @@ class LaneInfo:
 
     Args:
         lanes: how many.
-        status: code of the solver's status where no step has been taken.
-        further: entries beside those of every environment, as they are in a reset's.
+        blank: what a reset tells, but for what depends on the start.
     """
 
-    def __init__(self, lanes: int, status: int, further: Mapping[str, Any]) -> None:
+    def __init__(self, lanes: int, blank: Mapping[str, Any]) -> None:
         self._lanes = lanes
-        self._further = further
-        self._blank = {**BLANK, "solver_status": status, **further}
+        self._blank = dict(blank)
         self._constants: dict[Any, Array] = {}
         self._alike: Mapping[str, Any] = {}
         self._alike_arrays: Info = {}
@@ -168,7 +166,7 @@ class LaneInfo:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Made anew where it is copied or pickled: arrays would no longer be read-only."""
-        return LaneInfo, (self._lanes, self._blank["solver_status"], self._further)
+        return LaneInfo, (self._lanes, self._blank)
 
     def nothing(self) -> Info:
         """Arrays to be filled in, in which nothing is told."""

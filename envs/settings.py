@@ -401,11 +401,22 @@ class Setup:
 
     @property
     def action_space(self) -> spaces.Box | spaces.Discrete:
-        """`Discrete`, or a `Box` of shape (1,) in N or N m."""
+        """`Discrete`, or a `Box` of one entry per control, in their units."""
         if self.task.discrete is not None:
             return spaces.Discrete(self.task.discrete)
-        limit = np.max(self.task.control_limit)
-        return spaces.Box(-limit, limit, shape=(1,), dtype=np.float32)
+        low = np.array([np.min(low) for low, _ in self.task.control_limits], dtype=np.float32)
+        high = np.array([np.max(high) for _, high in self.task.control_limits], dtype=np.float32)
+        return spaces.Box(low, high, dtype=np.float32)
+
+    @property
+    def action_size(self) -> int:
+        """Entries of an action: one per control of a `Box`, the choice of a `Discrete`."""
+        return 1 if self.task.discrete is not None else len(self.plant.controls)
+
+    @property
+    def largest_controls(self) -> tuple[float, ...]:
+        """Largest magnitude of each control in any lane, in its unit."""
+        return tuple(float(np.max(np.abs(ends))) for ends in self.task.control_limits)
 
     def arguments(self) -> dict[str, Any]:
         """All constructor arguments with their values, defaults included."""

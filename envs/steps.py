@@ -236,14 +236,15 @@ def _compile_loops(key: _Key) -> Any:
 def _with_rows(step: Callable[..., Any], *arguments: Any) -> tuple[Any, ...]:
     """What a step of arrays gives, with the components of observations as rows of float32."""
     after, observed, *rest = step(*arguments)
-    return after, rows_of(observed, len(arguments[-1]), np.float32), *rest
+    return after, rows_of(observed, len(arguments[-1][0]), np.float32), *rest
 
 
 def _patterns(setup: Setup) -> tuple[Any, Any]:
     """Coordinates of a setup, and what a step takes; True for a truth value, else False."""
     rest = (0.0,) * len(setup.plant.coordinates)
     drawn = ((0.0, 0.0),) * setup.timing.drawn
-    trees = rest, (tuple(initial_state(SCALAR, setup, rest, rest)), *drawn, 0.0)
+    action = (0.0,) * setup.action_size
+    trees = rest, (tuple(initial_state(SCALAR, setup, rest, rest)), *drawn, action)
     return map_leaves(lambda value: isinstance(value, bool), trees)  # type: ignore[no-any-return]
 
 
@@ -254,7 +255,7 @@ class Script(NamedTuple):
     """(q, v) to [state, observation]."""
     step: str
     """(state, action) to [state, observation, values], or null where the motion diverges or the
-    action is not finite. `values` has `control` in force at the end, N or N m, what `motor`,
+    action is not finite. `values` has `controls` in force at the end, in their units, what `motor`,
     `numerics` and `losses` gave and took in the period, J, and `ended` and `success`."""
 
 
@@ -284,10 +285,10 @@ def _start(setup: Setup, ops: Ops, q: Components, v: Components) -> tuple[Any, .
     return scalar_start(setup, ops, q, v)[:2]
 
 
-def _step(setup: Setup, ops: Ops, state: tuple[Any, ...], action: Component) -> tuple[Any, ...]:
+def _step(setup: Setup, ops: Ops, state: tuple[Any, ...], action: Components) -> tuple[Any, ...]:
     after, outcome = transition(ops, setup, EnvState._make(state), action)
     values = {
-        "control": outcome.control,
+        "controls": outcome.controls,
         "motor": outcome.work,
         "numerics": outcome.residual_energy,
         "losses": outcome.dissipated + outcome.contact_loss + outcome.clip_loss,

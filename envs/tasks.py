@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import reduce
 from math import inf, isfinite, pi
+from operator import and_, or_
 from typing import Any, ClassVar, NamedTuple, Protocol
 
 from integ_gym.support.errors import InputError
@@ -16,11 +18,16 @@ from .ops.ops import Component, Components, Ops
 class Command(NamedTuple):
     """An action turned into a control."""
 
-    control: Component
-    """Force or torque within the actuator's limits; 0 where the action is not valid."""
+    controls: Components
+    """Each within its actuator's limits; 0 where the action is not valid."""
     valid: Component
-    """False for a non-finite action, on which the fallback acts."""
+    """False for an action that is not finite, on which the fallback acts."""
     saturated: Component
+    """Whether some control is at a limit."""
+
+
+Limits = tuple[tuple[Component, Component], ...]
+"""(smallest, largest) value of each control."""
 
 
 class Task(Protocol):
@@ -41,14 +48,14 @@ class Task(Protocol):
     observation_units: ClassVar[tuple[str, ...]]
 
     @property
-    def control_limit(self) -> Component:
-        """Largest magnitude of the control, N m or N."""
+    def control_limits(self) -> Limits:
+        """Smallest and largest value of each control, with 0 between them, in its unit."""
 
     def observation_limits(self, max_speed: float | None) -> tuple[float, ...]:
         """Largest magnitude of each observation."""
 
-    def command(self, ops: Ops, action: Component) -> Command:
-        """The control that an action asks for."""
+    def command(self, ops: Ops, action: Components) -> Command:
+        """The controls that an action asks for: entries of a `Box`, or the one of a `Discrete`."""
 
     def observe(self, ops: Ops, q: Components, v: Components) -> Components:
         """Observation of a sensed state."""
@@ -58,11 +65,11 @@ class Task(Protocol):
         ops: Ops,
         q: Components,
         v: Components,
-        mean_square_control: Component,
+        mean_squares: Components,
         terminated: Component,
         control_period: float,
     ) -> Component:
-        """Reward of one control period that began in (q, v)."""
+        """Reward of one control period that began in (q, v), by each control's mean square."""
 
     def worst_return(
         self, ops: Ops, remaining: Component, control_period: float, top_speed: Component
@@ -87,23 +94,36 @@ FLOAT32_ROUNDING = 1e-6
 """Actions arrive in float32, in which the bounds are rounded too."""
 
 
-def saturate(ops: Ops, action: Component, limit: Component) -> Command:
-    """``action`` within ±``limit``; one at the limit counts, as policies clip to it in float32."""
-    valid = ops.assume_true(ops.isfinite(action))
-    clipped = ops.maximum(-limit, ops.minimum(action, limit))
-    at_limit = abs(action) >= limit * (1.0 - FLOAT32_ROUNDING)
-    return Command(ops.where(valid, clipped, 0.0), valid, valid & at_limit)
+def saturate(ops: Ops, action: Components, limits: Limits) -> Command:
+    """``action`` within limits; one at a limit counts, as policies clip to it in float32."""
+    share, pairs = 1.0 - FLOAT32_ROUNDING, list(zip(action, limits, strict=True))
+    finite = [ops.isfinite(value) for value in action]
+    at_limits = [(value <= low * share) | (value >= high * share) for value, (low, high) in pairs]
+    valid = ops.assume_true(reduce(and_, finite))
+    within = [ops.maximum(low, ops.minimum(value, high)) for value, (low, high) in pairs]
+    controls = tuple([ops.where(valid, value, 0.0) for value in within])
+    return Command(controls, valid, valid & reduce(or_, at_limits))
 
 
 class BoxTask:
-    """A control within symmetric limits, no end but by time, and no reward below 0."""
+    """Controls within limits, no end but by time, and no reward below 0.
+
+    Attributes:
+        control_limit: largest magnitude of the control, N m or N, where there is one and its limits
+            are symmetric.
+    """
 
     discrete: ClassVar[int | None] = None
     control_limit: Any
 
-    def command(self, ops: Ops, action: Component) -> Command:
-        """The control, saturated."""
-        return saturate(ops, action, self.control_limit)
+    @property
+    def control_limits(self) -> Limits:
+        """±``control_limit``."""
+        return ((-self.control_limit, self.control_limit),)
+
+    def command(self, ops: Ops, action: Components) -> Command:
+        """The controls, saturated."""
+        return saturate(ops, action, self.control_limits)
 
     def worst_return(
         self, ops: Ops, remaining: Component, control_period: float, top_speed: Component
@@ -191,13 +211,13 @@ class PendulumSwingUp(BoxTask):
         ops: Ops,
         q: Components,
         v: Components,
-        mean_square_control: Component,
+        mean_squares: Components,
         terminated: Component,
         control_period: float,
     ) -> Component:
         """Quadratic cost of the state at the start of the period, and of the control in it."""
         angle = wrap_angle(ops, q[0])
-        cost = angle * angle + 0.1 * (v[0] * v[0]) + 0.001 * mean_square_control
+        cost = angle * angle + 0.1 * (v[0] * v[0]) + 0.001 * mean_squares[0]
         return -cost * (control_period / PENDULUM_STEP)
 
     def worst_return(
@@ -256,20 +276,21 @@ class CartPoleBalance:
     observation_units: ClassVar[tuple[str, ...]] = ("m", "m/s", "rad", "rad/s")
 
     @property
-    def control_limit(self) -> Component:
-        """Magnitude of the force, N."""
-        return self.force_mag
+    def control_limits(self) -> Limits:
+        """±`force_mag`, N."""
+        return ((-self.force_mag, self.force_mag),)
 
     def observation_limits(self, max_speed: float | None) -> tuple[float, ...]:
         """Twice the thresholds, and the speed limit or infinity."""
         speed = inf if max_speed is None else max_speed
         return 2.0 * self.x_threshold, speed, 2.0 * self.theta_threshold, speed
 
-    def command(self, ops: Ops, action: Component) -> Command:
+    def command(self, ops: Ops, action: Components) -> Command:
         """Action 0 pushes towards -x, action 1 towards +x."""
-        valid = ops.assume_true(ops.isfinite(action))
-        force = ops.where(action == 1, self.force_mag, -self.force_mag)
-        return Command(ops.where(valid, force, 0.0), valid, valid & False)
+        (choice,) = action
+        valid = ops.assume_true(ops.isfinite(choice))
+        force = ops.where(choice == 1, self.force_mag, -self.force_mag)
+        return Command((ops.where(valid, force, 0.0),), valid, valid & False)
 
     def observe(self, ops: Ops, q: Components, v: Components) -> Components:
         """(x, ẋ, θ, θ̇), x and θ up to their limits, which a coarse step may pass at the end."""
@@ -283,7 +304,7 @@ class CartPoleBalance:
         ops: Ops,
         q: Components,
         v: Components,
-        mean_square_control: Component,
+        mean_squares: Components,
         terminated: Component,
         control_period: float,
     ) -> Component:
@@ -354,14 +375,14 @@ class CartPoleSwingUp(BoxTask):
         ops: Ops,
         q: Components,
         v: Components,
-        mean_square_control: Component,
+        mean_squares: Components,
         terminated: Component,
         control_period: float,
     ) -> Component:
         """Product of height and centring at the start of the period and gentleness in it."""
         height = 0.5 * (1.0 + ops.cos(q[1]))
         away = ops.minimum(abs(q[0]) / self.track_limit, 1.0)
-        effort = mean_square_control / (self.max_force * self.max_force)
+        effort = mean_squares[0] / (self.max_force * self.max_force)
         share = height * (1.0 - 0.5 * away * away) * (1.0 - 0.1 * effort)
         return share * (control_period / REWARD_STEP)
 
@@ -418,13 +439,13 @@ class ElasticPendulumQuiet(BoxTask):
         ops: Ops,
         q: Components,
         v: Components,
-        mean_square_control: Component,
+        mean_squares: Components,
         terminated: Component,
         control_period: float,
     ) -> Component:
         """Nearness to rest at the start of the period times gentleness in it."""
         away, speed = q[0] / NEAR_PLUMB, SWING_TIME * v[0] / NEAR_PLUMB
-        effort = mean_square_control / (self.max_force * self.max_force)
+        effort = mean_squares[0] / (self.max_force * self.max_force)
         share = (1.0 - 0.1 * effort) / (1.0 + away * away + speed * speed)
         return share * (control_period / REWARD_STEP)
 

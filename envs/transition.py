@@ -5,10 +5,11 @@ The single, the vector and the functional environment all advance through :func:
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import partial
 from typing import Any, NamedTuple
 
-from .engines.stepping import DIVERGENCE_SPEED, Motion, Segments
+from .engines.stepping import DIVERGENCE_SPEED, Held, Motion, Segments
 from .ops.ops import Component, Components, Ops, split_state
 from .settings import Setup, Timing
 from .tasks import Command
@@ -31,8 +32,8 @@ class EnvState(NamedTuple):
     v: Components
     energy: Component
     """Energy of (q, v), J."""
-    commands: tuple[Component, ...]
-    """Past controls asked for, newest first; where arrivals are drawn, then the one in force."""
+    commands: tuple[Components, ...]
+    """Past controls asked for, newest first; where arrivals are drawn, then those in force."""
     fallbacks: tuple[Component, ...]
     """Whether each of them came from the fallback."""
     arrivals: tuple[Component, ...]
@@ -65,10 +66,10 @@ class Outcome(NamedTuple):
     contact_loss: Component = 0.0
     clip_loss: Component = 0.0
     residual_energy: Component = 0.0
-    control: Component = 0.0
-    """Control in force at the end of the period."""
-    commanded: Component = 0.0
-    """Control asked for by this decision, after saturation and fallback."""
+    controls: Components = (0.0,)
+    """Those in force at the end of the period."""
+    commanded: Components = (0.0,)
+    """Those asked for by this decision, after saturation and fallback."""
     saturated: Component = False
     fallback_used: Component = False
     held: Component = False
@@ -92,13 +93,14 @@ def quiet_status(setup: Setup) -> int:
 def initial_state(ops: Ops, setup: Setup, q: Components, v: Components) -> EnvState:
     """Episode state at time 0; no command is under way yet."""
     zero = 0.0 * q[0]
+    none = (zero,) * len(setup.plant.controls)
     memory, drawn = setup.timing.memory, setup.timing.drawn
     at_goal = setup.task.at_goal(ops, q, v)
     return EnvState(
         q=q,
         v=v,
         energy=setup.system.energy(ops, q, v),
-        commands=(zero,) * (memory + drawn),
+        commands=(none,) * (memory + drawn),
         fallbacks=(zero == 0.0,) * (memory + drawn),
         arrivals=(zero,) * (memory * drawn),
         sensed_q=q,
@@ -128,15 +130,15 @@ def sensed_state(state: EnvState, noise: Components) -> tuple[Components, Compon
 class _Orders(NamedTuple):
     """What is asked of the engine in one control period."""
 
-    commands: tuple[Component, ...]
+    commands: tuple[Components, ...]
     """What the next state remembers, as :attr:`EnvState.commands`."""
     fallbacks: tuple[Component, ...]
     arrivals: tuple[Component, ...]
     asked: Segments
     """Of the engine."""
-    acting: tuple[tuple[Component, Component], ...]
-    """(control, number of sub-steps), oldest first; where arrivals are drawn, some for none."""
-    control: Component
+    acting: tuple[tuple[Components, Component], ...]
+    """(controls, number of sub-steps), oldest first; where arrivals are drawn, some for none."""
+    controls: Components
     """In force at the end of the period."""
     fallback_used: Component
     saturated: Component
@@ -151,10 +153,10 @@ def transition(
     ops: Ops,
     setup: Setup,
     state: EnvState,
-    action: Component,
+    action: Components,
     drawn: tuple[Component, Component] | None = None,
 ) -> tuple[EnvState, Outcome]:
-    """Advance one control period under ``action`` (torque, force or action index).
+    """Advance one control period under ``action``: one entry per control, or an action's index.
 
     A diverged motion leaves the state at the start of the period, with nothing booked.
 
@@ -171,7 +173,10 @@ def transition(
         motion = setup.engine.advance(ops, state.q, state.v, orders.asked, orders.sample_at)
     except ArithmeticError:
         q, v = state.q, state.v
-        motion = Motion(q, v, q, v, 0.0, setup.system.no_losses, 0.0, 0, 0.0, False, False)
+        no_losses = setup.system.no_losses
+        motion = setup.system.book_work(
+            Motion(q, v, q, v, 0.0, no_losses, 0.0, 0, 0.0, False, False)
+        )
     motion = motion._replace(finite=ops.assume_true(motion.finite))
     after = _next_state(ops, setup, state, orders, motion)
     return after, _outcome(ops, setup, state, after, orders, motion)
@@ -185,9 +190,10 @@ def _give_orders(
     drawn: tuple[Component, Component] | None,
 ) -> _Orders:
     timing = setup.timing
-    held = state.commands[0] if setup.settings.fallback == "hold" else 0.0
+    none = (0.0,) * len(command.controls)
+    held = state.commands[0] if setup.settings.fallback == "hold" else none
     valid = ops.assume_true(command.valid)
-    commands = (ops.where(valid, command.control, held), *state.commands)
+    commands = (_choose(ops, valid, command.controls, held), *state.commands)
     fallbacks = (_negated(valid), *state.fallbacks)
     sample_at, rest = None, timing.sight[1]
     if timing.sensor is not None:
@@ -210,7 +216,7 @@ def _give_orders(
 def draw_arrival(
     ops: Ops,
     timing: Timing,
-    under_way: tuple[Components, Components, Components],
+    under_way: tuple[tuple[Components, ...], Components, Components],
     command: Command,
     sample_at: Component | None,
     drawn: tuple[Component, Component],
@@ -241,13 +247,19 @@ def draw_arrival(
         used = used | (fallbacks[k] & (begin < end))
         end = begin
     at_end = partial(_newest, ops, arrivals, index=substeps - 1)
+    of_each = tuple(zip(*commands, strict=True))
+
+    def in_force(index: Component) -> Components:
+        return tuple([_newest(ops, arrivals, values, index) for values in of_each])
+
+    controls = in_force(substeps - 1)
     return _Orders(
-        (*commands[:memory], at_end(commands)),
+        (*commands[:memory], controls),
         (*fallbacks[:memory], at_end(fallbacks)),
         tuple([arrival - substeps for arrival in arrivals[:memory]]),
-        ((partial(_newest, ops, arrivals, commands), substeps),),
+        ((in_force, substeps),),
         tuple(reversed(acting)),
-        at_end(commands),
+        controls,
         used,
         command.saturated,
         sample_at,
@@ -267,9 +279,9 @@ def _newest(ops: Ops, arrivals: Components, values: Components, index: Component
 def _segments(
     delay: tuple[int, int],
     substeps: int,
-    commands: tuple[Component, ...],
+    commands: tuple[Components, ...],
     fallbacks: tuple[Component, ...],
-) -> tuple[Segments, Component]:
+) -> tuple[Held, Component]:
     """The controls that act in this period, oldest first, and whether one is the fallback's."""
     periods, rest = delay
     recent = (commands[periods], substeps - rest)
@@ -338,8 +350,8 @@ def _outcome(
     stayed = after.steps * timing.control_period - after.goal_since
     rounding = max(1e-9, 64.0 * ops.epsilon)
     reached = (after.goal_since >= 0.0) & (stayed >= task.goal_stay * (1.0 - rounding))
-    period, mean_square = timing.control_period, _mean_square(orders.acting, timing.substeps)
-    earned = task.reward(ops, before.q, before.v, mean_square, failed, period)
+    period, squares = timing.control_period, _mean_squares(orders.acting, timing.substeps)
+    earned = task.reward(ops, before.q, before.v, squares, failed, period)
     left = ops.maximum(timing.horizon - before.steps, 1)
     worst = task.worst_return(ops, left, period, top_speed(setup))
     newer = after.sensed_time != before.sensed_time
@@ -355,7 +367,7 @@ def _outcome(
         contact_loss=contact_loss,
         clip_loss=clip_loss,
         residual_energy=after.energy - before.energy - work + dissipated + contact_loss + clip_loss,
-        control=orders.control,
+        controls=orders.controls,
         commanded=orders.commands[0],
         saturated=orders.saturated,
         fallback_used=orders.fallback_used,
@@ -387,11 +399,17 @@ def _sample_time(timing: Timing, steps: Component, sample_at: Component | None) 
     return (steps * timing.substeps + sample_at) * timing.dt
 
 
-def _mean_square(acting: tuple[tuple[Component, Component], ...], substeps: int) -> Component:
-    """Time average of the squared control over the period."""
+def _mean_squares(acting: tuple[tuple[Components, Component], ...], substeps: int) -> Components:
+    """Time average of each squared control over the period."""
     if len(acting) == 1:
-        return acting[0][0] * acting[0][0]
-    return sum(count * (control * control) for control, count in acting) / substeps
+        return tuple([u * u for u in acting[0][0]])
+    counts = [count for _, count in acting]
+    return tuple(
+        [
+            sum(count * (u * u) for u, count in zip(values, counts, strict=True)) / substeps
+            for values in zip(*(controls for controls, _ in acting), strict=True)
+        ]
+    )
 
 
 def top_speed(setup: Setup) -> Component:
@@ -407,21 +425,41 @@ OF_COMMANDS = {"command_held": False, "command_latency": 0.0}
 """Further entries of `info` where arrivals are drawn, as they are in a reset's."""
 
 
-def reset_info(state: EnvState, status: int = OK) -> dict[str, Any]:
+def reset_info(setup: Setup, state: EnvState) -> dict[str, Any]:
     """`info` of a reset: the keys of a step, nothing booked."""
+    none = (0.0,) * len(setup.plant.controls)
+    quiet = Outcome(controls=none, commanded=none, status=quiet_status(setup))
     arrivals = OF_COMMANDS if state.arrivals else {}
-    return {**_info_dict(0.0, state, Outcome(status=status)), "sensor_time": 0.0, **arrivals}
+    return {**_info_dict(setup, 0.0, state, quiet), "sensor_time": 0.0, **arrivals}
+
+
+def blank_info(setup: Setup) -> dict[str, Any]:
+    """`info` of a reset, but for what depends on the start."""
+    still = EnvState((), (), 0.0, (), (), (0.0,) * setup.timing.drawn, (), (), 0.0, (), 0, AWAY)
+    return reset_info(setup, still)
+
+
+def control_columns(plant: Any) -> Iterator[tuple[str, str]]:
+    """Names in `info` of each control asked for and in force: a single one has none of its own."""
+    if len(plant.controls) == 1:
+        yield "commanded", "control"
+        return
+    for name, _ in plant.controls:
+        yield f"{name}_commanded", f"{name}_applied"
 
 
 def step_info(setup: Setup, state: EnvState, outcome: Outcome) -> dict[str, Any]:
     """`info` of a step."""
-    info = _info_dict(state.steps * setup.timing.control_period, state, outcome)
+    info = _info_dict(setup, state.steps * setup.timing.control_period, state, outcome)
     if state.arrivals:
         info |= {"command_held": outcome.held, "command_latency": outcome.latency}
     return info
 
 
-def _info_dict(time: Component, state: EnvState, outcome: Outcome) -> dict[str, Any]:
+def _info_dict(setup: Setup, time: Component, state: EnvState, outcome: Outcome) -> dict[str, Any]:
+    names = list(control_columns(setup.plant))
+    asked = {name: x for (name, _), x in zip(names, outcome.commanded, strict=True)}
+    applied = {name: x for (_, name), x in zip(names, outcome.controls, strict=True)}
     return {
         "time": time,
         "energy": state.energy,
@@ -430,8 +468,8 @@ def _info_dict(time: Component, state: EnvState, outcome: Outcome) -> dict[str, 
         "contact_loss": outcome.contact_loss,
         "clip_loss": outcome.clip_loss,
         "energy_residual": outcome.residual_energy,
-        "control": outcome.control,
-        "commanded": outcome.commanded,
+        **applied,
+        **asked,
         "saturated": outcome.saturated,
         "fallback_used": outcome.fallback_used,
         "sensor_time": state.sensed_time,
@@ -445,10 +483,6 @@ def _info_dict(time: Component, state: EnvState, outcome: Outcome) -> dict[str, 
     }
 
 
-BLANK = reset_info(EnvState((), (), 0.0, (), (), (), (), (), 0.0, (), 0, AWAY))
-"""What is told about a reset, but for what depends on the start."""
-
-
 RESULTS = ("reward", "terminated", "truncated", "sampled")
 """What a step of arrays returns beside `info`."""
 
@@ -456,7 +490,7 @@ RESULTS = ("reward", "terminated", "truncated", "sampled")
 def scalar_start(setup: Setup, ops: Ops, q: Components, v: Components) -> tuple[Any, ...]:
     state = initial_state(ops, setup, q, v)
     observation = setup.task.observe(ops, state.q, state.v)
-    return tuple(state), observation, reset_info(state, quiet_status(setup))
+    return tuple(state), observation, reset_info(setup, state)
 
 
 def scalar_step(setup: Setup, ops: Ops, state: tuple[Any, ...], *given: Any) -> tuple[Any, ...]:

@@ -56,9 +56,10 @@ from .starts import (
 )
 from .steps import LanesStep
 from .transition import (
-    OF_COMMANDS,
     RESULTS,
     EnvState,
+    blank_info,
+    control_columns,
     initial_state,
     quiet_status,
     sensed_state,
@@ -135,7 +136,7 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         self._lanes_differ = bool(lane_parameters(self.setup))
         self._quiet = np.array([quiet_status(setup) for setup in self.setups])
         self._drawn = self.setup.timing.drawn
-        self._info = LaneInfo(num_envs, int(self._quiet[0]), OF_COMMANDS if self._drawn else {})
+        self._info = LaneInfo(num_envs, blank_info(self.setup))
         self._steps = [LanesStep(setup, bool(compiled)) for setup in self.setups]
         self._rngs: list[np.random.Generator] = []
         self._seeds: list[int] = []
@@ -148,7 +149,8 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         self._done = np.zeros(num_envs, dtype=bool)
         self._member = np.zeros(num_envs, dtype=np.int64)
         self._noise = np.zeros((num_envs, 2 * len(self.setup.plant.coordinates)))
-        self._control = np.zeros(num_envs)
+        self._applied = [applied for _, applied in control_columns(self.setup.plant)]
+        self._controls = np.zeros((num_envs, len(self._applied)))
         self.status_codes = self._quiet[self._member]
         self.final_state = np.zeros_like(self._noise)
         self._renderers: list[Any] = []
@@ -249,7 +251,7 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         )
         info = self._info.of_step(step_values, alike)
         if self.render_mode is not None:
-            self._control = info["control"].copy()
+            self._controls = np.stack([info[name] for name in self._applied], axis=1)
         if waiting.size:
             self._begin_again(waiting, info, observation)
             reward[waiting], terminated[waiting], truncated[waiting] = 0.0, False, False
@@ -274,7 +276,7 @@ class IntegVectorEnv(DiscretizedVectorEnv):
             fps = self.metadata["render_fps"]
             self._renderers = [Renderer(setup, "rgb_array", fps) for setup in self.setups]
         times = self._current().steps * np.array(self.mixture.periods)[self._member]
-        lanes = zip(self._member, self.state, self._control, times, strict=True)
+        lanes = zip(self._member, self.state, self._controls, times, strict=True)
         return tuple(self._renderers[m].draw(state, u, time) for m, state, u, time in lanes)
 
     def close_extras(self, **kwargs: Any) -> None:
@@ -332,7 +334,7 @@ class IntegVectorEnv(DiscretizedVectorEnv):
             self._state = zeros_like(fresh, self.num_envs)
         self._state = put(self._state, lanes, fresh, self.num_envs)
         self._done[lanes] = False
-        self._control[lanes] = 0.0
+        self._controls[lanes] = 0.0
         self._info.begin(info, lanes, fresh.energy, fresh.goal_since)
         if self.mixed:
             info["solver_status"][lanes] = self._quiet[self._member[lanes]]
@@ -352,7 +354,7 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         self._state = step.begin(self._current(), lanes, begun)
         observation[lanes] = begun.observation
         self._done[lanes] = False
-        self._control[lanes] = 0.0
+        self._controls[lanes] = 0.0
         self._info.begin(info, lanes, begun.energy, begun.goal_since)
 
     def _count_episodes(self, lanes: Array, options: Mapping[str, Any]) -> None:
@@ -395,8 +397,8 @@ class IntegVectorEnv(DiscretizedVectorEnv):
             options["state"] = states[lane]
         return draw_start(self.setup, self._rngs[lane], options)
 
-    def _read_actions(self, actions: Any, ignored: Array) -> Array:
-        """Actions as floats; those of lanes that are being reset are not looked at."""
+    def _read_actions(self, actions: Any, ignored: Array) -> Components:
+        """Actions as floats, by entry; those of lanes that are being reset are not looked at."""
         values = as_floats(actions, self.setup.task.discrete is None)
         if values.shape != self._action_shape:
             raise InputError(f"actions must have shape {self._action_shape}, got {values.shape}")
@@ -404,7 +406,7 @@ class IntegVectorEnv(DiscretizedVectorEnv):
             values[ignored] = 0.0
         count = self.setup.task.discrete
         if count is None:
-            return values[:, 0]
+            return tuple(values.T)
         if getattr(actions, "dtype", _FLOATS).kind in "biu":
             known = actions.astype(np.uint64) < count  # what is negative becomes large
             known[ignored] = True
@@ -417,9 +419,9 @@ class IntegVectorEnv(DiscretizedVectorEnv):
                     f"actions must be 0 … {count - 1}, got {values[wrong][0]:g} in "
                     f"lane {np.flatnonzero(wrong)[0]}"
                 )
-        return values
+        return (values,)
 
-    def _advance(self, actions: Array) -> tuple[Array, dict[str, Any], Mapping[str, Any]]:
+    def _advance(self, actions: Components) -> tuple[Array, dict[str, Any], Mapping[str, Any]]:
         """Observations, without noise, what a step tells, and what is alike; see `LanesStep`."""
         given: tuple[Any, ...] = (actions,)
         if self._drawn:

@@ -34,7 +34,7 @@ from integ_gym.envs.settings import (
     unlike_names,
 )
 from integ_gym.envs.testbeds.making import find_testbed
-from integ_gym.envs.transition import LOSSES
+from integ_gym.envs.transition import LOSSES, control_columns
 from integ_gym.evidence.record import EvidenceRecord
 from integ_gym.evidence.schema import parse_field
 from integ_gym.support.errors import InputError
@@ -119,7 +119,7 @@ class Episode:
         setup: of its environment.
         times: since the start, s, shape (steps + 1,).
         states: true states, SI units, shape (steps + 1, n).
-        controls: applied in the step that ends there, shape (steps + 1,); 0 at the start.
+        controls: applied in the step that ends there, shape (steps + 1, controls); 0 at the start.
         energy: of the plant, J, shape (steps + 1,).
         work: of the motor until then, J, shape (steps + 1,).
         numerics: energy that numerical error put in until then, J; NaN where it is not known.
@@ -162,7 +162,7 @@ class Episode:
         place = int(np.searchsorted(self.times, time + 1e-9, side="right")) - 1
         ledger = self.ledger()
         bars = {name: float(ledger[name][place]) for name in shown}
-        return Moment(self.states[place], float(self.controls[place]), bars)
+        return Moment(self.states[place], tuple(self.controls[place].tolist()), bars)
 
 
 def play_episode(
@@ -204,7 +204,7 @@ def play_episode(
         own.setup,
         column("time"),
         np.array(states),
-        column("control"),
+        np.stack([column(name) for _, name in control_columns(own.setup.plant)], axis=1),
         column("energy"),
         np.cumsum(column("actuator_work")),
         np.cumsum(column("energy_residual")),
@@ -230,7 +230,9 @@ def episode_of_record(record: EvidenceRecord) -> Episode:
         setup,
         trace["time"],
         np.stack([trace[name] for name in state_names(setup.plant)], axis=1),
-        np.concatenate([[0.0], trace[f"{setup.plant.control_name}_applied"]]),
+        np.stack(
+            [np.append(0.0, trace[f"{name}_applied"]) for name, _ in setup.plant.controls], axis=1
+        ),
         trace["energy"],
         total("work"),
         total("energy_residual") if "energy_residual" in trace else np.full(steps, np.nan),

@@ -15,7 +15,7 @@ from integ_gym.envs.registries import TRUTH
 from integ_gym.envs.rendering.canvas import load_pygame, open_screen
 from integ_gym.envs.rendering.cockpit import SHOWN, Choice, Cockpit, Course, Moment, View
 from integ_gym.envs.settings import NATIVE, Setup
-from integ_gym.envs.transition import LOSSES
+from integ_gym.envs.transition import LOSSES, control_columns
 from integ_gym.support.errors import InputError
 
 STEPS = (4.0, 2.0, 1.0, 0.5, 0.25, 0.125)
@@ -151,9 +151,7 @@ class Game:
             f"{engine}{_words(self._integrator)}, {step}",
             warning,
             self.time,
-            Moment(
-                self._env.state, 0.0 if self.ended else float(self._info["control"]), self.ledger()
-            ),
+            Moment(self._env.state, self._controls(), self.ledger()),
             (
                 Choice("integrator", names, self.integrators.index(self._integrator)),
                 Choice("step", [f"{step:g} s" for step in self.steps], self.steps.index(self._dt)),
@@ -161,10 +159,14 @@ class Game:
             Course(self._times[since:], amounts, self._marks, goal or None),
         )
 
+    def _controls(self) -> tuple[float, ...]:
+        names = [name for _, name in control_columns(self.setup.plant)]
+        return tuple(0.0 if self.ended else float(self._info[name]) for name in names)
+
     def _action(self) -> Any:
         choices = self.setup.task.discrete
         if choices is None:
-            return [self.push * float(self.setup.task.control_limit)]
+            return [self.push * most for most in self.setup.largest_controls]
         return math.nan if not self.push else (choices - 1 if self.push > 0.0 else 0)
 
     def _change(self, integrator: str, dt: float) -> None:
@@ -297,5 +299,5 @@ class Window:
         if not self._held:
             return 0.0
         left = self._held[-1] == self._pygame.K_LEFT
-        turns = self._game.setup.plant.control_name == "torque"
+        turns = self._game.setup.plant.controls[0][0] == "torque"
         return 1.0 if left == turns else -1.0

@@ -8,8 +8,6 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from integ_gym.envs.environment import environment_setup
 from integ_gym.envs.registries import TRUTH
 from integ_gym.envs.settings import DISCRETIZATION, Discretization, unlike_names
@@ -38,6 +36,7 @@ from .film import (
 )
 from .panel.cells import flatten
 from .panel.policies import policy_of, read_existing
+from .report.task import describe_motors
 
 
 def side_by_side(
@@ -133,12 +132,10 @@ def describe_episodes(
     trained = " and ".join(names)
     by = [f"Trained on {trained} s" if homes else name]
     seeds = [f"seed {seed}"] if seed is not None else []
-    setup = episodes[0].setup
-    plant, limit = setup.plant, float(np.max(setup.task.control_limit))
-    motor = f"{plant.control_name} within {limit:g} {plant.control_unit}"
+    motors = describe_motors(episodes[0].setup)
     periods = {episode.discretization.control_period for episode in episodes}
     decision = [f"a decision every {period:g} s" for period in periods if len(periods) == 1]
-    return ", ".join([*by, *seeds, motor, *decision, start])
+    return ", ".join([*by, *seeds, motors, *decision, start])
 
 
 def watch(

@@ -466,5 +466,5 @@ def choices(task: Any, commanded: Array) -> Array:
     """
     actions = np.full(commanded.shape, np.nan)
     for choice in range(task.discrete):
-        actions[commanded == task.command(SCALAR, float(choice)).control] = choice
+        actions[commanded == task.command(SCALAR, (float(choice),)).controls[0]] = choice
     return actions

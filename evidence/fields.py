@@ -16,7 +16,7 @@ from integ_gym.envs import numerics
 from integ_gym.envs.foreign import Further
 from integ_gym.envs.plants.interface import state_names, state_units
 from integ_gym.envs.settings import DRAWN, NATIVE, Setup
-from integ_gym.envs.transition import STATUS_NAMES
+from integ_gym.envs.transition import STATUS_NAMES, control_columns
 from integ_gym.support.errors import InputError, InputTypeError
 from integ_gym.support.optional import installed_versions
 from integ_gym.support.processes import host
@@ -510,17 +510,16 @@ def control_fields(plant: Any) -> Iterator[Field]:
     """Commanded and applied value of every control; ``info`` has a single one without its name."""
     asked = "control asked for by the decision, after saturation and fallback"
     given = "control in force at the end of the control step"
-    several = hasattr(plant, "controls")
-    controls = plant.controls if several else ((plant.control_name, plant.control_unit),)
-    commanded, applied = ("", "") if several else ("commanded", "control")
-    for name, unit in controls:
+    own = hasattr(plant, "actuated")
+    columns = control_columns(plant) if own else (("", "") for _ in plant.controls)
+    for (name, unit), (commanded, applied) in zip(plant.controls, columns, strict=True):
         yield _column(f"{name}_commanded", "float64", unit, asked, "step", commanded, plant.frame)
         yield _column(f"{name}_applied", "float64", unit, given, "step", applied, plant.frame)
 
 
 def contact_units(plant: Any) -> dict[str, str]:
     """Units of what is measured along the coordinate that the plant's stops are on."""
-    if hasattr(plant, "controls"):
+    if not hasattr(plant, "actuated"):
         return {}
     unit = plant.coordinate_units[getattr(plant, "stopped", 0)]
     force = _FORCE_UNITS[unit]

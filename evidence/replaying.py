@@ -471,7 +471,7 @@ def _actions(setup: Any, records: Sequence[EvidenceRecord]) -> Array:
     """Actions that ask for the recorded controls, shape of the action space with all steps."""
     steps = max(record.fields["length"] for record in records)
     foreign = isinstance(setup, ForeignSetup)
-    names = [name for name, _ in setup.plant.controls] if foreign else [setup.plant.control_name]
+    names = [name for name, _ in setup.plant.controls]
     asked = np.zeros((len(records), steps, len(names)))
     for lane, record in enumerate(records):
         for k, name in enumerate(names):

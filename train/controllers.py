@@ -41,17 +41,17 @@ def linearize(plant: Plant) -> tuple[Matrix, Matrix]:
         plant: with numbers, not arrays, as parameters.
 
     Returns:
-        A of shape (n, n) and B of shape (n, 1), in the state order and SI units of the plant.
+        A of shape (n, n) and B of shape (n, controls), in state order and SI units.
     """
-    n = 2 * len(plant.coordinates)
+    n, system = 2 * len(plant.coordinates), PlantSystem(plant)
 
     def rate(point: Matrix) -> Matrix:
         q, v = split_state(tuple(point[:n].tolist()))
-        force = [0.0] * len(q)
-        force[plant.actuated] = float(point[n])
-        return np.array(join_state(v, plant.acceleration(SCALAR, q, v, tuple(force))))
+        force = system.forces(SCALAR, q, v, tuple(point[n:].tolist()))
+        return np.array(join_state(v, plant.acceleration(SCALAR, q, v, force)))
 
-    slopes = [(rate(_STEP * e) - rate(-_STEP * e)) / (2.0 * _STEP) for e in np.eye(n + 1)]
+    directions = np.eye(n + len(plant.controls))
+    slopes = [(rate(_STEP * e) - rate(-_STEP * e)) / (2.0 * _STEP) for e in directions]
     jacobian = np.column_stack(slopes)
     return jacobian[:, :n], jacobian[:, n:]
 
@@ -136,7 +136,7 @@ def caught(
     inside = np.ones(state.shape[1], dtype=bool)
     for _ in range(math.ceil(_CATCH_TIME / period)):
         q, v = split_state(tuple(state))
-        motion = engine.advance(ARRAY, q, v, ((regulate(state), substeps),), None)
+        motion = engine.advance(ARRAY, q, v, (((regulate(state),), substeps),), None)
         state = np.array(join_state(motion.q, motion.v))
         inside &= (np.abs(np.array(motion.q)) <= bounds).all(axis=0)
     near: NDArray[np.bool_] = inside & (np.abs(state[-2]) < _CATCH_ANGLE)
@@ -160,7 +160,7 @@ class HandMade(Baseline, Generic[P]):
     def __init__(self, setup: Setup) -> None:
         assert isinstance(setup.plant, self.plant_class)
         self.plant: P = setup.plant
-        self.limit = float(setup.task.control_limit)
+        self.limit = setup.largest_controls[0]
         self.period = setup.timing.control_period
 
     def parameters(self) -> dict[str, Any]:

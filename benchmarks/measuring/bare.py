@@ -32,7 +32,7 @@ def mujoco(setup: Setup) -> Bare:
     import mujoco as mj
 
     engine: Any = setup.engine
-    model, place, count = engine._model, setup.plant.actuated, setup.timing.substeps
+    model, place, count = engine._model, setup.plant.actuated[0], setup.timing.substeps
     data = mj.MjData(model)
     step = partial(mj.mj_step, model, data, **({} if count == 1 else {"nstep": count}))
 
@@ -85,7 +85,7 @@ def drake(setup: Setup) -> Bare:
 
     def drive(controls: Sequence[float]) -> Any:
         for control in controls:
-            force[setup.plant.actuated] = control
+            force[setup.plant.actuated[0]] = control
             port.FixValue(context, force)
             only_step(1)
             state = plant.GetPositionsAndVelocities(context)
@@ -118,7 +118,7 @@ def pinocchio(setup: Setup) -> Bare:
 
     def drive(controls: Sequence[float]) -> Any:
         for control in controls:
-            force[setup.plant.actuated] = control
+            force[setup.plant.actuated[0]] = control
             only_step(1)
         return q, v
 
@@ -143,7 +143,7 @@ def dart(setup: Setup) -> Bare:
 
     def drive(controls: Sequence[float]) -> Any:
         for control in controls:
-            force[setup.plant.actuated] = control
+            force[setup.plant.actuated[0]] = control
             skeleton.setForces(force)
             only_step(1)
             q, v = skeleton.getPositions(), skeleton.getVelocities()
@@ -170,7 +170,7 @@ def pybullet(setup: Setup) -> Bare:
         for control in controls:
             for _ in range(count):
                 bullet.setJointMotorControl2(
-                    body, setup.plant.actuated, bullet.TORQUE_CONTROL, force=control,
+                    body, setup.plant.actuated[0], bullet.TORQUE_CONTROL, force=control,
                     physicsClientId=client,
                 )  # fmt: skip
                 bullet.stepSimulation(client)
@@ -197,7 +197,7 @@ def sapien(setup: Setup) -> Bare:
 
     def drive(controls: Sequence[float]) -> Any:
         for control in controls:
-            force[setup.plant.actuated] = control
+            force[setup.plant.actuated[0]] = control
             articulation.set_qf(force)
             only_step(1)
             q, v = articulation.get_qpos(), articulation.get_qvel()
@@ -219,7 +219,7 @@ def casadi(setup: Setup) -> Bare:
     plant, n, count = setup.plant, len(setup.plant.coordinates), setup.timing.substeps
     x, u = ca.SX.sym("x", 2 * n), ca.SX.sym("u")
     q, v = (tuple([Expression(x[i]) for i in range(k, k + n)]) for k in (0, n))
-    force = setup.system.generalized(Expression(u))
+    force = setup.system.generalized((Expression(u),))
     slopes = [plain(a) for a in (*v, *plant.acceleration(CasadiOps(), q, v, force))]
     dae = {"x": x, "p": u, "ode": ca.vertcat(*slopes)}
     options = {"number_of_finite_elements": 1}

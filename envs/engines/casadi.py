@@ -13,7 +13,7 @@ import numpy as np
 from integ_gym.support.optional import load
 
 from ..integrators.interface import Step
-from ..ops.ops import Component, Components, Ops
+from ..ops.ops import Components, Ops
 from ..registries import TRUTH
 from .rigid import Array
 from .simulator import MappedEngine, Run, guard
@@ -82,35 +82,36 @@ class CasadiEngine(MappedEngine):
         equations = _equations(system)
         rates = casadi.Function("rates", [equations["x"], equations["p"]], [equations["ode"]])
         losses = (0.0,) * len(system.no_losses)
-        found = rates([*q, *v, *losses], force[system.plant.actuated])
+        found = rates([*q, *v, *losses], [force[place] for place in system.plant.actuated])
         return tuple(np.array(found).ravel()[len(q) : 2 * len(q)].tolist())
 
     def move(
-        self, ops: Ops, q: Components, v: Components, losses: Components, control: Component
+        self, ops: Ops, q: Components, v: Components, losses: Components, control: Components
     ) -> Step:
         """One of CasADi's"""
         n = len(q)
-        flat = ops.foreign(self._step, (*q, *v, *losses, control), self._truths)
+        flat = ops.foreign(self._step, (*q, *v, *losses, *control), self._truths)
         return Step(flat[:n], flat[n : 2 * n], flat[2 * n : -3], *flat[-3:])
 
 
 def _equations(system: PlantSystem) -> dict[str, Any]:
-    """(q, v, losses)' as CasADi's expression of (q, v, losses) and the control."""
+    """(q, v, losses)' as CasADi's expression of (q, v, losses) and the controls."""
     from .casadi_ops import CasadiOps, Expression, plain
 
     casadi = load("casadi", "casadi")
 
     n = len(system.plant.coordinates)
     state = casadi.SX.sym("state", 2 * n + len(system.no_losses))
-    control = casadi.SX.sym("control")
+    control = casadi.SX.sym("control", len(system.plant.controls))
     q, v = (tuple([Expression(state[i]) for i in range(k, k + n)]) for k in (0, n))
-    acceleration, losses = system.rates(CasadiOps(), q, v, Expression(control))
+    controls = tuple([Expression(control[i]) for i in range(control.numel())])
+    acceleration, losses = system.rates(CasadiOps(), q, v, controls)
     slopes = [plain(x) for x in (*v, *acceleration, *losses)]
     return {"x": state, "p": control, "ode": casadi.vertcat(*slopes)}
 
 
 def _stepper(dae: dict[str, Any], integrator: str, dt: float, settings: Mapping[str, Any]) -> Run:
-    """An integrator as a function of floats: (*state, control) to (*state, *report).
+    """An integrator as a function of floats: (*state, *controls) to (*state, *report).
 
     A report is (iterations, residual, converged). It takes one step of ``dt`` seconds of the
     equations ``dae``, a dictionary as `casadi.integrator` takes it with state x, control p and ode.
@@ -126,7 +127,8 @@ def _stepper(dae: dict[str, Any], integrator: str, dt: float, settings: Mapping[
 def _runge_kutta(dae: dict[str, Any], dt: float) -> Run:
     """The explicit method `rk`: there is nothing to report."""
     start, end = _arrays(dae)
-    step = _Bound(_integrator("rk", dae, dt, _ONE_ELEMENT), x0=start[:-1], p=start[-1:], xf=end)
+    given = {"x0": start[: len(end)], "p": start[len(end) :]}
+    step = _Bound(_integrator("rk", dae, dt, _ONE_ELEMENT), **given, xf=end)
 
     def run(*values: float) -> tuple[Any, ...]:
         start[:] = values
@@ -160,8 +162,8 @@ def _collocation(
     }
     integrator = _integrator("collocation", dae, dt, options)
     start, end = _arrays(dae)
-    state, (guess, stages, defect) = start[:-1], np.zeros((3, order, len(end)))
-    given = {"h": np.array([dt]), "x0": state, "p": start[-1:]}
+    state, (guess, stages, defect) = start[: len(end)], np.zeros((3, order, len(end)))
+    given = {"h": np.array([dt]), "x0": state, "p": start[len(end) :]}
     newton = _Bound(integrator.get_function("step"), **given, v00=guess, xf=end, v0=stages)
     test = _Bound(integrator.get_function("implicit_step"), **given, v0=stages, vf=defect)
 
@@ -190,7 +192,8 @@ def _adaptive(dae: dict[str, Any], dt: float, plugin: str, settings: Mapping[str
         "show_eval_warnings": False,
     }
     start, end = _arrays(dae)
-    step = _Bound(_integrator(plugin, dae, dt, options), x0=start[:-1], p=start[-1:], xf=end)
+    given = {"x0": start[: len(end)], "p": start[len(end) :]}
+    step = _Bound(_integrator(plugin, dae, dt, options), **given, xf=end)
     lost = (*[nan] * len(end), settings["max_num_steps"], 0.0, False)
 
     def run(*values: float) -> tuple[Any, ...]:
@@ -210,9 +213,9 @@ def _integrator(plugin: str, dae: dict[str, Any], dt: float, options: dict[str, 
 
 
 def _arrays(dae: dict[str, Any]) -> tuple[Array, Array]:
-    """State and control, and state after the step."""
+    """State and controls, and state after the step."""
     size = dae["x"].numel()
-    return np.zeros(size + 1), np.zeros(size)
+    return np.zeros(size + dae["p"].numel()), np.zeros(size)
 
 
 class _Bound:

@@ -43,7 +43,7 @@ class ExplicitRungeKutta(RungeKutta):
         q: Components,
         v: Components,
         losses: Components,
-        control: Component,
+        control: Components,
         dt: Component,
     ) -> Step:
         speeds: list[Components] = []
@@ -77,7 +77,7 @@ class ImplicitRungeKutta(RungeKutta, Solved):
         q: Components,
         v: Components,
         losses: Components,
-        control: Component,
+        control: Components,
         dt: Component,
     ) -> Step:
         rows, weights = self.tableau
@@ -100,7 +100,7 @@ class _StageEquation(NamedTuple):
     system: System
     q: Components
     v: Components
-    control: Component
+    control: Components
     h: Component
     rows: tuple[Row, ...]
 
@@ -174,7 +174,7 @@ class LinearlyImplicit:
         q: Components,
         v: Components,
         losses: Components,
-        control: Component,
+        control: Components,
         dt: Component,
     ) -> Step:
         acceleration, _ = system.rates(ops, q, v, control)
@@ -303,7 +303,7 @@ class RadauIIA3(ImplicitRungeKutta):
         start: State,
         end: State,
         losses: Components,
-        control: Component,
+        control: Components,
         dt: Component,
     ) -> Components:
         """``losses`` after a step of this map of which both ends are known.
@@ -366,7 +366,7 @@ class ImplicitEulerHalfSteps:
         q: Components,
         v: Components,
         losses: Components,
-        control: Component,
+        control: Components,
         dt: Component,
     ) -> Step:
         half, method = 0.5 * dt, ImplicitEuler()
@@ -385,7 +385,7 @@ class ImplicitEulerHalfSteps:
         start: State,
         end: State,
         losses: Components,
-        control: Component,
+        control: Components,
         dt: Component,
     ) -> Components:
         """``losses`` after a step of this map of which both ends are known.
@@ -410,7 +410,7 @@ class SymplecticEulerImplicitDamping(LinearlyImplicit):
     """
 
     def slopes(
-        self, ops: Ops, system: PlantSystem, q: Components, v: Components, control: Component
+        self, ops: Ops, system: PlantSystem, q: Components, v: Components, control: Components
     ) -> tuple[Components, ...]:
         return damping_slopes(ops, system, q, v)
 
@@ -426,7 +426,7 @@ class SymplecticEulerImplicitVelocity(LinearlyImplicit):
     """
 
     def slopes(
-        self, ops: Ops, system: PlantSystem, q: Components, v: Components, control: Component
+        self, ops: Ops, system: PlantSystem, q: Components, v: Components, control: Components
     ) -> tuple[Components, ...]:
         """∂a/∂v; the differences are exact, for accelerations are quadratic in the velocity."""
         columns = []
@@ -463,7 +463,7 @@ class SymplecticEulerSequentialDamping:
         q: Components,
         v: Components,
         losses: Components,
-        control: Component,
+        control: Components,
         dt: Component,
     ) -> Step:
         acceleration, _ = system.rates(ops, q, v, control)

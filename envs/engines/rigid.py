@@ -105,6 +105,11 @@ class RigidBodyEngine(ForeignEngine):
     def prepare(self) -> None:
         """Build the simulator's model, and compare it with the plant."""
         super().prepare()
+        if self.system.input_forces is not None:
+            raise InputError(
+                f"engine {self.name!r} applies forces along joints, and controls of the plant "
+                f"{self.system.plant.name!r} act otherwise; use engine 'native' or 'casadi'"
+            )
         self.free = mechanism_of(self.name, self.system.plant)
         self.mechanism = self.free.stopped(self.system.engine_stops)
         self._map = one_step_map(self.map)
@@ -199,7 +204,7 @@ class RigidBodyEngine(ForeignEngine):
         return flat[:n], flat[n : 2 * n], flat[2 * n :], *report
 
     def move(
-        self, ops: Ops, q: Components, v: Components, losses: Components, control: Component
+        self, ops: Ops, q: Components, v: Components, losses: Components, control: Components
     ) -> Step:
         """One of the simulator's steps, with friction, contact and losses."""
         resisting, rates = self.system.resistance(ops, q, v)
@@ -262,14 +267,14 @@ class HeldForce:
     kinked: ClassVar[bool] = False
 
     def rates(
-        self, ops: Ops, q: Components, v: Components, control: Component
+        self, ops: Ops, q: Components, v: Components, control: Components
     ) -> tuple[Components, Components]:
         """Accelerations, and the power of damping, W."""
         losses = (self.plant.dissipation(ops, q, v),)
         return self.plant.acceleration(ops, q, v, self.force), losses
 
     def slopes(
-        self, ops: Ops, q: Components, v: Components, control: Component
+        self, ops: Ops, q: Components, v: Components, control: Components
     ) -> tuple[tuple[Components, ...], tuple[Components, ...]] | None:
         """(∂a/∂q, ∂a/∂v), or None if the plant gives none."""
         jacobian = getattr(self.plant, "jacobian", None)

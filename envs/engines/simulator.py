@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from functools import cache
 from math import hypot, nan
-from typing import Any, ClassVar
+from typing import Any, ClassVar, cast
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from ..integrators.interface import Step
 from ..ops.ops import Component, Components, Ops
 from .stepping import (
     DIVERGENCE_SPEED,
+    Held,
     Motion,
     PlantSystem,
     Segments,
@@ -180,25 +181,25 @@ class ForeignEngine(MappedEngine):
         which it diverges is seen.
         """
         if self.straight and sample_at is None and not callable(segments[0][0]):
-            motion, hurried = self._in_strides(ops, q, v, segments)
+            motion, hurried = self._in_strides(ops, q, v, cast(Held, segments))
             if ops.assume_true(ops.any(hurried) == False):  # noqa: E712
                 return motion
         return super().advance(ops, q, v, segments, sample_at)
 
     def _in_strides(
-        self, ops: Ops, q: Components, v: Components, segments: Segments
+        self, ops: Ops, q: Components, v: Components, segments: Held
     ) -> tuple[Motion, Component]:
         """One call for each segment; and whether the motion was fast at an end of one."""
         calm = within_bounds(q, v, CALM_SPEED)
-        actuated, work = self.system.plant.actuated, 0.0
+        work: Component = 0.0
         losses, most, worst, converged = self.system.no_losses, 0, 0.0, True
         for control, count in segments:
-            before = q[actuated]
+            before = q
             force = self.system.generalized(control)
             q, v, losses, iterations, residual, solved, _ = self.stride(
                 ops, q, v, losses, force, count
             )
-            work = work + control * (q[actuated] - before)
+            work = work + self.system.work(control, before, q)
             most, worst = ops.maximum(most, iterations), ops.maximum(worst, residual)
             converged = converged & solved
             calm = calm & within_bounds(q, v, CALM_SPEED)

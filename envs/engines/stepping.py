@@ -5,7 +5,9 @@ from __future__ import annotations
 import copy
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Mapping
+from functools import reduce
 from math import isfinite
+from operator import add
 from types import MappingProxyType
 from typing import Any, ClassVar, NamedTuple, Protocol, Self
 
@@ -53,20 +55,61 @@ class PlantSystem:
         self.no_losses: Components = (0.0,) if stops is None else (0.0, 0.0)
         self._friction: Friction | None = getattr(plant, "dry_friction", None)
         self.steep = self.stops is not None or self._friction is not None
-        self._before = (0.0,) * plant.actuated
-        self._after = (0.0,) * (len(plant.coordinates) - plant.actuated - 1)
+        self._before = (0.0,) * plant.actuated[0]
+        self._after = (0.0,) * (len(plant.coordinates) - plant.actuated[0] - 1)
+        self.input_forces = getattr(plant, "input_forces", None)
+        if self.input_forces is not None:
+            self.no_losses = (*self.no_losses, 0.0)
         self._jacobian = getattr(plant, "jacobian", None)
 
-    def generalized(self, control: Component) -> Components:
-        """The control as a generalized force, one entry per coordinate."""
-        return (*self._before, control, *self._after)
+    def generalized(self, controls: Components) -> Components:
+        """Controls as a generalized force, one entry per coordinate, of a plant where they are."""
+        if len(controls) == 1:
+            return (*self._before, controls[0], *self._after)
+        force: list[Component] = [0.0] * len(self.plant.coordinates)
+        for place, control in zip(self.plant.actuated, controls, strict=True):
+            force[place] = control
+        return tuple(force)
+
+    def power(self, ops: Ops, q: Components, v: Components, controls: Components) -> Component:
+        """Of the controls, W."""
+        force = self.forces(ops, q, v, controls)
+        return reduce(add, [f * x for f, x in zip(force, v, strict=True)])
+
+    def work(self, controls: Components, before: Components, after: Components) -> Component:
+        """Of held controls between two configurations, J, by the coordinates that they drive.
+
+        0 of a plant that gives ``input_forces``: the last of its losses is the controls' work.
+        """
+        if self.input_forces is not None:
+            return 0.0
+        pairs = zip(controls, self.plant.actuated, strict=True)
+        return reduce(add, [u * (after[k] - before[k]) for u, k in pairs])
+
+    def book_work(self, motion: Motion) -> Motion:
+        """A motion with the work that it carries among its losses, where it does, as its work."""
+        if self.input_forces is None:
+            return motion
+        *losses, work = motion.losses
+        return motion._replace(losses=tuple(losses), work=work)
+
+    def forces(self, ops: Ops, q: Components, v: Components, controls: Components) -> Components:
+        """Generalized force of the controls, one entry per coordinate."""
+        if self.input_forces is None:
+            return self.generalized(controls)
+        return self.input_forces(ops, q, v, controls)  # type: ignore[no-any-return]
 
     def rates(
-        self, ops: Ops, q: Components, v: Components, control: Component
+        self, ops: Ops, q: Components, v: Components, control: Components
     ) -> tuple[Components, Components]:
         """Accelerations and the power of each loss component, W."""
-        force = self.generalized(control)
         plant = self.plant
+        if self.input_forces is not None:
+            force = self.input_forces(ops, q, v, control)
+            power = reduce(add, [f * x for f, x in zip(force, v, strict=True)])
+            force, losses = self._resisted(ops, q, v, force)
+            return plant.acceleration(ops, q, v, force), (*losses, power)
+        force = self.generalized(control)
         if not self.steep:
             return plant.acceleration(ops, q, v, force), (plant.dissipation(ops, q, v),)
         force, losses = self._resisted(ops, q, v, force)
@@ -79,7 +122,7 @@ class PlantSystem:
         return self._resisted(ops, q, v, force)[0] if self.steep else force
 
     def slopes(
-        self, ops: Ops, q: Components, v: Components, control: Component
+        self, ops: Ops, q: Components, v: Components, control: Components
     ) -> tuple[tuple[Components, ...], tuple[Components, ...]] | None:
         """(∂a/∂q, ∂a/∂v) of the plant with its stops and friction, or None if it gives none."""
         if self._jacobian is None:
@@ -181,7 +224,7 @@ class Motion(NamedTuple):
     """Configuration at the sensor's last sample in this period, if there was one."""
     sampled_v: Components
     work: Component
-    """Σ over sub-steps of control times the displacement of the actuated coordinate, J."""
+    """Of the controls, J: Σ over sub-steps of each times the displacement of its coordinate."""
     losses: Components
     """Energy lost per loss component, J: (damping,), or with stops (damping, contact)."""
     clip_loss: Component
@@ -199,8 +242,11 @@ class Motion(NamedTuple):
     """Of largest magnitude at the end of any sub-step, N or N m."""
 
 
-Segments = tuple[tuple[Component | Callable[[Component], Component], int], ...]
-"""(control, or function of the sub-step from 0 to it; number of sub-steps), in their order."""
+Held = tuple[tuple[Components, int], ...]
+"""(controls, number of sub-steps), in their order."""
+
+Segments = tuple[tuple[Components | Callable[[Component], Components], int], ...]
+"""(controls, or function of the sub-step from 0 to them; number of sub-steps), in their order."""
 
 
 class Engine(Protocol):
@@ -413,7 +459,7 @@ class SteppedEngine(ABC):
 
     @abstractmethod
     def move(
-        self, ops: Ops, q: Components, v: Components, losses: Components, control: Component
+        self, ops: Ops, q: Components, v: Components, losses: Components, control: Components
     ) -> Step:
         """Advance (q, v, losses) by one step under a constant control."""
 
@@ -451,18 +497,20 @@ class SteppedEngine(ABC):
         sample_at: Component | None,
     ) -> Motion:
         """Advance through the segments of constant control."""
-        motion = Motion(q, v, q, v, 0.0, self.system.no_losses, 0.0, 0, 0.0, True, True)
+        system = self.system
+        motion = Motion(q, v, q, v, 0.0, system.no_losses, 0.0, 0, 0.0, True, True)
         done = 0
         for control, count in segments:
             motion = ops.repeat(count, self._booked_step(ops, control, sample_at, done), motion)
             done += count
+        motion = system.book_work(motion)
         if sample_at is None:
             return motion._replace(sampled_q=motion.q, sampled_v=motion.v)
         return motion
 
     def _booked_step(self, ops: Ops, asked: Any, sample_at: Component | None, done: int):  # type: ignore[no-untyped-def]
         system, move = self.system, self.move
-        actuated, stops = system.plant.actuated, system.stops or system.engine_stops
+        stops = system.stops or system.engine_stops
 
         def advance(index: Component, motion: Motion) -> Motion:
             control = asked(index) if callable(asked) else asked
@@ -489,7 +537,7 @@ class SteppedEngine(ABC):
                 v,
                 sampled_q,
                 sampled_v,
-                work + control * (q[actuated] - q0[actuated]),
+                work + system.work(control, q0, q),
                 losses,
                 clipped,
                 ops.maximum(most, iterations),
@@ -573,7 +621,7 @@ class NativeEngine(SteppedEngine):
         return self.system.plant.acceleration(SCALAR, q, v, total)
 
     def move(
-        self, ops: Ops, q: Components, v: Components, losses: Components, control: Component
+        self, ops: Ops, q: Components, v: Components, losses: Components, control: Components
     ) -> Step:
         """One step of the integrator."""
         step: Step = self.integrator.step(ops, self.system, q, v, losses, control, self.dt)

@@ -32,7 +32,7 @@ class ExplicitEuler:
         q: Components,
         v: Components,
         losses: Components,
-        control: Component,
+        control: Components,
         dt: Component,
     ) -> Step:
         acceleration, loss_rates = system.rates(ops, q, v, control)
@@ -66,7 +66,7 @@ class SymplecticEuler:
         q: Components,
         v: Components,
         losses: Components,
-        control: Component,
+        control: Components,
         dt: Component,
     ) -> Step:
         acceleration, loss_rates = system.rates(ops, q, v, control)

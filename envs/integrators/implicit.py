@@ -39,7 +39,7 @@ class ImplicitEuler(Solved):
         q: Components,
         v: Components,
         losses: Components,
-        control: Component,
+        control: Components,
         dt: Component,
     ) -> Step:
         v, *report = solve_velocity(ops, system, q, v, control, dt, dt, self.limits)
@@ -75,7 +75,7 @@ class StormerVerlet(Solved):
         q: Components,
         v: Components,
         losses: Components,
-        control: Component,
+        control: Components,
         dt: Component,
     ) -> Step:
         half = 0.5 * dt
@@ -114,7 +114,7 @@ class ImplicitMidpoint(Solved):
         q: Components,
         v: Components,
         losses: Components,
-        control: Component,
+        control: Components,
         dt: Component,
     ) -> Step:
         half = 0.5 * dt

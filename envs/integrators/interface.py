@@ -21,12 +21,12 @@ class System(Protocol):
     """Whether the accelerations have a kink where :meth:`clearance` is zero; elsewhere smooth."""
 
     def rates(
-        self, ops: Ops, q: Components, v: Components, control: Component
+        self, ops: Ops, q: Components, v: Components, control: Components
     ) -> tuple[Components, Components]:
         """Accelerations, and the rates of the loss components (power lost, W)."""
 
     def slopes(
-        self, ops: Ops, q: Components, v: Components, control: Component
+        self, ops: Ops, q: Components, v: Components, control: Components
     ) -> tuple[tuple[Components, ...], tuple[Components, ...]] | None:
         """(∂a/∂q, ∂a/∂v) as nested tuples, or None if the plant gives no Jacobian."""
 
@@ -70,7 +70,7 @@ class Integrator(Protocol):
         q: Components,
         v: Components,
         losses: Components,
-        control: Component,
+        control: Components,
         dt: Component,
     ) -> Step:
         """Advance (q, v, losses) by ``dt`` under a constant control."""

@@ -106,7 +106,7 @@ def solve_velocity(
     system: System,
     q: Components,
     v: Components,
-    control: Component,
+    control: Components,
     kick: Component,
     drift: Component,
     limits: Limits = Limits(),  # noqa: B008
@@ -174,7 +174,7 @@ class _VelocityEquation(NamedTuple):
     system: System
     q: Components
     v: Components
-    control: Component
+    control: Components
     kick: Component
     drift: Component
 

@@ -168,7 +168,7 @@ class Reference:
         q: Components,
         v: Components,
         losses: Components,
-        control: Component,
+        control: Components,
         dt: Component,
     ) -> Step:
         n = len(q)

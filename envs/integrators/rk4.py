@@ -34,7 +34,7 @@ class RK4:
         q: Components,
         v: Components,
         losses: Components,
-        control: Component,
+        control: Components,
         dt: Component,
     ) -> Step:
         half = 0.5 * dt

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from integ_gym.support.optional import load
 
 from ..engines.stepping import PlantSystem
 from ..ops.ops import ARRAY, SCALAR, join_state, split_state
-from ..plants.interface import Plant
+from ..plants.interface import Plant, controls_of
 from .stepping import WIDTH, Advance, Array, State, advance, advance_lanes, jacobian
 
 HALVINGS = (4, 5, 6, 7, 8, 9)
@@ -232,7 +233,7 @@ class IndependentMotion:
     Attributes:
         states: in state order, SI units, shape (instants, n).
         energy: of the plant and its stops, J, shape (instants,).
-        work: ∫ u q̇ dt of the control so far, J, shape (instants,).
+        work: ∫ u q̇ dt of the controls so far, J, shape (instants,).
         lost: work − change of energy so far, J, shape (instants,): what damping, friction and
             stops have taken out, whatever the plant says of its dissipation.
     """
@@ -244,7 +245,7 @@ class IndependentMotion:
 
 
 def independent_motion(
-    plant: Plant, state: State, controls: Sequence[float] | Array, control_period: float
+    plant: Plant, state: State, controls: Sequence[Any] | Array, control_period: float
 ) -> IndependentMotion:
     """Follow a plant under held controls with ``solve_ivp(method="DOP853")``.
 
@@ -253,7 +254,8 @@ def independent_motion(
     Args:
         plant: with numbers as parameters.
         state: start, shape (n,), in state order.
-        controls: one per control period, in the plant's unit.
+        controls: one per control period, in the plant's units: a number for every control of the
+            plant, or a tuple with one of each.
         control_period: s.
 
     Raises:
@@ -263,17 +265,17 @@ def independent_motion(
     solve = load("scipy.integrate", "report").solve_ivp
     system, n = PlantSystem(plant), len(state) // 2
 
-    def slopes(_: float, y: Array, control: float) -> tuple[float, ...]:
+    def slopes(_: float, y: Array, *held: float) -> tuple[float, ...]:
         q, v = tuple(y[:n].tolist()), tuple(y[n : 2 * n].tolist())
-        acceleration, _losses = system.rates(SCALAR, q, v, control)
-        return (*v, *acceleration, control * v[plant.actuated])
+        acceleration, _losses = system.rates(SCALAR, q, v, held)
+        return (*v, *acceleration, system.power(SCALAR, q, v, held))
 
     q, v = split_state(tuple(float(x) for x in state))
     points = [np.array([*q, *v, 0.0])]
     for control in controls:
         found = solve(
             slopes, (0.0, control_period), points[-1], method="DOP853", rtol=TOLERANCE,
-            atol=TOLERANCE, args=(float(control),),
+            atol=TOLERANCE, args=tuple(map(float, controls_of(plant, control))),
         )  # fmt: skip
         if not found.success:
             raise InputError(f"SciPy cannot follow {plant.name}: {found.message}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import Literal
 
 import numpy as np
@@ -12,7 +13,7 @@ from integ_gym.support.errors import InputError
 
 from ..engines.stepping import Motion, NativeEngine, PlantSystem
 from ..ops.ops import ARRAY, SCALAR, join_state, split_state
-from ..plants.interface import Plant
+from ..plants.interface import Plant, controls_of
 from ..settings import Setup
 from .stepping import Array, State
 
@@ -132,7 +133,8 @@ def ledger(
         integrator: a registered name or ``"module:Class"``.
         plant: with numbers as parameters.
         state: start, shape (n,), in state order.
-        controls: one per control period, in the plant's unit.
+        controls: one per control period, in the plant's units: a number for every control of the
+            plant, or a tuple with one of each.
         control_period: s.
         substeps: integration steps per control period.
         max_speed: limit on every velocity component, or None.
@@ -166,7 +168,9 @@ def _motions(
     q, v = split_state(tuple(float(x) for x in state))
     yield Motion(q, v, q, v, 0.0, system.no_losses, 0.0, 0, 0.0, True, True)
     for control in controls:
-        motion = engine.advance(SCALAR, q, v, ((float(control), substeps),), None)
+        motion = engine.advance(
+            SCALAR, q, v, ((controls_of(system.plant, control), substeps),), None
+        )
         q, v = motion.q, motion.v
         yield motion
 
@@ -185,7 +189,7 @@ def _misfit(time: Array, values: Array) -> float:
 
 
 CONTROLS = np.linspace(-1.0, 1.0, 5)
-"""What is tried at every decision, in shares of the control's limit."""
+"""What is tried of each control at every decision, in shares of its limit."""
 
 HALVINGS = 6
 """Of a bisection, which are tried at once."""
@@ -207,7 +211,7 @@ class Reach:
         residual: energy that numerical error put in up to then, or up to the end, J, shape
             (starts,).
         states: at every decision, in state order, shape (decisions + 1, starts, n).
-        controls: N m or N, shape (decisions, starts).
+        controls: in their units, shape (decisions, starts, controls).
     """
 
     energy: Array
@@ -245,25 +249,26 @@ def reach(
         starts: true states, shape (starts, n), in state order.
         horizon: time that there is, s.
         required: energy asked for, J.
-        limits: of the control, N m or N, shape (starts,); by default the task's.
+        limits: of every control, N m or N, shape (starts,); by default the task's.
     """
     timing, engine = setup.timing, setup.engine
-    limit = setup.task.control_limit if limits is None else limits
-    controls = CONTROLS * np.broadcast_to(np.asarray(limit, dtype=np.float64), len(starts))[:, None]
+    shares = np.array(list(product(CONTROLS, repeat=len(setup.plant.controls))))
+    most = np.array(setup.largest_controls) if limits is None else limits[:, None, None]
+    controls = np.broadcast_to(shares * most, (len(starts), *shares.shape))
     states = np.asarray(starts, dtype=np.float64)
     energy = first = energy_at(setup, states)
     highest, time = energy, np.where(energy >= required, 0.0, np.inf)
     given = residual = np.zeros(len(states))
     path, taken = [states], []
-    tried = controls.ravel()
+    tried = tuple(controls.reshape(-1, shares.shape[1]).T)
     places = np.arange(len(states))
     for decision in range(1, round(horizon / timing.control_period) + 1):
-        q, v = split_state(tuple(np.repeat(states, len(CONTROLS), axis=0).T))
+        q, v = split_state(tuple(np.repeat(states, len(shares), axis=0).T))
         motion = engine.advance(ARRAY, q, v, ((tried, timing.substeps),), None)
         ends = np.stack(join_state(motion.q, motion.v), axis=-1)
         energies = np.nan_to_num(energy_at(setup, ends), nan=-np.inf).reshape(len(states), -1)
         best = energies.argmax(axis=1)
-        states = ends.reshape(len(states), len(CONTROLS), -1)[places, best]
+        states = ends.reshape(len(states), len(shares), -1)[places, best]
         path.append(states)
         taken.append(controls[places, best])
         highest = np.maximum(highest, energies[places, best])

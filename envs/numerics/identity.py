@@ -14,8 +14,8 @@ import numpy.typing as npt
 
 from ..engines.maps import map_names, one_step_map
 from ..engines.stepping import PlantSystem
-from ..ops.ops import SCALAR, Components, join_state
-from ..plants.interface import Plant
+from ..ops.ops import SCALAR, Component, Components, join_state
+from ..plants.interface import Plant, controls_of
 from ..plants.pendulum import Pendulum
 from ..registries import INTEGRATORS, PLANTS
 from . import stepping
@@ -151,8 +151,8 @@ def classify(
     )
 
 
-Case = tuple[Components, Components, float]
-"""(q, v, control): where a step begins."""
+Case = tuple[Components, Components, Component]
+"""(q, v, control): where a step begins; of several controls a tuple of them."""
 
 
 @dataclass(frozen=True)
@@ -204,11 +204,10 @@ def match(
 def cases_of(plant: Plant, controlled: bool, count: int = 10, spread: float = 2.0) -> list[Case]:
     """States at random, with controls up to 2 N or N m or without, SI units."""
     rng, n = np.random.default_rng(20), len(plant.coordinates)
-    drawn = rng.uniform(-spread, spread, (count, 2 * n + 1))
-    return [
-        (tuple(row[:n].tolist()), tuple(row[n:-1].tolist()), float(row[-1]) if controlled else 0.0)
-        for row in drawn
-    ]
+    drawn = rng.uniform(-spread, spread, (count, 2 * n + len(plant.controls)))
+    drawn[:, 2 * n :] *= controlled
+    parts = ((row[:n], row[n : 2 * n], row[2 * n :]) for row in drawn.tolist())
+    return [(tuple(q), tuple(v), tuple(u) if len(u) > 1 else u[0]) for q, v, u in parts]
 
 
 def mapped(
@@ -233,10 +232,11 @@ def _mapped(
     name: str, plant: Any, dt: float, substeps: int, case: Case, max_speed: float | None
 ) -> tuple[Components, Components]:
     q, v, control = case
+    controls = controls_of(plant, control)
     system, known = PlantSystem(plant, max_speed), one_step_map(name)
     try:
         for _ in range(substeps):
-            end = known.step(SCALAR, system, q, v, system.no_losses, control, dt)
+            end = known.step(SCALAR, system, q, v, system.no_losses, controls, dt)
             q, v = end.q, system.limit(SCALAR, end.v)
     except ArithmeticError:
         lost = (float("inf"),) * len(q)

@@ -13,14 +13,14 @@ import numpy.typing as npt
 
 from ..engines.stepping import NativeEngine, PlantSystem, make_engine
 from ..ops.ops import ARRAY, SCALAR, Component, Components, join_state, split_state
-from ..plants.interface import Plant
+from ..plants.interface import Plant, controls_of
 from ..plants.oscillator import Oscillator
 
 Array = npt.NDArray[np.float64]
 State = Sequence[float] | Array
 """(q0, v0, q1, v1, …), SI units: the order of ``env.unwrapped.state``."""
 
-OneStep = Callable[[Components, Components, float], tuple[Components, Components]]
+OneStep = Callable[[Components, Components, Any], tuple[Components, Components]]
 """(q, v, control) to (q, v) after one step."""
 
 
@@ -66,7 +66,7 @@ def advance(
     q, v = split_state(tuple(float(x) for x in state))
     engine = engine_of(integrator, PlantSystem(plant), dt)
     try:
-        motion = engine.advance(SCALAR, q, v, ((control, steps),), None)
+        motion = engine.advance(SCALAR, q, v, ((controls_of(plant, control), steps),), None)
     except ArithmeticError:
         return np.full(len(state), np.nan)
     return np.array(join_state(motion.q, motion.v))
@@ -86,8 +86,8 @@ def one_step(integrator: str, plant: Plant, dt: float) -> OneStep:
     engine = engine_of(integrator, PlantSystem(plant), dt)
     lost = (math.nan,) * len(plant.coordinates)
 
-    def advanced(q: Components, v: Components, control: float) -> tuple[Components, Components]:
-        motion = engine.advance(SCALAR, q, v, ((control, 1),), None)
+    def advanced(q: Components, v: Components, control: Any) -> tuple[Components, Components]:
+        motion = engine.advance(SCALAR, q, v, ((controls_of(plant, control), 1),), None)
         return (motion.q, motion.v) if motion.converged else (lost, lost)
 
     return advanced
@@ -103,7 +103,7 @@ def advance_lanes(
     q, v = split_state(tuple(np.asarray(states, dtype=np.float64).T))
     engine = engine_of(integrator, PlantSystem(plant), dt)
     with np.errstate(all="ignore"):
-        motion = engine.advance(ARRAY, q, v, ((control, 1),), None)
+        motion = engine.advance(ARRAY, q, v, ((controls_of(plant, control), 1),), None)
     return np.stack([np.broadcast_to(x, q[0].shape) for x in join_state(motion.q, motion.v)], -1)
 
 
@@ -187,7 +187,7 @@ def _linearized(plant: Plant, state: State | None) -> Array:
 
     def rates(points: Array) -> Array:
         q, v = split_state(tuple(points.T))
-        acceleration, _ = system.rates(ARRAY, q, v, 0.0)
+        acceleration, _ = system.rates(ARRAY, q, v, controls_of(plant, 0.0))
         columns = join_state(v, acceleration)
         return np.stack([np.broadcast_to(x, v[0].shape) for x in columns], -1)
 

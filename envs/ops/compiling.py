@@ -213,7 +213,7 @@ class LaneLoop:
         of_arrays: the step as written for arrays, which gives the table as rows.
         trace: the step's, in the dialect of one lane.
         arguments: its state, what it takes from the call before, and the rest, in symbols; the
-            last is an array, and so is what it has computed of the others.
+            last is of arrays, and so is what it has computed of the others.
         result: next state, tuples and dictionaries, in symbols.
         table: place of a tuple of the result that is returned as rows of float32 instead.
 
@@ -274,7 +274,7 @@ def _calling(arguments: list[Any], state: Any, inputs: list[Symbol], results: Re
     """Source of what makes the arrays, has them filled, and returns them."""
     names = [f"a{place}" for place in range(len(arguments))]
     targets = [target(PYTHON_SYNTAX, argument) for argument in arguments]
-    last = targets[-1]
+    last = leaves_of(tuple(arguments[-1:]))[0].name
     pairs = zip(leaves_of(arguments[0]), leaves_of(state), strict=True)
     given = {id(x) for x in leaves_of(tuple(arguments))}
     numbers = {id(a) for a, b in pairs if not isinstance(b, Symbol) or id(b) in given}
@@ -361,7 +361,7 @@ def compile_loops(like: Repeated, table: int, function: Function, *patterns: Any
     """What :func:`compile_repeated` has made of the same, with a step that Numba compiles.
 
     The step is a few loops over lanes in place of an array operation after the other, and gives the
-    same numbers; the last argument must be an array. It is compiled at the second call.
+    same numbers; the last argument must be of arrays. It is compiled at the second call.
 
     Args:
         like: see above, with a step that gives what stands at ``table`` as rows of float32, shape

@@ -56,10 +56,9 @@ class CartPole:
     coordinates: ClassVar[tuple[str, ...]] = ("x", "theta")
     velocities: ClassVar[tuple[str, ...]] = ("x_dot", "theta_dot")
     coordinate_units: ClassVar[tuple[str, ...]] = ("m", "rad")
-    control_name: ClassVar[str] = "force"
-    control_unit: ClassVar[str] = "N"
+    controls: ClassVar[tuple[tuple[str, str], ...]] = (("force", "N"),)
     frame: ClassVar[str] = "track; x = 0 at its middle, theta = 0 upright, positive towards +x"
-    actuated: ClassVar[int] = 0
+    actuated: ClassVar[tuple[int, ...]] = (0,)
     stopped: ClassVar[int] = 0
     constant_mass_matrix: ClassVar[bool] = False
 

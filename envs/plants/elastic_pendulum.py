@@ -39,10 +39,9 @@ class ElasticPendulum:
     coordinates: ClassVar[tuple[str, ...]] = ("x", "y")
     velocities: ClassVar[tuple[str, ...]] = ("x_dot", "y_dot")
     coordinate_units: ClassVar[tuple[str, ...]] = ("m", "m")
-    control_name: ClassVar[str] = "force"
-    control_unit: ClassVar[str] = "N"
+    controls: ClassVar[tuple[tuple[str, str], ...]] = (("force", "N"),)
     frame: ClassVar[str] = "place where the bob hangs at rest; x to the right, y upwards"
-    actuated: ClassVar[int] = 0
+    actuated: ClassVar[tuple[int, ...]] = (0,)
     constant_mass_matrix: ClassVar[bool] = True
 
     @cached_property

@@ -11,7 +11,7 @@ MASS_DISTRIBUTIONS = ("uniform", "point")
 
 
 class Plant(Protocol):
-    """A continuous-time mechanical system with one control.
+    """A continuous-time mechanical system with controls that drive it.
 
     A plant is a frozen dataclass whose fields are its parameters (see
     :func:`integ_gym.support.parameters.parameter`); each may be a number or one value per lane.
@@ -21,6 +21,9 @@ class Plant(Protocol):
       differences;
     - ``stops``, a :class:`integ_gym.envs.mechanics.Stops` or None, on the coordinate whose
       index the class attribute ``stopped`` is;
+    - ``input_forces(ops, q, v, controls) -> generalized forces``, where a control is more than a
+      force along one coordinate; ``jacobian`` then stays out, and the controls' work is carried
+      through the integrator's stages like the losses;
     - ``dry_friction``, a :class:`integ_gym.envs.mechanics.Friction` or None;
     - ``mechanism``, a :class:`integ_gym.envs.mechanics.Mechanism`: without it, engines
       that move rigid bodies refuse the plant.
@@ -33,11 +36,11 @@ class Plant(Protocol):
     coordinates: ClassVar[tuple[str, ...]]
     velocities: ClassVar[tuple[str, ...]]
     coordinate_units: ClassVar[tuple[str, ...]]
-    control_name: ClassVar[str]
-    control_unit: ClassVar[str]
+    controls: ClassVar[tuple[tuple[str, str], ...]]
+    """Name and unit of each control."""
     frame: ClassVar[str]
-    actuated: ClassVar[int]
-    """Index of the coordinate that the control drives."""
+    actuated: ClassVar[tuple[int, ...]]
+    """Of each control, the index of the coordinate that it drives; see ``input_forces``."""
     constant_mass_matrix: ClassVar[bool]
 
     def acceleration(self, ops: Ops, q: Components, v: Components, force: Components) -> Components:
@@ -51,6 +54,11 @@ class Plant(Protocol):
 
     def mass_matrix(self, ops: Ops, q: Components) -> tuple[Components, ...]:
         """Mass matrix M(q), so that canonical momenta are p = M(q) v."""
+
+
+def controls_of(plant: Any, given: Component | Components) -> Components:
+    """One value per control of a plant or plant class, where one may be given for all."""
+    return given if isinstance(given, tuple) else (given,) * len(plant.controls)
 
 
 def state_names(plant: Any) -> tuple[str, ...]:

@@ -27,10 +27,9 @@ class Oscillator:
     coordinates: ClassVar[tuple[str, ...]] = ("x",)
     velocities: ClassVar[tuple[str, ...]] = ("x_dot",)
     coordinate_units: ClassVar[tuple[str, ...]] = ("m",)
-    control_name: ClassVar[str] = "force"
-    control_unit: ClassVar[str] = "N"
+    controls: ClassVar[tuple[tuple[str, str], ...]] = (("force", "N"),)
     frame: ClassVar[str] = "x = 0 where the spring is at rest"
-    actuated: ClassVar[int] = 0
+    actuated: ClassVar[tuple[int, ...]] = (0,)
     constant_mass_matrix: ClassVar[bool] = True
 
     def acceleration(self, ops: Ops, q: Components, v: Components, force: Components) -> Components:

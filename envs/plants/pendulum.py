@@ -48,10 +48,9 @@ class Pendulum:
     coordinates: ClassVar[tuple[str, ...]] = ("theta",)
     velocities: ClassVar[tuple[str, ...]] = ("theta_dot",)
     coordinate_units: ClassVar[tuple[str, ...]] = ("rad",)
-    control_name: ClassVar[str] = "torque"
-    control_unit: ClassVar[str] = "N m"
+    controls: ClassVar[tuple[tuple[str, str], ...]] = (("torque", "N m"),)
     frame: ClassVar[str] = "hinge; theta = 0 upright, positive counter-clockwise"
-    actuated: ClassVar[int] = 0
+    actuated: ClassVar[tuple[int, ...]] = (0,)
     stopped: ClassVar[int] = 0
     constant_mass_matrix: ClassVar[bool] = True
 

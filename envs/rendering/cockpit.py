@@ -133,12 +133,12 @@ class Moment:
 
     Attributes:
         state: true state, shape (n,), SI units.
-        control: applied control.
+        controls: those applied.
         bars: name of an amount of energy to its value, J; NaN where it is not known.
     """
 
     state: npt.NDArray[np.float64]
-    control: float
+    controls: Sequence[float]
     bars: Mapping[str, float]
 
 
@@ -198,7 +198,7 @@ class Panes:
         _verdict(canvas, (width - _GAP, 24.0), pane.succeeds)
         picture = canvas.part((_GAP, _TITLE), self._drawing.size, self._shrink)
         state = [float(x) for x in moment.state]
-        self._drawing.draw(picture, pane.setup, state, moment.control)
+        self._drawing.draw(picture, pane.setup, state, moment.controls)
         top = height - _GAP / 2 - self._bars * BAR
         draw_bars(canvas, top, moment.bars, (self._low, self._high))
 
@@ -304,7 +304,7 @@ class Cockpit:
         top = (height - shrink * self._drawing.size[1]) / 2
         picture = canvas.part((_CARD_GAP, top), self._drawing.size, shrink)
         state = [float(x) for x in view.moment.state]
-        self._drawing.draw(picture, self._setup, state, view.moment.control)
+        self._drawing.draw(picture, self._setup, state, view.moment.controls)
         canvas.text(view.warning, (width / 2, 24.0), 24, VERMILION, align=0.5)
 
     def _draw_energy(self, canvas: Canvas, view: View) -> None:

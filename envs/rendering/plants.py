@@ -29,8 +29,8 @@ class Drawing(NamedTuple):
 
     size: tuple[int, int]
     """Width and height, pixels."""
-    draw: Callable[[Canvas, Setup, Sequence[float], float], None]
-    """Draws (canvas, setup, state, control) on a white canvas."""
+    draw: Callable[[Canvas, Setup, Sequence[float], Sequence[float]], None]
+    """Draws (canvas, setup, state, controls) on a white canvas."""
 
 
 def find_drawing(plant: str) -> Drawing:
@@ -38,7 +38,9 @@ def find_drawing(plant: str) -> Drawing:
     return DRAWINGS.get(plant, Drawing((600, 400), draw_state_in_words))
 
 
-def draw_pendulum(canvas: Canvas, setup: Setup, state: Sequence[float], torque: float) -> None:
+def draw_pendulum(
+    canvas: Canvas, setup: Setup, state: Sequence[float], controls: Sequence[float]
+) -> None:
     """Rod or bob, the goal around upright, and an arc arrow that leaves the rod with the torque."""
     theta, theta_dot = state
     hinge, reach = (250.0, 250.0), 172.0
@@ -48,13 +50,15 @@ def draw_pendulum(canvas: Canvas, setup: Setup, state: Sequence[float], torque: 
     canvas.arc(hinge, (reach + 25.0, reach + 31.0), (-NEAR_UPRIGHT, NEAR_UPRIGHT), GREEN)
     _joint_stops(canvas, hinge, reach + 28.0, setup)
     _trail(canvas, hinge, reach, 16.0, theta, theta_dot)
-    _torque(canvas, hinge, theta, share_of_limit(torque, setup))
+    _torque(canvas, hinge, theta, shares_of_limits(controls, setup)[0])
     _rod(canvas, hinge, polar(hinge, reach, theta), 24.0, setup.plant)
     canvas.disc(hinge, 8.0, WHITE)
     canvas.disc(hinge, 5.0, INK)
 
 
-def draw_cart_pole(canvas: Canvas, setup: Setup, state: Sequence[float], force: float) -> None:
+def draw_cart_pole(
+    canvas: Canvas, setup: Setup, state: Sequence[float], controls: Sequence[float]
+) -> None:
     """Track, cart and pole to scale, and an arrow that leaves the cart with the force."""
     x, _, theta, theta_dot = state
     arguments = setup.arguments()
@@ -68,7 +72,7 @@ def draw_cart_pole(canvas: Canvas, setup: Setup, state: Sequence[float], force: 
     near = abs(wrap_angle(SCALAR, theta)) <= goal and abs(x) <= end
     _goal(canvas, hinge, reach + 16.0, goal, near)
     _trail(canvas, hinge, reach, 9.0, -theta, -theta_dot)
-    _force(canvas, hinge, share_of_limit(force, setup))
+    _force(canvas, hinge, shares_of_limits(controls, setup)[0])
     _cart(canvas, hinge)
     _rod(canvas, hinge, polar(hinge, reach, -theta), 12.0, setup.plant)
     canvas.disc(hinge, 4.0, WHITE)
@@ -76,7 +80,7 @@ def draw_cart_pole(canvas: Canvas, setup: Setup, state: Sequence[float], force: 
 
 
 def draw_elastic_pendulum(
-    canvas: Canvas, setup: Setup, state: Sequence[float], force: float
+    canvas: Canvas, setup: Setup, state: Sequence[float], controls: Sequence[float]
 ) -> None:
     """Spring and bob to scale, the strip to come to rest in, and an arrow with the force."""
     x, _, y, _ = state
@@ -87,12 +91,12 @@ def draw_elastic_pendulum(
     canvas.box((300.0, 225.0), (2.0 * NEAR_PLUMB * scale, 270.0), 1.0, tint(GREEN, strength))
     canvas.line((240.0, pivot[1]), (360.0, pivot[1]), 4.0, MUTED)
     _spring(canvas, pivot, bob)
-    _force(canvas, bob, share_of_limit(force, setup))
+    _force(canvas, bob, shares_of_limits(controls, setup)[0])
     canvas.disc(bob, 18.0, BLUE)
 
 
 def draw_state_in_words(
-    canvas: Canvas, setup: Setup, state: Sequence[float], control: float
+    canvas: Canvas, setup: Setup, state: Sequence[float], controls: Sequence[float]
 ) -> None:
     """The state in words, for a plant without a picture of its own."""
     names, units = state_names(setup.plant), state_units(setup.plant)
@@ -104,7 +108,7 @@ def draw_state_in_words(
         canvas.text(f"{format_signed(value, 4)} {unit}", (310.0, y), 0.7 * step, INK)
 
 
-def draw_robot(canvas: Canvas, setup: Any, state: Sequence[float], _: float) -> None:
+def draw_robot(canvas: Canvas, setup: Any, state: Sequence[float], _: Sequence[float]) -> None:
     """A robot's skeleton; see :class:`.skeletons.Skeleton`."""
     setup.skeleton.draw(canvas, state)
 
@@ -121,10 +125,10 @@ DRAWINGS: dict[str, Drawing] = {
 """Plant name to drawing."""
 
 
-def share_of_limit(control: float, setup: Setup) -> float:
-    """Control divided by its limit, in [-1, 1]."""
-    limit = float(np.max(setup.task.control_limit))
-    return max(-1.0, min(1.0, control / limit))
+def shares_of_limits(controls: Sequence[float], setup: Setup) -> list[float]:
+    """Each control divided by its largest magnitude, in [-1, 1]."""
+    pairs = zip(controls, setup.largest_controls, strict=True)
+    return [max(-1.0, min(1.0, float(control) / most)) for control, most in pairs]
 
 
 def format_signed(value: float, digits: int) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from time import perf_counter, sleep
 from typing import Any, ClassVar
 from weakref import WeakValueDictionary
@@ -41,18 +42,18 @@ class Renderer:
         self._pace = _Pace(fps)
 
     def draw(
-        self, state: npt.NDArray[np.float64], control: float, time: float
+        self, state: npt.NDArray[np.float64], controls: Sequence[float], time: float
     ) -> npt.NDArray[np.uint8] | None:
-        """Draw one state, shape (n,), the applied control and the time in seconds.
+        """Draw one state, shape (n,), the applied controls and the time in seconds.
 
         Returns:
             The picture, shape (height, width, 3), or None where it goes to a window.
         """
         if self._pane is None:
-            self._draw(state, control, time)
+            self._draw(state, controls, time)
             return self._canvas.pixels()
         if self._pace.due(time):
-            self._draw(state, control, time)
+            self._draw(state, controls, time)
             self._pace.wait(time)
             self._pane.show(self._canvas.frame())
             self._pace.shown(time)
@@ -63,15 +64,15 @@ class Renderer:
         if self._pane is not None:
             self._pane.close()
 
-    def _draw(self, state: npt.NDArray[np.float64], control: float, time: float) -> None:
+    def _draw(self, state: npt.NDArray[np.float64], controls: Sequence[float], time: float) -> None:
         canvas, setup = self._canvas, self.setup
         canvas.clear()
-        self._drawing.draw(canvas, setup, [float(x) for x in state], float(control))
+        self._drawing.draw(canvas, setup, [float(x) for x in state], controls)
         width, height = canvas.size
         canvas.text(discretization_label(setup), (16.0, 22.0), 24, INK)
         digits = 2 if setup.timing.control_period >= 0.01 else 3
         canvas.text(f"t = {time:.{digits}f} s", (16.0, height - 22.0), 24, MUTED)
-        label = control_label(setup, float(control))
+        label = ", ".join(control_labels(setup, controls))
         canvas.text(label, (width - 16.0, height - 22.0), 24, MUTED, align=1.0)
 
 
@@ -85,11 +86,14 @@ def discretization_label(setup: Setup) -> str:
     return " · ".join(parts)
 
 
-def control_label(setup: Setup, control: float) -> str:
-    """Name, value and unit of the control, with the digits that its limit asks for."""
-    limit = float(np.max(setup.task.control_limit))
-    digits = max(2, 1 - math.floor(math.log10(limit)))
-    return f"{setup.plant.control_name} {format_signed(control, digits)} {setup.plant.control_unit}"
+def control_labels(setup: Setup, controls: Sequence[float]) -> list[str]:
+    """Name, value and unit of each control, with the digits that its limits ask for."""
+    labels = []
+    parts = zip(setup.plant.controls, controls, setup.largest_controls, strict=True)
+    for (name, unit), value, most in parts:
+        digits = max(2, 1 - math.floor(math.log10(most)))
+        labels.append(f"{name} {format_signed(float(value), digits)} {unit}")
+    return labels
 
 
 class _Pace:

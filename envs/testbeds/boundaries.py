@@ -176,7 +176,8 @@ class IntegBoundaries(Boundaries):
     def command(self, state: Array, action: Any) -> Named:
         """The control within its limits."""
         asked = self._setup.task.command(SCALAR, float(np.ravel(action)[0]))
-        return {self._setup.plant.control_name: float(asked.control)}
+        names = (name for name, _ in self._setup.plant.controls)
+        return dict(zip(names, map(float, asked.controls), strict=True))
 
     def force(self, state: Array, command: Array) -> Named:
         """The control, on the coordinate that it drives."""

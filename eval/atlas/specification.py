@@ -35,14 +35,19 @@ def control_argument(setup: Any) -> tuple[str, float]:
         SpecError: where no single one does.
     """
     task: Any = setup.task
-    limit = float(task.control_limit)
+    limit = setup.largest_controls[0]
     for one in fields(task):
         value = getattr(task, one.name)
         if isinstance(value, float) and value == limit:
-            doubled = replace(task, **{one.name: 2.0 * value})
-            if float(doubled.control_limit) == 2.0 * limit:
+            doubled: Any = replace(task, **{one.name: 2.0 * value})
+            if all(end == 2.0 * was for end, was in zip(_ends(doubled), _ends(task), strict=True)):
                 return one.name, value
     raise SpecError(f"no argument of {type(task).__name__} alone limits the control")
+
+
+def _ends(task: Any) -> list[float]:
+    """Smallest and largest value of every control."""
+    return [float(end) for ends in task.control_limits for end in ends]
 
 
 def middle_start(setup: Any) -> npt.NDArray[np.float64]:

@@ -293,7 +293,7 @@ class OpenLoop(BoxTask):
     """No reward and no termination; success is to arrive at the end without diverging.
 
     Made a dataclass for one plant by :func:`open_loop_environment`, which adds the field
-    ``control_limit`` in the plant's unit.
+    ``control_limit`` in the units of the plant's controls.
     """
 
     plant: ClassVar[str]
@@ -317,7 +317,7 @@ class OpenLoop(BoxTask):
         ops: Ops,
         q: Components,
         v: Components,
-        mean_square_control: Component,
+        mean_squares: Components,
         terminated: Component,
         control_period: float,
     ) -> Component:
@@ -349,7 +349,8 @@ def open_loop_environment(plant: str) -> type[IntegVectorEnv]:
         "observation_names": state_names(plant_class),
         "observation_units": state_units(plant_class),
     }
-    limit = parameter(1e6, plant_class.control_unit, "saturation of the actuator", positive)
+    units = ", ".join(dict.fromkeys(unit for _, unit in plant_class.controls))
+    limit = parameter(1e6, units, "saturation of every actuator", positive)
     task = make_dataclass(
         "OpenLoop", [("control_limit", float, limit)], bases=(OpenLoop,), namespace=described,
         frozen=True,

@@ -73,7 +73,7 @@ def actuator_limit(subject: Subject) -> float:
     """The limit of the plant's own environment, or 1 in the plant's unit."""
     if not subject.environments:
         return 1.0
-    return float(environment_setup(subject.environments[0], {}).task.control_limit)
+    return max(environment_setup(subject.environments[0], {}).largest_controls)
 
 
 def _add_applied(
@@ -84,7 +84,7 @@ def _add_applied(
     rollouts: Mapping[float, Rollout],
 ) -> None:
     """Every control that acted, and every count of saturation."""
-    unit, steps = diagnosis.subject.plant.control_unit, tuple(rollouts)
+    unit, steps = diagnosis.subject.plant.controls[0][1], tuple(rollouts)
     acted = [r.info["control"][1:, 0] for r in rollouts.values()]
     off = [_largest(np.abs(x - within)) for x in acted]
     limit, most = (amount(float(x.max()), unit) for x in (within, commands))
@@ -110,10 +110,10 @@ def _largest(values: Array) -> float:
 
 def _add_environment(diagnosis: Diagnosis, integrator: str, env_id: str, levels: Array) -> None:
     """The same in an environment of the plant's own, with its own task."""
-    task = environment_setup(env_id, {}).task
-    if task.discrete is not None:
+    setup = environment_setup(env_id, {})
+    if setup.task.discrete is not None:
         return
-    subject, limit = diagnosis.subject, float(task.control_limit)
+    subject, limit = diagnosis.subject, setup.largest_controls[0]
     period = subject.control_period
     rollout = diagnosis.bench.task(
         f"{diagnosis.section}/{integrator}", env_id, Commands("levels", limit * levels), 1,
@@ -129,7 +129,7 @@ def _add_environment(diagnosis: Diagnosis, integrator: str, env_id: str, levels:
         integrator, f"{env_id}, decisions with a wrong control or count of saturation",
         (float(wrong),), "",
         Expectation(
-            f"0 of {lived.sum()}", f"{amount(rounding, subject.plant.control_unit)} off",
+            f"0 of {lived.sum()}", f"{amount(rounding, subject.plant.controls[0][1])} off",
             bool(lived.any()) and wrong == 0,
         ),
         steps=(period,),

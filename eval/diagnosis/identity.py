@@ -10,7 +10,12 @@ import numpy as np
 from integ_gym.envs import numerics
 from integ_gym.envs.engines.stepping import PlantSystem
 from integ_gym.envs.ops.ops import ARRAY, join_state, split_state
-from integ_gym.envs.plants.interface import Plant, state_names, state_units
+from integ_gym.envs.plants.interface import (
+    Plant,
+    controls_of,
+    state_names,
+    state_units,
+)
 from integ_gym.envs.registries import TRUTH
 
 from .lines import ANY, Diagnosis, Expectation, above, amount, below, near, undeclared
@@ -83,10 +88,14 @@ def rest_energy(plant: Plant, rest: Array) -> float:
 
 
 def energy_defect(plant: Plant, states: Array, control: float = 1.0) -> float:
-    """Largest |dE/dt − u q̇ + losses| by the largest of the terms, over states (lanes, n)."""
+    """Largest |dE/dt − power + losses| by the largest of the terms, over states (lanes, n).
+
+    The power is that of the controls, each at ``control``, in its unit.
+    """
     q, v = split_state(tuple(states.T))
     system = PlantSystem(plant)
-    acceleration, losses = system.rates(ARRAY, q, v, control)
+    controls = controls_of(plant, control)
+    acceleration, losses = system.rates(ARRAY, q, v, controls)
 
     def energy(shift: Array) -> Array:
         """Along the motion, at times (times, 1), shape (times, lanes)."""
@@ -95,7 +104,8 @@ def energy_defect(plant: Plant, states: Array, control: float = 1.0) -> float:
         return np.asarray(system.energy(ARRAY, moved_q, moved_v))
 
     rate = numerics.jacobian(energy, np.zeros(1))[:, 0]
-    power, lost = control * v[plant.actuated], sum(losses)
+    power = system.power(ARRAY, q, v, controls)
+    lost = sum(losses[: len(losses) - (system.input_forces is not None)])
     terms = np.abs(np.stack(np.broadcast_arrays(rate, power, lost)))
     return float(np.abs(rate - power + lost).max() / terms.max())
 

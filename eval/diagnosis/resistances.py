@@ -11,7 +11,12 @@ import numpy as np
 from integ_gym.envs import numerics
 from integ_gym.envs.engines.stepping import PlantSystem
 from integ_gym.envs.ops.ops import ARRAY, split_state
-from integ_gym.envs.plants.interface import Plant, state_names, state_units
+from integ_gym.envs.plants.interface import (
+    Plant,
+    controls_of,
+    state_names,
+    state_units,
+)
 
 from .bench import Rollout
 from .lines import Diagnosis, Expectation, amount, near, undeclared
@@ -102,7 +107,8 @@ def decay_rate(plant: Plant, rest: Array) -> float:
     """
     q, _ = split_state(tuple(rest))
     n = len(q)
-    rates, _ = PlantSystem(plant).rates(ARRAY, q, tuple(_SLOW * np.eye(n)), 0.0)
+    slow, none = tuple(_SLOW * np.eye(n)), controls_of(plant, 0.0)
+    rates, _ = PlantSystem(plant).rates(ARRAY, q, slow, none)
     matrix = -np.stack([np.broadcast_to(x, n) for x in rates]) / _SLOW
     return float(np.abs(np.linalg.eigvals(matrix)).max())
 

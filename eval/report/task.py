@@ -45,10 +45,10 @@ def describe_task(panel: Panel) -> Task | None:
         setup = environment_setup(env_id, {**given, **same, "solver": None})
         plant, duration = setup.plant, f"{setup.settings.duration:g} s"
         goal = setup.task.goal.replace("theta", "θ").replace("`duration`", duration)
-        motor = f"{plant.control_name} up to ±{_limit(setup):g} {plant.control_unit}"
+        motor = describe_motors(setup)
         gravity = getattr(plant, "gravity_torque", None)
         if gravity is not None:
-            motor += f"; gravity pulls with up to {float(np.max(gravity)):g} {plant.control_unit}"
+            motor += f"; gravity pulls with up to {float(np.max(gravity)):g} {plant.controls[0][1]}"
         facts = [
             ("goal", goal),
             ("motor", motor),
@@ -68,8 +68,16 @@ def describe_task(panel: Panel) -> Task | None:
     return Task(f"{env_id} of Gymnasium.", facts, None)
 
 
-def _limit(setup: Setup) -> float:
-    return float(np.max(setup.task.control_limit))
+def describe_motors(setup: Setup) -> str:
+    """The controls with their limits, in words."""
+    parts = []
+    for (name, unit), (low, high) in zip(
+        setup.plant.controls, setup.task.control_limits, strict=True
+    ):
+        low, high = float(np.min(low)), float(np.max(high))
+        within = f"up to ±{high:g}" if low == -high else f"from {low:g} to {high:g}"
+        parts.append(f"{name.replace('_', ' ')} {within} {unit}")
+    return ", ".join(parts)
 
 
 def _scene(setup: Setup) -> dict[str, Any] | None:
@@ -104,10 +112,9 @@ def _scene(setup: Setup) -> dict[str, Any] | None:
         "clockwise": "counter-clockwise" not in plant.frame,
         "goal": goal,
         "pose": pose,
-        "control": plant.control_name,
-        "unit": plant.control_unit,
-        "actuated": plant.actuated,
-        "limit": _limit(setup),
+        "controls": [list(control) for control in plant.controls],
+        "actuated": list(plant.actuated),
+        "limits": list(setup.largest_controls),
         "upright": round(float(np.max(plant.energy(SCALAR, rest, rest))), 6),
     }
 

@@ -72,10 +72,10 @@ def test_an_integrator_of_ones_own_is_one_of_the_choices():
 def test_a_lost_game_stays_as_it_is_and_begins_again():
     game = Game("IntegCartPole-v0", {}, seed=0)
     game.advance()
-    assert game.view().moment.control == 0.0  # a hand that rests
+    assert game.view().moment.controls == (0.0,)  # a hand that rests
     game.push = -1.0
     game.advance()
-    assert game.view().moment.control == -10.0
+    assert game.view().moment.controls == (-10.0,)
     advance(game, 5.0)
     assert game.ended == "the task is lost"
     assert "R begins again" in game.view().warning

@@ -45,7 +45,7 @@ def test_records_are_what_stepping_gave(env_id, kind, tmp_path):
     setup = env.unwrapped.setup
     played = play(env, range(2))
     env.close()
-    control = setup.plant.control_name
+    control = setup.plant.controls[0][0]
     names = [f"sensed_{name}" for name in setup.task.observation_names]
     states = [name for pair in zip(setup.plant.coordinates, setup.plant.velocities, strict=True)
               for name in pair]  # fmt: skip

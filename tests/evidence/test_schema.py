@@ -53,7 +53,7 @@ def test_every_column_states_unit_and_frame(name):
     schema = arrow_schema(record_fields(plant, task), "Any-v0")
     assert schema.metadata == {VERSION_KEY: str(SCHEMA_VERSION).encode(), ENV_KEY: b"Any-v0"}
     framed = {*state_names(plant), *(f"sensed_{name}" for name in task.observation_names)}
-    framed |= {f"{plant.control_name}_{end}" for end in ("commanded", "applied")}
+    framed |= {f"{plant.controls[0][0]}_{end}" for end in ("commanded", "applied")}
     framed |= {"initial_state", "penetration", "contact_force"}
     for field in schema:
         about = described(field)

@@ -184,7 +184,7 @@ class FleetProgram:
             action = self._sample(head, learner.stack.log_std, drawn.actions)
             log_prob, _ = learning.log_prob_and_entropy(head, learner.stack.log_std, action)
             arrivals = tuple(jnp.moveaxis(drawn.arrivals, 1, 0))
-            after, outcome = self.env.advance(env, self._control(action, own), own, arrivals)
+            after, outcome = self.env.advance(env, self._entries(action, own), own, arrivals)
             ending = outcome.terminated, outcome.truncated
             ended = outcome.terminated | outcome.truncated
             fresh = tuple(jnp.moveaxis(drawn.noise, 1, 0))
@@ -206,13 +206,13 @@ class FleetProgram:
             return jnp.argmax(head + drawn, axis=1, keepdims=True).astype(jnp.float32)
         return head + jnp.exp(log_std)[..., None] * drawn
 
-    def _control(self, action: Array, own: Any) -> Array:
-        """Clipped to the action space, as the environment gets it, (…, policies, n_envs)."""
-        control = action[..., 0, :]
+    def _entries(self, action: Array, own: Any) -> Components:
+        """Clipped to the action space, as the environment gets them, each (…, policies, n_envs)."""
+        entries = tuple(jnp.moveaxis(action, -2, 0))
         if self.discrete:
-            return control
-        limit = self.env.setup_of(own).task.control_limit
-        return jnp.clip(control, -limit, limit)
+            return entries
+        limits = self.env.setup_of(own).task.control_limits
+        return tuple(jnp.clip(x, *ends) for x, ends in zip(entries, limits, strict=True))
 
     def _again(self, steps: _Step, params: Params) -> tuple[EnvState, Outcome, Array, Array]:
         """All transitions of the rollout, and the observations before and after them.
@@ -228,9 +228,9 @@ class FleetProgram:
 
     def _transitions(self, steps: _Step, params: Params) -> tuple[EnvState, Outcome, Array, Array]:
         own = self.env.lane_params(params, steps.member)
-        control = self._control(steps.action, own)
+        action = self._entries(steps.action, own)
         arrivals = tuple(jnp.moveaxis(steps.arrivals, 2, 0))
-        after, outcome = self.env.advance(steps.env, control, own, arrivals)
+        after, outcome = self.env.advance(steps.env, action, own, arrivals)
         outcome = outcome._replace(terminated=steps.terminated, truncated=steps.truncated)
         fresh = tuple(jnp.moveaxis(steps.fresh, 2, 0))[: self._noise_size]
         noise = _where(outcome.sampled, fresh, steps.noise)
@@ -285,7 +285,8 @@ class FleetProgram:
             ending = outcome.reward, outcome.terminated, outcome.truncated
             info, state = step_info(setup, after, outcome), join_state(after.q, after.v)
             rows = _stacked(self.layout.row(info, outcome.status, ending, state, after_observed))
-            info, state = reset_info(steps.env), join_state(steps.env.q, steps.env.v)
+            info = reset_info(self.env.setup, steps.env)
+            state = join_state(steps.env.q, steps.env.v)
             first = _stacked(self.layout.start(info, state, before_observed))
         return learning.Trail(
             outcome.reward,

@@ -291,7 +291,7 @@ def _describe_interface(policy: MlpPolicy, env_id: str) -> dict[str, Any]:
         "observations": list(setup.task.observation_names) if setup else None,
         "observation_units": list(setup.task.observation_units) if setup else None,
         "observation_statistics": _statistics_of(policy.statistics),
-        "actions": [setup.plant.control_name] if setup else None,
+        "actions": [name for name, _ in setup.plant.controls] if setup else None,
         "action_low": bounds and bounds.low.tolist(),
         "action_high": bounds and bounds.high.tolist(),
         "activation": policy.activation,

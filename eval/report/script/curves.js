@@ -31,8 +31,8 @@ class Curves {
         turns, values: (trace) => this.carried.column(trace, "motion", name).map(
           turns ? (q) => q - 2 * Math.PI * Math.floor((q + Math.PI) / (2 * Math.PI)) : (q) => q) };
     });
-    const control = Object.keys(first.control).map((name) => ({
-      title: scene ? `${scene.control}, ${scene.unit}` : spaced(name), held: true,
+    const control = Object.keys(first.control).map((name, k) => ({
+      title: scene ? `${spaced(scene.controls[k][0])}, ${scene.controls[k][1]}` : spaced(name), held: true,
       values: (trace) => this.carried.column(trace, "control", name),
     }));
     const energy = { title: "energy, J", values: (trace) => Float64Array.from(

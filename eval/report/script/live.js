@@ -75,7 +75,7 @@ class Live {
     const found = [...this.decisions(like, c, value)];
     const [first, last] = [found[0].now, found.at(-1)];
     const { ended = false, success = false } = last.told || {};
-    const control = found.slice(1).map(({ told }) => told.control);
+    const controls = found.slice(1).map(({ told }) => told.controls);
     const columns = (names, values) => Object.fromEntries(names.map((name, k) =>
       [name, Float64Array.from(values(name, k))]));
     const summed = (name) => {
@@ -88,7 +88,8 @@ class Live {
       label: success ? "none" : "failed", diverged: !ended,
       start: first[2], end: last.now[2], totals: PARTS.map((name) => ledger[name].at(-1)),
       motion: columns(this.carried.scene.coordinates, (_, k) => found.map(({ now }) => now[0][k])),
-      control: columns(Object.keys(like.control).slice(0, 1), () => [...control, control.at(-1) ?? 0]),
+      control: columns(Object.keys(like.control), (_, k) =>
+        [...controls.map((each) => each[k]), controls.length ? controls.at(-1)[k] : 0]),
       ledger,
     };
   }

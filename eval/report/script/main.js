@@ -45,7 +45,7 @@ async function begin() {
 function showTask(carried, holder) {
   const stage = new Stage(carried, carried.scene, null);
   const { bob, pose } = carried.scene;
-  stage.pose(bob ? [0.35 * bob.pivot, 0.1] : pose, 0.9);
+  stage.pose(bob ? [0.35 * bob.pivot, 0.1] : pose, carried.scene.limits.map(() => 0.9));
   holder.append(stage.svg);
 }
 

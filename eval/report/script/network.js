@@ -28,13 +28,16 @@ class Network {
     return values;
   }
 
-  // The mean action, or the first of the largest outputs.
+  // Entries of the mean action, or the first of the largest outputs alone.
   action(observation) {
     const outputs = this.outputs(observation);
-    if (!this.low) return outputs.indexOf(Math.max(...outputs));
-    const [[low], [high]] = [this.low, this.high];
-    if (!this.squash) return Math.max(low, Math.min(high, outputs[0]));
-    const limited = this.limit === null ? outputs[0] : Math.max(-this.limit, Math.min(this.limit, outputs[0]));
+    if (!this.low) return [outputs.indexOf(Math.max(...outputs))];
+    return Array.from(outputs, (output, k) => this.entry(output, this.low[k], this.high[k]));
+  }
+
+  entry(output, low, high) {
+    if (!this.squash) return Math.max(low, Math.min(high, output));
+    const limited = this.limit === null ? output : Math.max(-this.limit, Math.min(this.limit, output));
     // tanh, stretched to the bounds.
     const share = Math.fround(0.5 * Math.fround(Math.fround(Math.tanh(limited)) + 1));
     return Math.fround(low + Math.fround(share * Math.fround(high - low)));

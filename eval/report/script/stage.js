@@ -19,14 +19,14 @@ class Stage {
     this.trail = Array.from({ length: TRAIL }, (_, k) => draw("circle", {
       class: "trail", r: 2.4 * this.unit, opacity: (0.5 * (1 - k / TRAIL)).toFixed(2),
     }));
-    this.push = draw("path", { class: "push", "stroke-width": 4 * this.unit });
+    this.pushes = scene.controls.map(() => draw("path", { class: "push", "stroke-width": 4 * this.unit }));
     this.parts = scene.links.map((link) => this.part(link));
     if (scene.bob) {
       this.spring = draw("polyline", { class: "spring", "stroke-width": 2 * this.unit });
       this.bob = draw("circle", { class: "rod", r: 9 * this.unit, "stroke-width": 0 });
       this.parts = [this.spring, this.bob];
     }
-    this.svg.append(...(trace ? this.trail : []), ...this.parts, this.push);
+    this.svg.append(...(trace ? this.trail : []), ...this.parts, ...this.pushes);
     this.svg.append(draw("circle", { class: "hinge", r: scene.bob ? 0 : 3.4 * this.unit }));
     this.hinge = this.svg.lastChild;
   }
@@ -102,8 +102,8 @@ class Stage {
     return this.scene.bob ? [q[0], -q[1]] : this.poses(q).at(-1).tip;
   }
 
-  // A still picture at these coordinates under full control.
-  pose(q, share) {
+  // A still picture at these coordinates, each control at a share of its limit.
+  pose(q, shares) {
     if (this.scene.bob) {
       this.placeBob(q);
     } else {
@@ -119,7 +119,8 @@ class Stage {
         if (this.wedge) this.wedge.setAttribute("transform", `translate(${hinge.from[0]} 0)`);
       }
     }
-    this.showPush(q, share);
+    this.pushes.forEach((push, k) =>
+      push.setAttribute("d", this.arrow(q, this.scene.actuated[k], shares[k])));
   }
 
   placeBob([x, y]) {
@@ -134,35 +135,33 @@ class Stage {
     this.bob.setAttribute("transform", `translate(${x} ${-y})`);
   }
 
-  showPush(q, share) {
+  // Of a force or torque at the joint of a link, of a share of its limit.
+  arrow(q, place, share) {
     const { scene } = this;
     const size = Math.max(-1, Math.min(1, share));
-    if (Math.abs(size) < 0.02) return this.push.setAttribute("d", "");
-    const link = scene.links[scene.actuated];
-    if (scene.bob || link.joint === "slide") {
-      const [x, y] = scene.bob ? this.tip(q) : this.poses(q)[scene.actuated].from;
+    if (Math.abs(size) < 0.02) return "";
+    if (scene.bob || scene.links[place].joint === "slide") {
+      const [x, y] = scene.bob ? this.tip(q) : this.poses(q)[place].from;
       const tip = x + 0.6 * this.reach * size;
       const head = 5 * this.unit * Math.sign(size);
-      return this.push.setAttribute("d",
-        `M${x} ${y}H${tip}m${-head} ${-Math.abs(head)}l${head} ${Math.abs(head)}l${-head} ${Math.abs(head)}`);
+      return `M${x} ${y}H${tip}m${-head} ${-Math.abs(head)}l${head} ${Math.abs(head)}l${-head} ${Math.abs(head)}`;
     }
-    const pose = this.poses(q)[scene.actuated];
+    const pose = this.poses(q)[place];
     const side = (scene.clockwise ? 1 : -1) * Math.sign(size);
     const r = 0.42 * this.reach;
     const [a, b] = [pose.turn + side * 0.16, pose.turn + side * (0.16 + 2.1 * Math.abs(size))];
     const on = (angle, radius) =>
       `${pose.from[0] + radius * Math.sin(angle)} ${pose.from[1] - radius * Math.cos(angle)}`;
     const back = b - side * 0.16;
-    this.push.setAttribute("d",
-      `M${on(a, r)}A${r} ${r} 0 0 ${side > 0 ? 1 : 0} ${on(b, r)}` +
-      `M${on(back, 0.84 * r)}L${on(b, r)}L${on(back, 1.16 * r)}`);
+    return `M${on(a, r)}A${r} ${r} 0 0 ${side > 0 ? 1 : 0} ${on(b, r)}` +
+      `M${on(back, 0.84 * r)}L${on(b, r)}L${on(back, 1.16 * r)}`;
   }
 
   show(time) {
     const q = this.coordinates(time);
-    const [name] = Object.keys(this.trace.control);
-    const control = name ? this.carried.at(this.trace, "control", name, time, true) : 0;
-    this.pose(q, control / this.scene.limit);
+    const names = Object.keys(this.trace.control);
+    this.pose(q, this.scene.limits.map((limit, k) =>
+      (k in names ? this.carried.at(this.trace, "control", names[k], time, true) / limit : 0)));
     const tip = this.tip(q);
     this.trail.forEach((dot, k) => {
       const past = time - (k + 1) * TRAIL_STEP;

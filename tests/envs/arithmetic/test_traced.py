@@ -42,13 +42,13 @@ def _given(setup, rng, action):
     """What a step takes beside its state."""
     drawn = rng.random((2, *np.shape(action)))
     numbers = tuple(drawn if np.ndim(action) else drawn.tolist())
-    return (*(numbers,) * setup.timing.drawn, action)
+    return (*(numbers,) * setup.timing.drawn, (action,))
 
 
 def _actions(setup, rng, shape):
     if setup.task.discrete is not None:
         return rng.integers(setup.task.discrete, size=shape).astype(float)
-    limit = 2.0 * setup.task.control_limit
+    limit = 2.0 * setup.largest_controls[0]
     return rng.uniform(-limit, limit, shape)
 
 
@@ -131,9 +131,9 @@ def test_a_motion_that_diverges_does_so_in_both(integrator):
     plain, step = partial(scalar_step, setup, SCALAR), trace_function(setup, scalar_step)
     statuses = []
     for _ in range(1 if integrator == "reference" else 4):
-        expected = plain(state, 1.0)
+        expected = plain(state, (1.0,))
         try:
-            found = step(state, 1.0)
+            found = step(state, (1.0,))
         except (ArithmeticError, ValueError):
             found = expected
         assert repr(found) == repr(expected)
@@ -145,7 +145,7 @@ def test_a_motion_that_diverges_does_so_in_both(integrator):
 def _warm(setup, state):
     step = LanesStep(setup)
     for _ in range(WARM_UP):
-        step(state, np.zeros(LANES))
+        step(state, (np.zeros(LANES),))
     return step
 
 
@@ -157,14 +157,14 @@ def test_one_lane_that_is_unusual_is_the_plain_steps_affair():
         actions = np.zeros(LANES)
         actions[2] = wrong
         with pytest.raises(Unusual):
-            step.step(state, step.first(state), actions)
-        _, _, told = _warm(setup, state)(state, actions)
+            step.step(state, step.first(state), (actions,))
+        _, _, told = _warm(setup, state)(state, (actions,))
         assert told["fallback_used"].tolist() == [lane == 2 for lane in range(LANES)]
     state.q[0][3], state.v[0][3] = 1.5, 999.9
     actions = np.full(LANES, 2.0)
     with pytest.raises(Unusual), np.errstate(all="ignore"):
-        step.step(state, step.first(state), actions)
-    after, _, told = _warm(setup, state)(state, actions)
+        step.step(state, step.first(state), (actions,))
+    after, _, told = _warm(setup, state)(state, (actions,))
     assert (told["solver_status"] == DIVERGED).tolist() == [lane == 3 for lane in range(LANES)]
     assert after.v[0][3] == 999.9
 

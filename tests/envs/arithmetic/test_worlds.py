@@ -65,9 +65,9 @@ def _advance(ops, owner, integrator, case):
     """Three steps of lanes that differ in parameters, state, control and dt."""
     parameters, q, v, control, dt = case
     system = PlantSystem(owner(**parameters))
-    system.rates(ops, q, v, control)  # derived parameters are computed here, not inside a trace
+    system.rates(ops, q, v, (control,))  # derived parameters are computed here, not inside a trace
     engine = NativeEngine(system, integrator, dt)
-    return engine.advance(ops, q, v, ((control, 3),), None)
+    return engine.advance(ops, q, v, (((control,), 3),), None)
 
 
 def _flat(motion):
@@ -125,10 +125,10 @@ def test_jax_equals_array(integrator, forces):
 def test_float32_converges_and_is_close(integrator):
     engine = NativeEngine(PlantSystem(PLANTS.load("cart_pole")(damping=0.02)), integrator, 0.02)
     (_, q, v, control, _), *_ = _cases(PLANTS.load("cart_pole"), False, 1)
-    double = engine.advance(ARRAY, q, v, ((control, 1),), None)
+    double = engine.advance(ARRAY, q, v, (((control,), 1),), None)
     single = tuple(np.float32(x) for x in q), tuple(np.float32(x) for x in v)
     ops = JaxOps("float32")
-    motion = jax.jit(lambda q, v, u: engine.advance(ops, q, v, ((u, 1),), None))(
+    motion = jax.jit(lambda q, v, u: engine.advance(ops, q, v, (((u,), 1),), None))(
         *single, np.float32(control)
     )
     assert motion.q[0].dtype == np.float32

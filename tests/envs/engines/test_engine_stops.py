@@ -121,7 +121,7 @@ def test_a_step_against_the_stop_depends_on_nothing_that_went_before(engine, int
 
     def told(setup, case):
         q, v, control = case
-        return _told(setup.engine.advance(SCALAR, q, v, ((control, 1),), None))
+        return _told(setup.engine.advance(SCALAR, q, v, (((control,), 1),), None))
 
     first = new_setup(engine, integrator, SWING_UP, **given)
     expected = [told(first, case) for case in cases]
@@ -137,10 +137,10 @@ def _held(setup, name, q, v, control):
     """(q, v) after one step of a map, with the force of stops and friction held during it."""
     system = setup.system
     resisting, _ = system.resistance(SCALAR, q, v)
-    drive = system.generalized(control)
+    drive = system.generalized((control,))
     force = tuple(a + b for a, b in zip(drive, resisting, strict=True))
     held = HeldForce(system.plant, force)
-    end = one_step_map(name).step(SCALAR, held, q, v, (0.0,), control, setup.timing.dt)
+    end = one_step_map(name).step(SCALAR, held, q, v, (0.0,), (control,), setup.timing.dt)
     return np.array((*end.q, *end.v))
 
 

@@ -121,9 +121,9 @@ def test_a_step_depends_on_nothing_that_went_before_and_several_are_single_ones(
         one_step(setup, *state)
     assert (one_step(setup, *first) == alone).all()
     q, v, control = first
-    at_once = setup.engine.advance(SCALAR, q, v, ((control, 5),), None)
+    at_once = setup.engine.advance(SCALAR, q, v, (((control,), 5),), None)
     for _ in range(5):
-        motion = setup.engine.advance(SCALAR, q, v, ((control, 1),), None)
+        motion = setup.engine.advance(SCALAR, q, v, (((control,), 1),), None)
         q, v = motion.q, motion.v
     tolerance = 1e-12 if setup.engine.width == 64 else 1e-4
     np.testing.assert_allclose((*at_once.q, *at_once.v), (*q, *v), rtol=0, atol=tolerance)
@@ -164,8 +164,8 @@ def test_damping_is_booked_in_one_call_as_step_by_step(engine, integrator, env_i
     q, v, _ = states(at_once, 1)[0]
     here, there = (initial_state(SCALAR, setup, q, v) for setup in (at_once, singly))
     for action in (1.0, 0.0, 0.0, 1.0):
-        here, told = transition(SCALAR, at_once, here, action)
-        there, expected = transition(SCALAR, singly, there, action)
+        here, told = transition(SCALAR, at_once, here, (action,))
+        there, expected = transition(SCALAR, singly, there, (action,))
         assert told.dissipated > 0.0
         assert told.dissipated == pytest.approx(expected.dissipated, rel=tolerance)
         assert (*here.q, *here.v) == pytest.approx((*there.q, *there.v), rel=tolerance)
@@ -186,7 +186,7 @@ def test_a_divergence_within_a_control_period_is_seen_by_one_call_too(engine, in
     for q, v in starts:
         seen = []
         for setup in (at_once, singly):
-            _, told = transition(SCALAR, setup, initial_state(SCALAR, setup, q, v), 1.0)
+            _, told = transition(SCALAR, setup, initial_state(SCALAR, setup, q, v), (1.0,))
             seen.append((told.status, told.reward, told.terminated))
         assert seen[0] == seen[1], (q, v)
 
@@ -217,8 +217,8 @@ def test_steps_are_traced_to_the_same_bits(engine, integrator):
     assert step is not None
     state = initial_state(SCALAR, setup, (0.5,), (3.0,))
     for action in (2.0, -1.0, 0.5):
-        expected = plain(state, action)
-        assert repr(step(state, action)) == repr(expected)
+        expected = plain(state, (action,))
+        assert repr(step(state, (action,))) == repr(expected)
         state = EnvState._make(expected[0])
 
 

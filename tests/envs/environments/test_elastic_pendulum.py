@@ -20,7 +20,7 @@ LIMITS = {"symplectic_euler": 2.0, "stormer_verlet": 2.0, "rk4": 2.0 * sqrt(2.0)
 def _bounce(integrator: str, product: float, steps: int = 400):
     """Motion after a small vertical bounce in steps of ``product`` over the bounce's frequency."""
     engine = NativeEngine(PlantSystem(STIFF), integrator, product / BOUNCE)
-    return engine.advance(SCALAR, (0.0, 1e-3), (0.0, 0.0), ((0.0, steps),), None)
+    return engine.advance(SCALAR, (0.0, 1e-3), (0.0, 0.0), (((0.0,), steps),), None)
 
 
 @pytest.mark.parametrize("integrator", LIMITS)

@@ -27,10 +27,10 @@ PLAYED = """((start, step) => {
   let [state, observation] = start(...%s);
   const told = [];
   for (const action of %s) {
-    const after = step(state, action);
+    const after = step(state, [action]);
     if (after === null) return [...told, null];
     [state, observation] = after;
-    const { control, motor, numerics, losses, ended, success } = after[2];
+    const { controls: [control], motor, numerics, losses, ended, success } = after[2];
     told.push([...state[0], ...state[1], ...observation, control, motor, numerics, losses, +ended, +success]);
   }
   return told;
@@ -49,7 +49,7 @@ def _played(setup, q, v, actions):
     state = initial_state(SCALAR, setup, q, v)
     step, told = partial(scalar_step, setup, SCALAR), []
     for action in actions:
-        after, observation, _, terminated, truncated, info, _ = step(state, action)
+        after, observation, _, terminated, truncated, info, _ = step(state, (action,))
         state = EnvState._make(after)
         losses = info["dissipated"] + info["contact_loss"] + info["clip_loss"]
         ledger = (info["control"], info["actuator_work"], info["energy_residual"], losses)
@@ -72,7 +72,7 @@ def test_a_browser_gets_where_python_gets(env_id, variant, browser):
         q, v = (tuple(rng.normal(0.0, 0.1, count).tolist()) for _ in range(2))
         steps = math.ceil(SECONDS / setup.timing.control_period)
         if setup.task.discrete is None:
-            limit = 1.2 * setup.task.control_limit
+            limit = 1.2 * setup.largest_controls[0]
             actions = rng.uniform(-limit, limit, steps).tolist()
         else:
             actions = rng.integers(setup.task.discrete, size=steps).astype(float).tolist()

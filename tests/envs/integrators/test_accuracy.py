@@ -65,7 +65,7 @@ def test_inner_steps_of_the_reference_are_as_stated():
         system = Counting(PLANTS.load(plant)())
         engine = NativeEngine(system, "reference", float(period))
         q, v = (tuple(float(x) for x in values.split(",")) for values in (q, v))
-        motion = engine.advance(SCALAR, q, v, ((0.5, 1),), None)
+        motion = engine.advance(SCALAR, q, v, (((0.5,), 1),), None)
         assert motion.iterations == int(inner)
         assert system.evaluations == int(evaluations) == STAGES * int(inner)
 

@@ -74,7 +74,7 @@ def test_losses_are_of_the_end_that_is_named(name):
     system = PlantSystem(CartPole(mass=0.5, damping=0.05, cart_damping=0.4))
     for _ in range(20):
         q, v = tuple(rng.uniform(-3.0, 3.0, 2).tolist()), tuple(rng.uniform(-6.0, 6.0, 2).tolist())
-        step = known.step(SCALAR, system, q, v, (0.3,), 0.7, dt)
+        step = known.step(SCALAR, system, q, v, (0.3,), (0.7,), dt)
         state = {"start": (q, v), "end": (step.q, step.v)}[known.losses_of]
         expected = 0.3 + dt * system.plant.dissipation(SCALAR, *state)
         assert step.losses[0] == pytest.approx(expected, rel=1e-14)
@@ -96,7 +96,7 @@ def test_losses_follow_from_both_ends(name, dt):
     system = PlantSystem(_RoughTrack(mass=0.5, damping=0.05, cart_damping=0.4))
     for _ in range(20):
         q, v = tuple(rng.uniform(-3.0, 3.0, 2).tolist()), tuple(rng.uniform(-6.0, 6.0, 2).tolist())
-        step = known.step(SCALAR, system, q, v, (0.3,), 0.7, dt)
+        step = known.step(SCALAR, system, q, v, (0.3,), (0.7,), dt)
         ends = (q, v), (step.q, step.v)
         (found,) = known.losses_between(SCALAR, system, *ends, (0.3,), 0.7, dt)
         assert found - 0.3 == pytest.approx(step.losses[0] - 0.3, rel=1e-8)

@@ -67,11 +67,11 @@ def test_slopes_are_those_of_the_accelerations(plant):
     system = PlantSystem(plant)
     rng = np.random.default_rng(0)
     for q, v in zip(rng.uniform(-2.0, 2.0, 40), rng.normal(size=40), strict=True):
-        by_q, by_v = system.slopes(SCALAR, (q,), (v,), 0.7)
+        by_q, by_v = system.slopes(SCALAR, (q,), (v,), (0.7,))
         h = 1e-6
 
         def of_system(a, b):
-            return system.rates(SCALAR, (a,), (b,), 0.7)[0][0]
+            return system.rates(SCALAR, (a,), (b,), (0.7,))[0][0]
 
         expected_q = (of_system(q + h, v) - of_system(q - h, v)) / (2.0 * h)
         expected_v = (of_system(q, v + h) - of_system(q, v - h)) / (2.0 * h)
@@ -84,7 +84,7 @@ def test_rebound_has_the_analytic_speed(arrival, damping):
     """The reference's rebound and its loss against g(arrival) = g(-departure)."""
     plant = Pendulum(gravity=0.0, joint_limit=1.0, stop_stiffness=1e3, stop_damping=damping)
     engine = NativeEngine(PlantSystem(plant), "reference", 0.1)
-    motion = engine.advance(SCALAR, (1.0,), (arrival,), ((0.0, 2),), None)
+    motion = engine.advance(SCALAR, (1.0,), (arrival,), (((0.0,), 2),), None)
     leaving = departure(arrival, damping)
     assert motion.q[0] < 1.0
     assert motion.v[0] == pytest.approx(-leaving, rel=1e-9)
@@ -139,7 +139,7 @@ def exact(plant, q, v, control, duration):
 )
 def test_reference_through_a_stop_agrees_with_dop853(plant, q, v, control):
     system = PlantSystem(plant)
-    motion = NativeEngine(system, "reference", 0.1).advance(SCALAR, q, v, ((control, 1),), None)
+    motion = NativeEngine(system, "reference", 0.1).advance(SCALAR, q, v, (((control,), 1),), None)
     truth = exact(plant, q, v, control, 0.1)
     assert motion.losses[1] > 0.0
     got = np.array([*motion.q, *motion.v, *motion.losses])
@@ -156,7 +156,7 @@ def test_reference_sees_a_grazing_touch(depth, when):
     arrival = -pull / plant.inertia * when
     q = 1.0 + depth - 0.5 * arrival * when
     engine = NativeEngine(PlantSystem(plant), "reference", 0.1)
-    motion = engine.advance(SCALAR, (q,), (arrival,), ((pull, 1),), None)
+    motion = engine.advance(SCALAR, (q,), (arrival,), (((pull,), 1),), None)
     truth = exact(plant, (q,), (arrival,), pull, 0.1)
     got = np.array([*motion.q, *motion.v, *motion.losses])
     np.testing.assert_allclose(got, truth, rtol=0, atol=1e-9)
@@ -248,7 +248,7 @@ def _driven(integrator: str, substeps: int) -> dict[str, np.ndarray]:
     booked = {name: np.zeros(lanes) for name in names}
     for control in rng.uniform(-8.0, 8.0, (10, lanes)):
         before = system.energy(ARRAY, q, v)
-        motion = engine.advance(ARRAY, q, v, ((control, substeps),), None)
+        motion = engine.advance(ARRAY, q, v, (((control,), substeps),), None)
         q, v = motion.q, motion.v
         change = system.energy(ARRAY, q, v) - before
         booked["residual"] += np.abs(change - motion.work + sum(motion.losses))

@@ -20,7 +20,7 @@ IMPLICIT = ("implicit_euler", "implicit_midpoint", "stormer_verlet")
 @pytest.mark.parametrize("v", [-2.0, -0.01, 0.0, 0.004, 3.0])
 def test_power_is_force_times_speed(v):
     plant = Pendulum(gravity=0.0, friction=0.6)
-    (acceleration,), (power,) = PlantSystem(plant).rates(SCALAR, (0.3,), (v,), 0.0)
+    (acceleration,), (power,) = PlantSystem(plant).rates(SCALAR, (0.3,), (v,), (0.0,))
     force = -0.6 * tanh(v / 0.01)
     assert acceleration == pytest.approx(force / plant.inertia)
     assert power == pytest.approx(-force * v)
@@ -65,7 +65,7 @@ def test_newton_copes_with_friction_and_stops(integrator, plant):
         control = rng.uniform(-5.0, 5.0, lanes)
         for dt in (0.01, 0.05):
             engine = NativeEngine(PlantSystem(plant), integrator, dt)
-            motion = engine.advance(ARRAY, q, v, ((control, 1),), None)
+            motion = engine.advance(ARRAY, q, v, (((control,), 1),), None)
             converged = np.broadcast_to(motion.converged, lanes)
             assert converged.mean() > 0.99
             assert np.asarray(motion.residual)[converged].max() <= 1e-10

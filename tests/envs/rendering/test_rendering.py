@@ -23,7 +23,7 @@ STATES = dict.fromkeys(ENVIRONMENTS, (0.3, 0.1, 0.1, 1.0)) | {PENDULUM: (0.7, 2.
 
 def _draw(env_id, state, control=0.0, **arguments):
     renderer = Renderer(environment_setup(env_id, arguments), "rgb_array", 20)
-    return renderer.draw(np.array(state), control, 0.0)
+    return renderer.draw(np.array(state), (control,), 0.0)
 
 
 def _is_colour(frame, colour):
@@ -63,12 +63,12 @@ def test_pictures_repeat_exactly_whatever_was_drawn_before(env_id, monkeypatch):
     before, state = pygame.display.get_init(), np.array(STATES[env_id])
     setup = environment_setup(env_id, {})
     used, other = (Renderer(setup, "rgb_array", 20) for _ in range(2))
-    used.draw(-state, -1.0, 2.0)
-    first = other.draw(state, 1.0, 0.5)
+    used.draw(-state, (-1.0,), 2.0)
+    first = other.draw(state, (1.0,), 0.5)
     other.close()
-    np.testing.assert_array_equal(first, used.draw(state, 1.0, 0.5))
+    np.testing.assert_array_equal(first, used.draw(state, (1.0,), 0.5))
     assert pygame.display.get_init() == before
-    assert used.draw(np.full(len(state), -3e38), 1.0, 0.0).shape == first.shape
+    assert used.draw(np.full(len(state), -3e38), (1.0,), 0.0).shape == first.shape
 
 
 @pytest.mark.parametrize("mass_distribution", ["uniform", "point"])
@@ -168,7 +168,7 @@ def test_window_keeps_real_time(period, clock, monkeypatch):
     renderer = Renderer(setup, "human", round(1.0 / period))
     count = round(2.0 / period)
     for step in range(count + 1):
-        renderer.draw(np.array([0.0, 0.0]), 0.0, step * period)
+        renderer.draw(np.array([0.0, 0.0]), (0.0,), step * period)
     renderer.close()
     assert clock.now - 100.0 == pytest.approx(2.0, abs=0.02)
     assert min(count, 2 * 60) / 2 < len(flips) <= min(count, 2 * 60) + 1

@@ -108,7 +108,7 @@ def states(setup: Setup, count: int = 20, strongest: float = 3.0) -> list[tuple[
 
 def one_step(setup: Setup, q: Any, v: Any, control: float) -> np.ndarray:
     """(q, v) after one of the engine's steps."""
-    motion = setup.engine.advance(SCALAR, q, v, ((control, 1),), None)
+    motion = setup.engine.advance(SCALAR, q, v, (((control,), 1),), None)
     return np.array((*motion.q, *motion.v))
 
 
@@ -117,12 +117,12 @@ def solved(setup: Setup, cases: list[tuple[Any, Any, float]]) -> list[tuple[Any,
     return [
         (q, v, control)
         for q, v, control in cases
-        if setup.engine.advance(SCALAR, q, v, ((control, 1),), None).converged
+        if setup.engine.advance(SCALAR, q, v, (((control,), 1),), None).converged
     ]
 
 
 def mapped(one_step_map: Any, setup: Setup, q: Any, v: Any, control: float) -> np.ndarray:
     """(q, v) after one step of a map."""
     system = setup.system
-    end = one_step_map.step(SCALAR, system, q, v, system.no_losses, control, setup.timing.dt)
+    end = one_step_map.step(SCALAR, system, q, v, system.no_losses, (control,), setup.timing.dt)
     return np.array((*end.q, *end.v))

@@ -85,13 +85,13 @@ def elliptic_pendulum(amplitude: float, frequency: float, time: float) -> tuple[
 def solved(plant, state, duration, control=0.0):
     """State at the end and (work, dissipated) by scipy's DOP853 at rounding."""
     n = len(plant.coordinates)
-    force = tuple(control if i == plant.actuated else 0.0 for i in range(n))
+    force = tuple(control if i == plant.actuated[0] else 0.0 for i in range(n))
 
     def rates(_, y):
         q, v = tuple(y[:n]), tuple(y[n : 2 * n])
         return (
             *v, *plant.acceleration(SCALAR, q, v, force),
-            control * v[plant.actuated], plant.dissipation(SCALAR, q, v),
+            control * v[plant.actuated[0]], plant.dissipation(SCALAR, q, v),
         )  # fmt: skip
 
     q, v = split_state(tuple(state))
@@ -161,7 +161,7 @@ def check_solver(integrator: str) -> None:
             start = probe_state(plant) + 0.3 * rng.standard_normal(2 * n)
             q, v = split_state(tuple(start.tolist()))
             h, u = float(rng.uniform(0.1, 0.6)) / rate, float(rng.uniform(-2.0, 2.0))
-            step = stepper.step(SCALAR, system, q, v, (0.0,), u, h)
+            step = stepper.step(SCALAR, system, q, v, (0.0,), (u,), h)
             assert step.converged, plant.name
             assert step.residual <= TOLERANCE
             assert 1 <= step.iterations <= CAP
@@ -175,7 +175,7 @@ def implicit_defect(integrator: str, system, q, v, step, u, h):
     q0, v0, q1, v1 = (np.array(x) for x in (q, v, step.q, step.v))
 
     def acceleration(q, v):
-        return np.array(system.rates(SCALAR, tuple(q.tolist()), tuple(v.tolist()), u)[0])
+        return np.array(system.rates(SCALAR, tuple(q.tolist()), tuple(v.tolist()), (u,))[0])
 
     name = next(
         n for n in NEWTON if isinstance(INTEGRATORS.load(integrator)(), INTEGRATORS.load(n))

@@ -22,10 +22,9 @@ class CentralSpring:
     coordinates = ("x", "y")
     velocities = ("x_dot", "y_dot")
     coordinate_units = ("m", "m")
-    control_name = "force"
-    control_unit = "N"
+    controls = (("force", "N"),)
     frame = "anchor of the spring"
-    actuated = 0
+    actuated = (0,)
     constant_mass_matrix = True
 
     def acceleration(self, ops, q, v, force):
@@ -60,10 +59,9 @@ class PolarElasticPendulum:
     coordinates = ("r", "phi")
     velocities = ("r_dot", "phi_dot")
     coordinate_units = ("m", "rad")
-    control_name = "force"
-    control_unit = "N"
+    controls = (("force", "N"),)
     frame = "pivot; phi = 0 hanging"
-    actuated = 0
+    actuated = (0,)
     constant_mass_matrix = False
 
     def acceleration(self, ops, q, v, force):

@@ -57,8 +57,8 @@ def test_states_and_losses_are_the_maps_on_every_plant(integrator, env_id):
     losses = tuple(0.1 * (k + 1) for k in range(len(setup.system.no_losses)))
     lost = []
     for q, v, control in _moderate(setup):
-        found = setup.engine.move(SCALAR, q, v, losses, control)
-        expected = known.step(SCALAR, setup.system, q, v, losses, control, 0.002)
+        found = setup.engine.move(SCALAR, q, v, losses, (control,))
+        expected = known.step(SCALAR, setup.system, q, v, losses, (control,), 0.002)
         assert found.converged
         assert expected.converged
         for got, wanted in zip(found[:3], expected[:3], strict=True):
@@ -87,7 +87,7 @@ def test_every_operation_of_a_component_can_be_told():
     for _ in range(200):
         q, v = tuple(rng.uniform(-1.5, 1.5, 2).tolist()), tuple(rng.uniform(-2.0, 2.0, 2).tolist())
         found = engine.move(SCALAR, q, v, (0.0,), 0.3)
-        expected = one_step_map("rk4").step(SCALAR, system, q, v, (0.0,), 0.3, 0.01)
+        expected = one_step_map("rk4").step(SCALAR, system, q, v, (0.0,), (0.3,), 0.01)
         np.testing.assert_allclose((*found.q, *found.v), (*expected.q, *expected.v), atol=1e-12)
 
 
@@ -149,7 +149,7 @@ def test_an_adaptive_integrator_that_gives_up_diverges(integrator, capfd):
     setup = setup_of("casadi", integrator, "IntegPendulum-v0", dt=0.0201)
     before = setup.engine.move(SCALAR, (0.5,), (3.0,), (0.0,), 1.0)
     engine = ENGINES.load("casadi")(setup.system, integrator, 0.0201, {"max_num_steps": 10})
-    motion = engine.advance(SCALAR, (0.5,), (3.0,), ((1.0, 1),), None)
+    motion = engine.advance(SCALAR, (0.5,), (3.0,), (((1.0,), 1),), None)
     assert not motion.finite
     assert not motion.converged
     assert setup.engine.move(SCALAR, (0.5,), (3.0,), (0.0,), 1.0) == before

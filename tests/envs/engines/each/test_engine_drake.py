@@ -87,8 +87,8 @@ def test_damping_takes_what_it_takes_in_the_map(integrator):
     known, fast = one_step_map(setup.engine.map), ((0.1, 1.0), (150.0, 300.0), 2.0)
     kinds = set()
     for q, v, control in (*states(setup), fast):
-        step = setup.engine.move(SCALAR, q, v, (0.3,), control)
-        expected = known.step(SCALAR, setup.system, q, v, (0.3,), control, setup.engine.dt)
+        step = setup.engine.move(SCALAR, q, v, (0.3,), (control,))
+        expected = known.step(SCALAR, setup.system, q, v, (0.3,), (control,), setup.engine.dt)
         kinds.add(step.converged)
         if step.converged:
             np.testing.assert_allclose(step.losses, expected.losses, rtol=1e-9, atol=0.0)
@@ -105,7 +105,7 @@ def test_a_step_that_drake_divides_is_told_as_not_converged(integrator):
     errors: dict[bool, list[float]] = {True: [], False: []}
     for _ in range(60):
         q, v = tuple(rng.uniform(-3.0, 3.0, 2)), tuple(rng.uniform(-200.0, 200.0, 2))
-        motion = setup.engine.advance(SCALAR, q, v, ((1.0, 1),), None)
+        motion = setup.engine.advance(SCALAR, q, v, (((1.0,), 1),), None)
         expected = mapped(known, setup, q, v, 1.0)
         gaps = np.abs((*motion.q, *motion.v) - expected) / (1.0 + np.abs(expected))
         errors[motion.converged].append(gaps.max())

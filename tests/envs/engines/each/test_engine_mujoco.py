@@ -17,7 +17,7 @@ ALL = tuple(MujocoEngine.maps)
 STOPPED = {"env_id": "IntegCartPoleSwingUp-v0", "contact": "engine", "dt": 0.001}
 
 
-AGAINST = ((2.41, 0.3), (1.0, 5.0), ((2.0, 1),), None)
+AGAINST = ((2.41, 0.3), (1.0, 5.0), (((2.0,), 1),), None)
 
 
 @pytest.fixture(autouse=True)

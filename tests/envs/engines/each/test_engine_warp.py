@@ -63,14 +63,14 @@ def test_a_solver_that_is_stopped_at_its_cap_has_not_converged(
     _stopped_at_one(engine, monkeypatch)
     cut = new_setup(engine, integrator, **HELD).engine
     assert cut.solver()["solver_cap"] == 1
-    q, v, control = (2.41, 0.3), (1.0, 5.0), ((0.0, 1),)
+    q, v, control = (2.41, 0.3), (1.0, 5.0), (((0.0,), 1),)
     motion = cut.advance(SCALAR, q, v, control, None)
     assert (motion.iterations, motion.converged) == (1, False)
     lanes = [np.array([x, x, np.nan]) for x in (*q, *v)]
     many = cut.advance(ARRAY, tuple(lanes[:2]), tuple(lanes[2:]), control, None)
     assert many.iterations[:2].tolist() == [1.0, 1.0]
     assert not many.converged.any()
-    fast = cut.advance(SCALAR, (2.6, 0.3), (500.0, -800.0), ((1e5, 1),), None)
+    fast = cut.advance(SCALAR, (2.6, 0.3), (500.0, -800.0), (((1e5,), 1),), None)
     assert (fast.iterations, fast.converged) == (1, False)
     ctypes.CDLL(None).fflush(None)
     assert capfd.readouterr() == ("", "")
