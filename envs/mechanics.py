@@ -129,6 +129,66 @@ def friction_of(levels: Components, speed: Component) -> Friction | None:
     return Friction(levels, speed)
 
 
+WHEN = ("continuous", "step", "period")
+"""Where a servo takes its measurements; see :class:`Servo`."""
+
+
+@dataclass(frozen=True)
+class Servo:
+    r"""A proportional-derivative servo on every driven coordinate, with a limit of its effort.
+
+    .. math:: \tau = \mathrm{sat}(k_p (q^* - q) - k_d \dot q)
+
+    Simulators mix up three things by this name. ``continuous``: a force within the vector field,
+    which integrators see in all their stages, implicit ones with its derivative (MuJoCo's position
+    actuators under its implicit integrators, PyBullet's and PhysX's drives are approximations of
+    it). ``step``: computed at the start of every integration step and held in it, so that the servo
+    changes with ``dt`` (MuJoCo's Euler, and most training code with a decimation). ``period``:
+    computed every ``period`` seconds and held, as by a digital controller.
+    The sampled servo on a mass m is stable for :math:`k_d h / m < 2` where :math:`k_p = 0`.
+    Source: Åström and Wittenmark, *Computer-Controlled Systems*, 3rd ed., sections 2.3 and 3.3.
+
+    Attributes:
+        places: of the driven coordinates.
+        stiffness: k_p, N m/rad or N/m.
+        damping: k_d, N m s/rad or N s/m.
+        limits: smallest and largest effort on each, N m or N.
+        when: one of `WHEN`.
+        period: s; of ``period`` alone.
+    """
+
+    places: tuple[int, ...]
+    stiffness: Component
+    damping: Component
+    limits: tuple[tuple[Component, Component], ...]
+    when: str
+    period: float | None
+
+    def efforts(self, ops: Ops, q: Components, v: Components, targets: Components) -> Components:
+        """Of each control, N m or N, within its limits."""
+        efforts = []
+        for target, place, (low, high) in zip(targets, self.places, self.limits, strict=True):
+            wanted = self.stiffness * (target - q[place]) - self.damping * v[place]
+            efforts.append(ops.maximum(low, ops.minimum(wanted, high)))
+        return tuple(efforts)
+
+    def slopes(
+        self, ops: Ops, q: Components, v: Components, targets: Components
+    ) -> list[tuple[int, Component, Component]]:
+        """(place, ∂τ/∂q, ∂τ/∂q̇) of each control, zero where its effort is at a limit."""
+        slopes = []
+        efforts = self.efforts(ops, q, v, targets)
+        for effort, place, (low, high) in zip(efforts, self.places, self.limits, strict=True):
+            free = (effort > low) & (effort < high)
+            by_q = ops.where(free, -self.stiffness, 0.0)
+            slopes.append((place, by_q, ops.where(free, -self.damping, 0.0)))
+        return slopes
+
+    def steps(self, ops: Ops, dt: Component) -> Component:
+        """Integration steps between two measurements."""
+        return 1 if self.period is None else ops.floor(self.period / dt + 0.5)
+
+
 @dataclass(frozen=True)
 class Link:
     """A rigid body moved by one joint, planar in x (to the right) and z (upwards).

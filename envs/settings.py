@@ -29,7 +29,9 @@ from integ_gym.support.parameters import (
     unknown_name,
 )
 
+from .actuators import ServoPlant, with_servo, with_targets
 from .engines.stepping import DIVERGENCE_SPEED, Engine, NativeEngine, PlantSystem, make_engine
+from .mechanics import Servo
 from .ops.ops import Component
 from .plants.interface import Plant
 from .tasks import Task
@@ -467,7 +469,7 @@ class Setup:
             timing: rates.
             max_speed: clip on every velocity, rad/s or m/s, or None.
         """
-        system = PlantSystem(plant, max_speed, self.settings.contact == "engine")
+        system = _system(self.settings, plant, task, max_speed)
         if self.engine.batched:
             engine = self.engine.at(system, timing.dt)
         else:
@@ -490,7 +492,12 @@ def build_setup(
         TypeError: for an unknown argument, with the valid names.
         ValueError: for an impossible value, with the valid choices.
     """
-    names = tuple(f.name for owner in (Settings, plant, task) for f in fields(owner))
+    actuator = {**defaults, **arguments}.get("actuator", "effort")
+    if actuator not in ("effort", "position"):
+        raise InputError(unknown_name("actuator", actuator, ("effort", "position")))
+    if actuator == "position":
+        plant, task = with_servo(plant), with_targets(task)
+    names = {"actuator", *(f.name for part in (Settings, plant, task) for f in fields(part))}
     for name in arguments:
         if name == "max_episode_steps":
             raise InputTypeError(
@@ -523,9 +530,29 @@ def build_setup(
         raise InputError(
             f"`contact`='engine' needs stops, and this {the_plant.name} has none; give its limit"
         )
-    system = PlantSystem(the_plant, settings.max_speed, settings.contact == "engine")
+    the_task = _parse(task, values)
+    system = _system(settings, the_plant, the_task, settings.max_speed)
+    if system.sampler is not None:
+        _check_servo(system.sampler, timing)
     engine = _engine(settings, system, timing.dt)
-    return Setup(settings, timing, the_plant, _parse(task, values), system, engine)
+    return Setup(settings, timing, the_plant, the_task, system, engine)
+
+
+def _system(settings: Settings, plant: Any, task: Any, max_speed: Component | None) -> PlantSystem:
+    servo = plant.servo_of(task.effort_limits) if isinstance(plant, ServoPlant) else None
+    return PlantSystem(plant, max_speed, settings.contact == "engine", servo)
+
+
+def _check_servo(servo: Servo, timing: Timing) -> None:
+    """Refuse a period of a sampled servo that is missing, or that rates do not divide."""
+    if (servo.period is None) == (servo.when == "period"):
+        raise InputError(
+            "`servo_period` is for `servo`='period', and needed there: the time between two "
+            "measurements of the servo, s"
+        )
+    if servo.period is not None:
+        whole_multiple("servo_period", servo.period, "dt", timing.dt)
+        whole_multiple("control_period", timing.control_period, "servo_period", servo.period)
 
 
 def _engine(settings: Settings, system: PlantSystem, dt: Component) -> Engine:

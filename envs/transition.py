@@ -68,6 +68,8 @@ class Outcome(NamedTuple):
     residual_energy: Component = 0.0
     controls: Components = (0.0,)
     """Those in force at the end of the period."""
+    efforts: Components = ()
+    """Of a servo, those in force at the end of the period, N or N m."""
     commanded: Components = (0.0,)
     """Those asked for by this decision, after saturation and fallback."""
     saturated: Component = False
@@ -174,7 +176,7 @@ def transition(
     except ArithmeticError:
         q, v = state.q, state.v
         no_losses = setup.system.no_losses
-        motion = setup.system.book_work(
+        motion = setup.system.book_carried(
             Motion(q, v, q, v, 0.0, no_losses, 0.0, 0, 0.0, False, False)
         )
     motion = motion._replace(finite=ops.assume_true(motion.finite))
@@ -351,6 +353,8 @@ def _outcome(
     rounding = max(1e-9, 64.0 * ops.epsilon)
     reached = (after.goal_since >= 0.0) & (stayed >= task.goal_stay * (1.0 - rounding))
     period, squares = timing.control_period, _mean_squares(orders.acting, timing.substeps)
+    if motion.efforts:
+        squares = tuple([ops.where(ok, x, 0.0) / period for x in motion.squares])
     earned = task.reward(ops, before.q, before.v, squares, failed, period)
     left = ops.maximum(timing.horizon - before.steps, 1)
     worst = task.worst_return(ops, left, period, top_speed(setup))
@@ -368,6 +372,7 @@ def _outcome(
         clip_loss=clip_loss,
         residual_energy=after.energy - before.energy - work + dissipated + contact_loss + clip_loss,
         controls=orders.controls,
+        efforts=tuple([ops.where(ok, x, 0.0) for x in motion.efforts]),
         commanded=orders.commands[0],
         saturated=orders.saturated,
         fallback_used=orders.fallback_used,
@@ -428,7 +433,8 @@ OF_COMMANDS = {"command_held": False, "command_latency": 0.0}
 def reset_info(setup: Setup, state: EnvState) -> dict[str, Any]:
     """`info` of a reset: the keys of a step, nothing booked."""
     none = (0.0,) * len(setup.plant.controls)
-    quiet = Outcome(controls=none, commanded=none, status=quiet_status(setup))
+    efforts = (0.0,) * len(list(effort_columns(setup.plant)))
+    quiet = Outcome(controls=none, efforts=efforts, commanded=none, status=quiet_status(setup))
     arrivals = OF_COMMANDS if state.arrivals else {}
     return {**_info_dict(setup, 0.0, state, quiet), "sensor_time": 0.0, **arrivals}
 
@@ -437,6 +443,14 @@ def blank_info(setup: Setup) -> dict[str, Any]:
     """`info` of a reset, but for what depends on the start."""
     still = EnvState((), (), 0.0, (), (), (0.0,) * setup.timing.drawn, (), (), 0.0, (), 0, AWAY)
     return reset_info(setup, still)
+
+
+def effort_columns(plant: Any) -> Iterator[str]:
+    """Names in `info` of the efforts of a servo; none of a plant without one."""
+    if not hasattr(plant, "servo_of"):
+        return
+    for place in plant.actuated:
+        yield f"{plant.coordinates[place]}_effort"
 
 
 def control_columns(plant: Any) -> Iterator[tuple[str, str]]:
@@ -459,6 +473,7 @@ def step_info(setup: Setup, state: EnvState, outcome: Outcome) -> dict[str, Any]
 def _info_dict(setup: Setup, time: Component, state: EnvState, outcome: Outcome) -> dict[str, Any]:
     names = list(control_columns(setup.plant))
     asked = {name: x for (name, _), x in zip(names, outcome.commanded, strict=True)}
+    efforts = dict(zip(effort_columns(setup.plant), outcome.efforts, strict=True))
     applied = {name: x for (_, name), x in zip(names, outcome.controls, strict=True)}
     return {
         "time": time,
@@ -470,6 +485,7 @@ def _info_dict(setup: Setup, time: Component, state: EnvState, outcome: Outcome)
         "energy_residual": outcome.residual_energy,
         **applied,
         **asked,
+        **efforts,
         "saturated": outcome.saturated,
         "fallback_used": outcome.fallback_used,
         "sensor_time": state.sensed_time,

@@ -17,8 +17,8 @@ from integ_gym.support.parameters import unknown_name
 
 from ..integrators.interface import Step
 from ..integrators.newton import LEAST_TOLERANCE, Solved
-from ..mechanics import Friction, Stops
-from ..ops.ops import FLOAT32_MAX, SCALAR, Component, Components, Ops
+from ..mechanics import Friction, Servo, Stops
+from ..ops.ops import FLOAT32_MAX, SCALAR, Component, Components, Ops, along
 from ..plants.interface import Plant
 from ..registries import ENGINES, INTEGRATORS, TRUTH
 
@@ -33,18 +33,26 @@ class PlantSystem:
         plant: the continuous-time plant.
         max_speed: largest magnitude of each velocity component, rad/s or m/s, or None.
         engine_stops: whether the stops are left to the engine.
+        servo: where the controls are its targets, else None.
 
     Attributes:
         stops: the plant's stops, or None where there are none of ours.
         engine_stops: the plant's stops where the engine has them act by its own law, else None.
         steep: whether there are stops or friction.
         kinked: whether there are stops.
+        servo: that acts within the vector field, or None.
+        sampler: the servo that is computed at the start of steps, or None.
         no_losses: zero of every loss component: (damping,), or (damping, contact) with stops of
-            either kind.
+            either kind; then of what is carried with them, the controls' work, J, where they are
+            no forces along coordinates, and of a servo within the field each squared effort, s.
     """
 
     def __init__(
-        self, plant: Plant, max_speed: Component | None = None, engine_stops: bool = False
+        self,
+        plant: Plant,
+        max_speed: Component | None = None,
+        engine_stops: bool = False,
+        servo: Servo | None = None,
     ) -> None:
         self.plant = plant
         self.max_speed = max_speed
@@ -54,12 +62,17 @@ class PlantSystem:
         self.kinked = self.stops is not None
         self.no_losses: Components = (0.0,) if stops is None else (0.0, 0.0)
         self._friction: Friction | None = getattr(plant, "dry_friction", None)
-        self.steep = self.stops is not None or self._friction is not None
+        continuous = servo is not None and servo.when == "continuous"
+        self.servo, self.sampler = (servo, None) if continuous else (None, servo)
+        self.steep = self.stops is not None or self._friction is not None or continuous
         self._before = (0.0,) * plant.actuated[0]
         self._after = (0.0,) * (len(plant.coordinates) - plant.actuated[0] - 1)
         self.input_forces = getattr(plant, "input_forces", None)
-        if self.input_forces is not None:
-            self.no_losses = (*self.no_losses, 0.0)
+        self._carried = 0 if self.input_forces is None and self.servo is None else 1
+        if self.servo is not None:
+            self._carried += len(plant.controls)
+        self._untouched = self.no_losses[1:]
+        self.no_losses = (*self.no_losses, *(0.0,) * self._carried)
         self._jacobian = getattr(plant, "jacobian", None)
 
     def generalized(self, controls: Components) -> Components:
@@ -79,22 +92,46 @@ class PlantSystem:
     def work(self, controls: Components, before: Components, after: Components) -> Component:
         """Of held controls between two configurations, J, by the coordinates that they drive.
 
-        0 of a plant that gives ``input_forces``: the last of its losses is the controls' work.
+        0 where it is carried among the losses.
         """
-        if self.input_forces is not None:
+        if self._carried:
             return 0.0
         pairs = zip(controls, self.plant.actuated, strict=True)
         return reduce(add, [u * (after[k] - before[k]) for u, k in pairs])
 
-    def book_work(self, motion: Motion) -> Motion:
-        """A motion with the work that it carries among its losses, where it does, as its work."""
-        if self.input_forces is None:
+    def book_carried(self, motion: Motion) -> Motion:
+        """A motion with the work and the squares that it carries among its losses as its own."""
+        if not self._carried:
             return motion
-        *losses, work = motion.losses
-        return motion._replace(losses=tuple(losses), work=work)
+        count = len(motion.losses) - self._carried
+        work, *squares = motion.losses[count:]
+        return motion._replace(losses=motion.losses[:count], work=work, squares=tuple(squares))
+
+    def sample_servo(
+        self, ops: Ops, motion: Motion, targets: Components, at: tuple[Component, Component]
+    ) -> Components:
+        """Efforts in a step: computed at its start, or at that of an earlier one and held.
+
+        Args:
+            ops: arithmetic.
+            motion: so far in the control period.
+            targets: of the servo.
+            at: the step, from 0, and its length, s.
+        """
+        servo, (index, dt) = self.sampler, at
+        assert servo is not None
+        efforts = servo.efforts(ops, motion.q, motion.v, targets)
+        if servo.when == "step":
+            return efforts
+        due = index % servo.steps(ops, dt) == 0
+        return tuple(
+            [ops.where(due, new, old) for new, old in zip(efforts, motion.efforts, strict=True)]
+        )
 
     def forces(self, ops: Ops, q: Components, v: Components, controls: Components) -> Components:
         """Generalized force of the controls, one entry per coordinate."""
+        if self.servo is not None:
+            return self.generalized(self.servo.efforts(ops, q, v, controls))
         if self.input_forces is None:
             return self.generalized(controls)
         return self.input_forces(ops, q, v, controls)  # type: ignore[no-any-return]
@@ -104,11 +141,12 @@ class PlantSystem:
     ) -> tuple[Components, Components]:
         """Accelerations and the power of each loss component, W."""
         plant = self.plant
-        if self.input_forces is not None:
-            force = self.input_forces(ops, q, v, control)
+        if self._carried:
+            force = self.forces(ops, q, v, control)
             power = reduce(add, [f * x for f, x in zip(force, v, strict=True)])
+            squares = () if self.servo is None else [force[k] * force[k] for k in plant.actuated]
             force, losses = self._resisted(ops, q, v, force)
-            return plant.acceleration(ops, q, v, force), (*losses, power)
+            return plant.acceleration(ops, q, v, force), (*losses, power, *squares)
         force = self.generalized(control)
         if not self.steep:
             return plant.acceleration(ops, q, v, force), (plant.dissipation(ops, q, v),)
@@ -127,12 +165,12 @@ class PlantSystem:
         """(∂a/∂q, ∂a/∂v) of the plant with its stops and friction, or None if it gives none."""
         if self._jacobian is None:
             return None
-        force = self.generalized(control)
+        force = self.forces(ops, q, v, control)
         if not self.steep:
             return self._jacobian(ops, q, v, force)  # type: ignore[no-any-return]
         force, _ = self._resisted(ops, q, v, force)
         by_q, by_v = self._jacobian(ops, q, v, force)
-        for j, (force_by_q, force_by_v) in enumerate(self._force_slopes(ops, q, v)):
+        for j, (force_by_q, force_by_v) in enumerate(self._force_slopes(ops, q, v, control)):
             response = self._response(ops, q, v, j)
             by_q = _column_added(by_q, j, response, force_by_q)
             by_v = _column_added(by_v, j, response, force_by_v)
@@ -172,7 +210,7 @@ class PlantSystem:
             for x, f in zip(v, force, strict=True):
                 rubbed = rubbed - f * x
         if self.stops is None:
-            return force, (rubbed, *self.no_losses[1:])
+            return force, (rubbed, *self._untouched)
         contact = self.stops.contact(ops, q, v)
         i = self.stops.coordinate
         force = (*force[:i], force[i] + contact.force, *force[i + 1 :])
@@ -186,14 +224,19 @@ class PlantSystem:
         total = tuple([a + b for a, b in zip(force, resisting, strict=True)])
         return total, (self.plant.dissipation(ops, q, v) + losses[0], *losses[1:])
 
-    def _force_slopes(self, ops: Ops, q: Components, v: Components) -> list[Components]:
-        """(∂F_j/∂q_j, ∂F_j/∂v_j) of friction and contact, for each coordinate j."""
+    def _force_slopes(
+        self, ops: Ops, q: Components, v: Components, controls: Components
+    ) -> list[Components]:
+        """(∂F_j/∂q_j, ∂F_j/∂v_j) of friction, contact and servo, for each coordinate j."""
         by_v = (0.0,) * len(v) if self._friction is None else self._friction.slopes(ops, v)
         slopes: list[Components] = [(0.0, slope) for slope in by_v]
         if self.stops is not None:
             i = self.stops.coordinate
             contact_by_q, contact_by_v = self.stops.slopes(ops, q, v)
             slopes[i] = (contact_by_q, slopes[i][1] + contact_by_v)
+        if self.servo is not None:
+            for j, by_q, by_speed in self.servo.slopes(ops, q, v, controls):
+                slopes[j] = (slopes[j][0] + by_q, slopes[j][1] + by_speed)
         return slopes
 
     def _response(self, ops: Ops, q: Components, v: Components, j: int) -> Components:
@@ -240,6 +283,10 @@ class Motion(NamedTuple):
     """Deepest at the end of any sub-step, m or rad."""
     contact_force: Component = 0.0
     """Of largest magnitude at the end of any sub-step, N or N m."""
+    efforts: Components = ()
+    """Of a servo, in force at the end, N or N m."""
+    squares: Components = ()
+    """Of a servo, the integral of each squared effort, N² s or N² m² s."""
 
 
 Held = tuple[tuple[Components, int], ...]
@@ -499,11 +546,18 @@ class SteppedEngine(ABC):
         """Advance through the segments of constant control."""
         system = self.system
         motion = Motion(q, v, q, v, 0.0, system.no_losses, 0.0, 0, 0.0, True, True)
+        if system.sampler is not None:
+            none = (0.0 * q[0],) * len(system.plant.controls)
+            motion = motion._replace(efforts=none, squares=none)
         done = 0
         for control, count in segments:
             motion = ops.repeat(count, self._booked_step(ops, control, sample_at, done), motion)
             done += count
-        motion = system.book_work(motion)
+        motion = system.book_carried(motion)
+        if system.servo is not None:
+            targets = control(count - 1) if callable(control) else control
+            efforts = system.servo.efforts(ops, motion.q, motion.v, targets)
+            motion = motion._replace(efforts=efforts)
         if sample_at is None:
             return motion._replace(sampled_q=motion.q, sampled_v=motion.v)
         return motion
@@ -514,9 +568,14 @@ class SteppedEngine(ABC):
 
         def advance(index: Component, motion: Motion) -> Motion:
             control = asked(index) if callable(asked) else asked
+            efforts, squares = motion.efforts, motion.squares
+            if system.sampler is not None:
+                control = system.sample_servo(ops, motion, control, (done + index, self.dt))
+                efforts = control
+                squares = along(squares, self.dt, tuple([u * u for u in control]))
             (
                 q0, v0, sampled_q, sampled_v, work, losses, clipped, most, worst, converged, ok,
-                depth, push,
+                depth, push, *_,
             ) = motion  # fmt: skip
             q, raw, losses, iterations, residual, solved, bump = move(ops, q0, v0, losses, control)
             v = raw
@@ -546,6 +605,8 @@ class SteppedEngine(ABC):
                 ok & within_bounds(q, raw),
                 depth,
                 push,
+                efforts,
+                squares,
             )
 
         return advance
