@@ -16,7 +16,7 @@ from integ_gym.envs import numerics
 from integ_gym.envs.foreign import Further
 from integ_gym.envs.plants.interface import state_names, state_units
 from integ_gym.envs.settings import DRAWN, NATIVE, Setup
-from integ_gym.envs.transition import STATUS_NAMES, control_columns
+from integ_gym.envs.transition import STATUS_NAMES, control_columns, effort_columns
 from integ_gym.support.errors import InputError, InputTypeError
 from integ_gym.support.optional import installed_versions
 from integ_gym.support.processes import host
@@ -515,6 +515,10 @@ def control_fields(plant: Any) -> Iterator[Field]:
     for (name, unit), (commanded, applied) in zip(plant.controls, columns, strict=True):
         yield _column(f"{name}_commanded", "float64", unit, asked, "step", commanded, plant.frame)
         yield _column(f"{name}_applied", "float64", unit, given, "step", applied, plant.frame)
+    told = "effort of the servo at the end of the control step"
+    for name, place in zip(effort_columns(plant), plant.actuated if own else (), strict=True):
+        unit = _FORCE_UNITS[plant.coordinate_units[place]]
+        yield _column(name, "float64", unit, told, "step", frame=plant.frame)
 
 
 def contact_units(plant: Any) -> dict[str, str]:
