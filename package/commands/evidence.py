@@ -83,10 +83,10 @@ def replay(
         report=report,
     )
     count = store.count()
-    sentences = [
-        f"replayed: {done.records} of {plural(count, 'record')}, {done.exact} of them to the last "
-        f"bit, the others within {replaying.ELSEWHERE:g}"
-    ]
+    exact = f"{done.exact} of them to the last bit"
+    if done.exact < done.records:
+        exact += f", the others within {replaying.ELSEWHERE:g}"
+    sentences = [f"replayed: {done.records} of {plural(count, 'record')}, {exact}"]
     if done.sensitive:
         sentences.append(
             f"sensitive: {plural(len(done.sensitive), 'record')} further off, by no more than "

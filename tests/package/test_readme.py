@@ -75,8 +75,10 @@ def test_what_the_quick_panel_found_is_what_was_saved():
     told = f"in {100 * home[lossy]:.0f} % of the episodes there and in {rate} % ({low} to {high} %)"
     assert told in text
     (failing,) = (one for one in summary["verdicts"] if one["verdict"] == "fails")
-    lost, low, high = failing["overfitting"]
-    assert f"lost {lost:.2f} ({low:.2f} to {high:.2f}) is overfitting" in text
+    lost, fitted = (
+        "{:.2f} ({:.2f} to {:.2f})".format(*failing[name]) for name in ("total", "overfitting")
+    )
+    assert f"of the {lost} that is lost, {fitted} is overfitting" in text
     assert f"succeed there in {100 * rows['reference dt=0.05'][0]:.0f} %" in text
     assert f"policies succeed in {100 * rows[fine][0]:.0f} % on the truth" in text
 
