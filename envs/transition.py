@@ -5,11 +5,14 @@ The single, the vector and the functional environment all advance through :func:
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import partial
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from .engines.stepping import DIVERGENCE_SPEED, Motion, Segments
-from .ops.ops import Component, Components, Ops, split_state
+from .ops.ops import Component, Components, Ops, map_leaves, split_state
+from .plants.contact import Touch
 from .settings import Setup, Timing
 from .tasks import Command
 
@@ -63,6 +66,7 @@ class Outcome(NamedTuple):
     work: Component = 0.0
     dissipated: Component = 0.0
     contact_loss: Component = 0.0
+    """Taken out by contact: by damping normal to what is touched, and by friction on it."""
     clip_loss: Component = 0.0
     residual_energy: Component = 0.0
     control: Component = 0.0
@@ -81,7 +85,13 @@ class Outcome(NamedTuple):
     penetration: Component = 0.0
     """Deepest at the end of any sub-step, m or rad."""
     contact_force: Component = 0.0
-    """Generalized force of the stops, that of largest magnitude at the end of any sub-step."""
+    """Generalized force of the stops, or normal force of a contact point: that of largest magnitude
+    at the end of any sub-step."""
+    slip_loss: Component = 0.0
+    """What of the contact loss friction has taken at contact points."""
+    touches: tuple[Touch, ...] = ()
+    """Of each contact point: deepest penetration at the end of any sub-step, the rest at the end of
+    the period."""
 
 
 def quiet_status(setup: Setup) -> int:
@@ -332,6 +342,10 @@ def _outcome(
         contact_loss = ops.where(ok, motion.losses[1], 0.0)
         penetration = ops.where(ok, motion.penetration, 0.0)
         contact_force = ops.where(ok, motion.contact_force, 0.0)
+    slip_loss, touches = 0.0, _touches(ops, setup, after, motion)
+    if touches:
+        slip_loss = ops.where(ok, motion.losses[2], 0.0)
+        contact_loss = contact_loss + slip_loss
     failed = task.terminated(ops, after.q, after.v) & ok
     terminated = failed | _negated(ok)
     truncated = after.steps >= timing.horizon
@@ -366,7 +380,19 @@ def _outcome(
         status=ops.where(ok, solved, DIVERGED),
         penetration=penetration,
         contact_force=contact_force,
+        slip_loss=slip_loss,
+        touches=touches,
     )
+
+
+def _touches(ops: Ops, setup: Setup, after: EnvState, motion: Motion) -> tuple[Touch, ...]:
+    reactions = setup.system.reactions(ops, after.q, after.v)
+    depths = motion.depths or (0.0,) * len(reactions)
+    touches = [
+        reaction.touch._replace(penetration=depth)
+        for reaction, depth in zip(reactions, depths, strict=True)
+    ]
+    return map_leaves(lambda x: ops.where(motion.finite, x, 0.0), tuple(touches))  # type: ignore[no-any-return]
 
 
 def _choose(ops: Ops, condition: Component, new: Components, old: Components) -> Components:
@@ -407,10 +433,18 @@ OF_COMMANDS = {"command_held": False, "command_latency": 0.0}
 """Further entries of `info` where arrivals are drawn, as they are in a reset's."""
 
 
-def reset_info(state: EnvState, status: int = OK) -> dict[str, Any]:
+def further_info(setup: Setup) -> dict[str, Any]:
+    """Entries of `info` beside those of every environment, as they are in a reset's."""
+    arrivals = OF_COMMANDS if setup.timing.drawn else {}
+    untouched = Outcome(touches=(Touch(),) * len(setup.system.contacts))
+    return {**arrivals, **_contact_info(setup, untouched)}
+
+
+def reset_info(
+    state: EnvState, status: int = OK, further: Mapping[str, Any] = MappingProxyType({})
+) -> dict[str, Any]:
     """`info` of a reset: the keys of a step, nothing booked."""
-    arrivals = OF_COMMANDS if state.arrivals else {}
-    return {**_info_dict(0.0, state, Outcome(status=status)), "sensor_time": 0.0, **arrivals}
+    return {**_info_dict(0.0, state, Outcome(status=status)), "sensor_time": 0.0, **further}
 
 
 def step_info(setup: Setup, state: EnvState, outcome: Outcome) -> dict[str, Any]:
@@ -418,7 +452,20 @@ def step_info(setup: Setup, state: EnvState, outcome: Outcome) -> dict[str, Any]
     info = _info_dict(state.steps * setup.timing.control_period, state, outcome)
     if state.arrivals:
         info |= {"command_held": outcome.held, "command_latency": outcome.latency}
-    return info
+    return info | _contact_info(setup, outcome)
+
+
+def _contact_info(setup: Setup, outcome: Outcome) -> dict[str, Any]:
+    """What a plant with contact points is told of besides."""
+    if not outcome.touches:
+        return {}
+    names: tuple[str, ...] = setup.plant.contact_names  # type: ignore[attr-defined]
+    figures = {
+        f"{name}_{figure}": value
+        for name, touch in zip(names, outcome.touches, strict=True)
+        for figure, value in touch._asdict().items()
+    }
+    return {"slip_loss": outcome.slip_loss, **figures}
 
 
 def _info_dict(time: Component, state: EnvState, outcome: Outcome) -> dict[str, Any]:
@@ -456,7 +503,8 @@ RESULTS = ("reward", "terminated", "truncated", "sampled")
 def scalar_start(setup: Setup, ops: Ops, q: Components, v: Components) -> tuple[Any, ...]:
     state = initial_state(ops, setup, q, v)
     observation = setup.task.observe(ops, state.q, state.v)
-    return tuple(state), observation, reset_info(state, quiet_status(setup))
+    info = reset_info(state, quiet_status(setup), further_info(setup))
+    return tuple(state), observation, info
 
 
 def scalar_step(setup: Setup, ops: Ops, state: tuple[Any, ...], *given: Any) -> tuple[Any, ...]:

@@ -56,9 +56,9 @@ from .starts import (
 )
 from .steps import LanesStep
 from .transition import (
-    OF_COMMANDS,
     RESULTS,
     EnvState,
+    further_info,
     initial_state,
     quiet_status,
     sensed_state,
@@ -135,7 +135,7 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         self._lanes_differ = bool(lane_parameters(self.setup))
         self._quiet = np.array([quiet_status(setup) for setup in self.setups])
         self._drawn = self.setup.timing.drawn
-        self._info = LaneInfo(num_envs, int(self._quiet[0]), OF_COMMANDS if self._drawn else {})
+        self._info = LaneInfo(num_envs, int(self._quiet[0]), further_info(self.setup))
         self._steps = [LanesStep(setup, bool(compiled)) for setup in self.setups]
         self._rngs: list[np.random.Generator] = []
         self._seeds: list[int] = []

@@ -14,8 +14,9 @@ import numpy.typing as npt
 from integ_gym.support.errors import InputError
 
 from ..integrators.interface import State, Step
-from ..mechanics import Link, Mechanism, Stops
+from ..mechanics import Link, Mechanism
 from ..ops.ops import SCALAR, Component, Components, Ops, along
+from ..plants.contact import Stops
 from ..plants.interface import Plant
 from .maps import one_step_map
 from .simulator import ASTRAY, ForeignEngine, Run
