@@ -1,12 +1,21 @@
-"""What plants are made of beside their equations: dry friction, and links for engines."""
+"""What is said of plants beside their equations: kinks, dry friction, and links for engines."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from .ops.ops import Component, Components, Ops
-from .plants.contact import Stops
+
+
+class Kink(NamedTuple):
+    """What may change its sign within a step, and the accelerations their slope with it."""
+
+    value: Component
+    rate: Component
+    """Of the value, per second."""
+    layer: Component | None = None
+    """The accelerations are smooth over so much of the value; None: over nothing of it."""
 
 
 @dataclass(frozen=True)
@@ -85,10 +94,8 @@ class Mechanism:
     links: tuple[Link, ...]
     gravity: Component
 
-    def stopped(self, stops: Stops | None) -> Mechanism:
-        """The same with stops on the joint whose coordinate they stop."""
-        if stops is None:
-            return self
+    def stopped(self, coordinate: int, limit: Component) -> Mechanism:
+        """The same with stops on the joint of a coordinate, at ±``limit``."""
         links = list(self.links)
-        links[stops.coordinate] = replace(links[stops.coordinate], limit=stops.limit)
+        links[coordinate] = replace(links[coordinate], limit=limit)
         return replace(self, links=tuple(links))

@@ -107,7 +107,9 @@ class RigidBodyEngine(ForeignEngine):
         """Build the simulator's model, and compare it with the plant."""
         super().prepare()
         self.free = mechanism_of(self.name, self.system.plant)
-        self.mechanism = self.free.stopped(self.system.engine_stops)
+        self.mechanism, stops = self.free, self.system.engine_stops
+        if stops is not None:
+            self.mechanism = self.free.stopped(stops.coordinate, stops.limit)
         self._map = one_step_map(self.map)
         self._map_losses_of = getattr(self._map, "losses_of", None)
         self._map_losses_between = getattr(self._map, "losses_between", None)

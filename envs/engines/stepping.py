@@ -15,9 +15,9 @@ from integ_gym.support.parameters import unknown_name
 
 from ..integrators.interface import Step
 from ..integrators.newton import LEAST_TOLERANCE, Solved
-from ..mechanics import Friction
+from ..mechanics import Friction, Kink
 from ..ops.ops import FLOAT32_MAX, SCALAR, Component, Components, Ops
-from ..plants.contact import ContactPoint, Kink, Reaction, Stops
+from ..plants.contact import ContactPoint, Reaction, Stops
 from ..plants.interface import Plant
 from ..registries import ENGINES, INTEGRATORS, TRUTH
 
@@ -114,7 +114,9 @@ class PlantSystem:
 
     def kinks(self, ops: Ops, q: Components, v: Components, control: Component) -> tuple[Kink, ...]:
         """Where the accelerations have a kink: at the nearer stop, and at contact points."""
-        found = () if self.stops is None else (Kink(*self.stops.clearance(ops, q, v)),)
+        found: tuple[Kink, ...] = ()
+        if self.stops is not None:
+            found = (Kink(*self.stops.clearance(ops, q, v)),)
         if self.contacts:
             acceleration, _ = self.rates(ops, q, v, control)
             for contact in self.contacts:

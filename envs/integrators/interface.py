@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
+from ..mechanics import Kink
 from ..ops.ops import Component, Components, Ops
-from ..plants.contact import Kink
 
 State = tuple[Components, Components]
 """Configuration and velocity."""

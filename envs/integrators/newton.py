@@ -5,8 +5,8 @@ from __future__ import annotations
 import sys
 from typing import Any, NamedTuple
 
+from ..mechanics import Kink
 from ..ops.ops import Component, Components, Ops, along
-from ..plants.contact import Kink
 from .interface import System
 
 

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from ..mechanics import Kink
 from ..ops.ops import FLOAT32_MAX, Component, Components, Ops, along
 
 
@@ -165,16 +166,6 @@ class Reaction(NamedTuple):
     """Power that damping normal to the plane takes out, W, never negative."""
     rubbed: Component
     """Power that friction takes out, W, never negative."""
-
-
-class Kink(NamedTuple):
-    """What may change its sign within a step, and the accelerations their slope with it."""
-
-    value: Component
-    rate: Component
-    """Of the value, per second."""
-    layer: Component | None = None
-    """The accelerations are smooth over so much of the value; None: over nothing of it."""
 
 
 @dataclass(frozen=True)

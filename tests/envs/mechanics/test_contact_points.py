@@ -22,8 +22,8 @@ from touching import ENVIRONMENTS, Puck, Rod, RodWithoutJacobian
 from integ_gym.envs.engines.stepping import NativeEngine, PlantSystem
 from integ_gym.envs.environment import environment_setup
 from integ_gym.envs.integrators.newton import time_of_kink
+from integ_gym.envs.mechanics import Kink
 from integ_gym.envs.ops.ops import ARRAY, SCALAR
-from integ_gym.envs.plants.contact import Kink
 from integ_gym.envs.steps import script_of
 
 SLIDING = Puck(gravity=10.0, friction_speed=0.02)
