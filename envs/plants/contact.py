@@ -130,7 +130,7 @@ def stops_at(
     return None if limit is None else Stops(coordinate, limit, stiffness, damping)
 
 
-class Place(NamedTuple):
+class ContactFrame(NamedTuple):
     """Where a point of a plant is, seen from a plane that it may touch."""
 
     gap: Component
@@ -188,14 +188,14 @@ class ContactPoint:
     arXiv:2312.03908: Hunt and Crossley's law with friction that is smoothed by a soft norm.
 
     Attributes:
-        place: of (ops, q), where the point is. Its rows are part of the plant's equations.
+        frame: of (ops, q): where the point is, with two rows of the plant's Jacobian.
         stiffness: k, N/m.
         damping: d, s/m.
         friction: coefficient μ.
         friction_speed: v_s, m/s.
     """
 
-    place: Callable[[Ops, Components], Place]
+    frame: Callable[[Ops, Components], ContactFrame]
     stiffness: Component
     damping: Component
     friction: Component
@@ -203,7 +203,7 @@ class ContactPoint:
 
     def reaction(self, ops: Ops, q: Components, v: Components) -> Reaction:
         """Forces, energy and powers in the state (q, v)."""
-        gap, normal, tangent = self.place(ops, q)
+        gap, normal, tangent = self.frame(ops, q)
         depth, inward = _pressed(ops, gap, normal, v)
         push, energy, damped = press(ops, self.stiffness, self.damping, depth, inward)
         slip = ops.where(depth > 0.0, _dot(tangent, v), 0.0)
@@ -216,9 +216,9 @@ class ContactPoint:
     ) -> tuple[tuple[Components, ...], tuple[Components, ...]]:
         """(∂F/∂q, ∂F/∂v) of the generalized force, each as its columns.
 
-        The rows of the place change with q by forward differences; the rest is written out.
+        The rows of the frame change with q by forward differences; the rest is written out.
         """
-        gap, normal, tangent = self.place(ops, q)
+        gap, normal, tangent = self.frame(ops, q)
         depth, inward = _pressed(ops, gap, normal, v)
         pressing = self.stiffness, self.damping, depth, inward
         push, by_gap, by_rate = press(ops, *pressing).force, *press_slopes(ops, *pressing)
@@ -234,7 +234,7 @@ class ContactPoint:
 
         by_q, increment = [], ops.epsilon**0.5
         for j, x in enumerate(q):
-            moved = self.place(ops, (*q[:j], x + increment, *q[j + 1 :]))
+            moved = self.frame(ops, (*q[:j], x + increment, *q[j + 1 :]))
             turned = [
                 tuple([(b - a) / increment for a, b in zip(row, other, strict=True)])
                 for row, other in ((normal, moved.normal), (tangent, moved.tangent))
@@ -251,9 +251,9 @@ class ContactPoint:
         self, ops: Ops, q: Components, v: Components, acceleration: Components
     ) -> tuple[Kink, Kink, Kink]:
         """Of touching and leaving, of letting go while pressed in, and of sliding direction."""
-        gap, normal, tangent = self.place(ops, q)
+        gap, normal, tangent = self.frame(ops, q)
         moment = ops.epsilon**0.5
-        later = self.place(ops, along(q, moment, v))
+        later = self.frame(ops, along(q, moment, v))
         rate, slip = _dot(normal, v), _dot(tangent, v)
         speeding = _dot(normal, acceleration) + (_dot(later.normal, v) - rate) / moment
         turning = _dot(tangent, acceleration) + (_dot(later.tangent, v) - slip) / moment

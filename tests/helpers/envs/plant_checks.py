@@ -118,7 +118,7 @@ def check_equations_of_motion(plant) -> None:
         _assert_close(plant.mass_matrix(SCALAR, tuple(q)), mass, 1e-8)
         for contact in contacts:
             slopes = jacobian(partial(_gap, contact), q)
-            _assert_close(contact.place(SCALAR, tuple(q)).normal, slopes[0], 1e-8)
+            _assert_close(contact.frame(SCALAR, tuple(q)).normal, slopes[0], 1e-8)
         if hasattr(plant, "jacobian"):
             _check_jacobian(plant, np.concatenate([q, v]), force, 1.0 + np.abs(expected).max())
 
@@ -137,7 +137,7 @@ def _lagrange(plant, q, v, force):
 
 def _gap(contact, points):
     """At points of shape (lanes, n), as one column."""
-    return np.broadcast_to(contact.place(ARRAY, tuple(points.T)).gap, len(points))[:, None]
+    return np.broadcast_to(contact.frame(ARRAY, tuple(points.T)).gap, len(points))[:, None]
 
 
 def _check_jacobian(plant, here, force, scale) -> None:

@@ -9,8 +9,16 @@ from typing import ClassVar
 
 import gymnasium as gym
 
-from integ_gym import Command, IntegEnv, IntegVectorEnv, nonnegative, parameter, positive
-from integ_gym.envs.plants.contact import ContactPoint, Place
+from integ_gym import (
+    Command,
+    ContactFrame,
+    ContactPoint,
+    IntegEnv,
+    IntegVectorEnv,
+    nonnegative,
+    parameter,
+    positive,
+)
 
 
 @dataclass(frozen=True)
@@ -39,10 +47,10 @@ class Puck:
 
     @cached_property
     def contacts(self):
-        return (_point(self, self._place),)
+        return (_point(self, self._frame),)
 
-    def _place(self, ops, q):
-        return Place(q[1], (0.0, 1.0), (1.0, 0.0))
+    def _frame(self, ops, q):
+        return ContactFrame(q[1], (0.0, 1.0), (1.0, 0.0))
 
     def acceleration(self, ops, q, v, force):
         return (
@@ -106,7 +114,7 @@ class Rod:
 
     def _end(self, ops, q, share):
         across, up = (share * self.length * f(q[2]) for f in (ops.cos, ops.sin))
-        return Place(q[1] + up, (0.0, 1.0, across), (1.0, 0.0, 0.0 - up))
+        return ContactFrame(q[1] + up, (0.0, 1.0, across), (1.0, 0.0, 0.0 - up))
 
     def acceleration(self, ops, q, v, force):
         return (
@@ -138,9 +146,9 @@ class RodWithoutJacobian(Rod):
     jacobian = None
 
 
-def _point(plant, place):
+def _point(plant, frame):
     return ContactPoint(
-        place, plant.stiffness, plant.plane_damping, plant.friction, plant.friction_speed
+        frame, plant.stiffness, plant.plane_damping, plant.friction, plant.friction_speed
     )
 
 
