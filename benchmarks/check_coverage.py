@@ -19,9 +19,9 @@ from integ_gym.eval.loss_check import (
     FIRST_SEEDS,
     MOST_SEEDS,
     NARROW,
-    loss_interval,
     wanted_seeds,
 )
+from integ_gym.eval.verdict import checked_loss
 
 Floats = npt.NDArray[np.float64]
 Draw = Callable[[np.random.Generator], Floats]
@@ -55,7 +55,7 @@ def checked(losses: Floats, draws: int = DRAWS) -> tuple[int, float, float]:
     seeds = FIRST_SEEDS
     while True:
         part = losses[:seeds]
-        lost = loss_interval(np.maximum(part, 0.0), np.maximum(-part, 0.0), draws=draws)
+        lost = checked_loss(np.maximum(part, 0.0), np.maximum(-part, 0.0), draws=draws)
         wanted = wanted_seeds(seeds, 0.5 * (lost.high - lost.low))
         if wanted == seeds:
             return seeds, lost.low, lost.high

@@ -1,4 +1,4 @@
-"""The plant as integrators see it: equations of motion with stops, friction and a speed limit."""
+"""What is said of plants beside their equations: kinks, dry friction, and links for engines."""
 
 from __future__ import annotations
 
@@ -8,86 +8,14 @@ from typing import Literal, NamedTuple
 from .ops.ops import Component, Components, Ops
 
 
-class Contact(NamedTuple):
-    """What the stops do to a plant in one state; all zero away from them."""
+class Kink(NamedTuple):
+    """What may change its sign within a step, and the accelerations their slope with it."""
 
-    force: Component
-    """Generalized force along the stopped coordinate, N or N m: inwards, never adhesive."""
-    penetration: Component
-    """How far the coordinate is beyond its limit, m or rad."""
-    energy: Component
-    """Elastic energy stored in the stop, J."""
-    dissipated: Component
-    """Power that the stop takes out, W, never negative."""
-
-
-@dataclass(frozen=True)
-class Stops:
-    r"""Stops at ±``limit`` on one coordinate.
-
-    With p the penetration and k, d the stiffness and damping, the stop pushes inwards with
-
-    .. math:: F = k\,p\,\max(0,\ 1 + d\,\dot p)
-
-    which is continuous on touching and on leaving. Where nothing else acts on a mass, the speeds v
-    of arrival and u of departure obey :math:`g(v) = g(-u)`, :math:`g(v) = v/d - \ln(1 + d v)/d^2`.
-    Source: Hunt and Crossley (1975), *Coefficient of restitution interpreted as damping in
-    vibroimpact*, Journal of Applied Mechanics 42, with exponent 1.
-
-    Attributes:
-        coordinate: index of the stopped coordinate.
-        limit: distance of either stop from zero, m or rad.
-        stiffness: k, N/m or N m/rad.
-        damping: d, s/m or s/rad.
-    """
-
-    coordinate: int
-    limit: Component
-    stiffness: Component
-    damping: Component
-
-    def contact(self, ops: Ops, q: Components, v: Components) -> Contact:
-        """Force, penetration, energy and dissipated power in the state (q, v)."""
-        side, depth, outward, grip = self._touch(ops, q, v)
-        elastic = self.stiffness * depth
-        push = elastic * grip
-        return Contact(0.0 - side * push, depth, 0.5 * elastic * depth, (push - elastic) * outward)
-
-    def slopes(self, ops: Ops, q: Components, v: Components) -> tuple[Component, Component]:
-        """(∂F/∂q, ∂F/∂v) of the generalized force, along the stopped coordinate."""
-        _, depth, _, grip = self._touch(ops, q, v)
-        by_q = ops.where(depth > 0.0, -self.stiffness * grip, 0.0)
-        by_v = ops.where(grip > 0.0, -self.stiffness * self.damping * depth, 0.0)
-        return by_q, by_v
-
-    def clearance(self, ops: Ops, q: Components, v: Components) -> tuple[Component, Component]:
-        """Distance from the nearer stop, m or rad, negative in contact, and its rate."""
-        x = q[self.coordinate]
-        inward = ops.where(x < 0.0, v[self.coordinate], -v[self.coordinate])
-        return self.limit - abs(x), inward
-
-    def confined(self, ops: Ops, q: Components) -> Components:
-        """``q`` with the stopped coordinate within its limits."""
-        i = self.coordinate
-        within = ops.maximum(-self.limit, ops.minimum(q[i], self.limit))
-        return (*q[:i], within, *q[i + 1 :])
-
-    def _touch(
-        self, ops: Ops, q: Components, v: Components
-    ) -> tuple[Component, Component, Component, Component]:
-        """Side (±1) of the nearer stop, penetration, speed outwards and max(0, 1 + d ṗ)."""
-        x = q[self.coordinate]
-        side = ops.where(x < 0.0, -1.0, 1.0)
-        outward = side * v[self.coordinate]
-        depth = ops.maximum(side * x - self.limit, 0.0)
-        return side, depth, outward, ops.maximum(1.0 + self.damping * outward, 0.0)
-
-
-def stops_at(
-    coordinate: int, limit: Component | None, stiffness: Component, damping: Component
-) -> Stops | None:
-    """Stops on a coordinate, or None where there is no limit."""
-    return None if limit is None else Stops(coordinate, limit, stiffness, damping)
+    value: Component
+    rate: Component
+    """Of the value, per second."""
+    layer: Component | None = None
+    """The accelerations are smooth over so much of the value; None: over nothing of it."""
 
 
 @dataclass(frozen=True)
@@ -226,10 +154,8 @@ class Mechanism:
     links: tuple[Link, ...]
     gravity: Component
 
-    def stopped(self, stops: Stops | None) -> Mechanism:
-        """The same with stops on the joint whose coordinate they stop."""
-        if stops is None:
-            return self
+    def stopped(self, coordinate: int, limit: Component) -> Mechanism:
+        """The same with stops on the joint of a coordinate, at ±``limit``."""
         links = list(self.links)
-        links[stops.coordinate] = replace(links[stops.coordinate], limit=stops.limit)
+        links[coordinate] = replace(links[coordinate], limit=limit)
         return replace(self, links=tuple(links))

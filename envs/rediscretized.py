@@ -1,13 +1,12 @@
-"""Gymnasium's MuJoCo tasks with another integrator and timestep, and their ledger of energy."""
+"""Gymnasium's MuJoCo tasks with another integrator, timestep, control period or delay."""
 
 from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from math import nan
-from typing import Any, NamedTuple
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -28,7 +27,7 @@ from integ_gym.support.parameters import (
 
 from .delayed import CommandQueue
 from .engines.mujoco import silencer
-from .engines.mujoco_solver import NO_RESET, read_solver, was_reset, write_solver
+from .engines.mujoco_solver import NO_RESET, read_solver, write_solver
 from .environment import at_bounds, within_rounding
 from .foreign import (
     ForeignPlant,
@@ -45,6 +44,7 @@ from .foreign import (
     wrappers_of,
 )
 from .lanes import as_floats
+from .mujoco_ledger import NOTHING, Booked, Ledger, add_up
 from .ops.ops import join_state
 from .settings import Settings, Timing, check_divides, delays_in, whole_multiple
 from .transition import DIVERGED, NOT_CONVERGED, OK, STATUS_NAMES
@@ -148,189 +148,6 @@ def _controls(mujoco: Any, model: Any) -> list[tuple[str, str]]:
 
 
 Array = npt.NDArray[np.float64]
-
-TAKEN_AT_THE_END = ("Euler", "implicit", "implicitfast", "discrete")
-"""Integrators that take joint damping at the end of the step: its work is force · displacement."""
-
-
-FASTEST = 1e6
-"""A velocity component beyond this, m/s or rad/s, is a divergence."""
-
-
-_NOT_BOOKED = (
-    "body_gravcomp", "tendon_damping", "tendon_dampingpoly", "dof_dampingpoly",
-    "actuator_damping", "actuator_dampingpoly",
-)  # fmt: skip
-"""Parameters of a model, where its MuJoCo has them, of losses that are not accounted for."""
-
-
-class Booked(NamedTuple):
-    """What one control period brought, J."""
-
-    work: float
-    dissipated: float
-    """NaN where a loss is not accounted for."""
-    constrained: bool
-    """Whether a contact, joint limit or other constraint acted in any sub-step."""
-    iterations: int
-    """Most solver iterations of any sub-step."""
-    penetration: float
-    """Deepest contact where the forces of any sub-step were last computed, m: at its beginning,
-    under RK4 at its end."""
-    violation: float
-    """Largest violation of any constraint there, m or rad."""
-
-
-def add_up(one: Booked, other: Booked) -> Booked:
-    """What two parts of a control period brought together."""
-    return Booked(
-        one.work + other.work,
-        one.dissipated + other.dissipated,
-        one.constrained or other.constrained,
-        max(one.iterations, other.iterations),
-        max(one.penetration, other.penetration),
-        max(one.violation, other.violation),
-    )
-
-
-NOTHING = Booked(0.0, 0.0, False, 0, 0.0, 0.0)
-
-
-class Ledger:
-    """Books the work of the actuators and the losses of a model while it is stepped.
-
-    Work is the generalized force of the actuators times the displacement, which is exact where the
-    force does not depend on the state within a step, as that of a motor. What damping takes is
-    known for integrators that take it at the end of the step; losses in a fluid, a tendon or an
-    actuator, by gravity compensation or by powers of the speed are not accounted for. Of RK4's four
-    stages MuJoCo tells the constraints of the last alone: a step that ends where it would without
-    any constraint had none in the others.
-
-    Args:
-        mujoco: the module.
-        model: compiled model.
-        integrator: MuJoCo's name of its integrator.
-    """
-
-    def __init__(self, mujoco: Any, model: Any, integrator: str) -> None:
-        self._mujoco, self._model = mujoco, model
-        self._scratch = mujoco.MjData(model)
-        self._before, self._displacement = np.zeros(model.nq), np.zeros(model.nv)
-        self._resets = not hasattr(mujoco.mjtDisableBit, NO_RESET)
-        self._damping = np.array(model.dof_damping).reshape(model.nv, -1)[:, 0]
-        self.accounted = _accounted(model, integrator)
-        self._staged = self.accounted and integrator == "RK4"
-        self._step = mujoco.mj_step
-
-    def take_step_by(self, step: Callable[[Any, Any], None]) -> None:
-        """Have another function than `mj_step` advance the data; it tells its last forces there.
-
-        Args:
-            step: takes the model and the data.
-        """
-        self._step, self._staged = step, False
-
-    def energy(self, data: Any, computed: bool = False) -> float:
-        """Kinetic plus potential energy, J, zero where MuJoCo has it.
-
-        Args:
-            data: of a state.
-            computed: whether `mj_forward` has been called of this state.
-        """
-        scratch, model, mujoco = self._scratch, self._model, self._mujoco
-        if not hasattr(mujoco, "mj_makeM"):
-            scratch.qpos[:], scratch.qvel[:] = data.qpos, data.qvel
-            return self._energy_by_forward()
-        if not computed:
-            scratch.qpos[:], scratch.qvel[:] = data.qpos, data.qvel
-            data = scratch
-            mujoco.mj_kinematics(model, data)
-            mujoco.mj_comPos(model, data)
-            mujoco.mj_tendon(model, data)
-            mujoco.mj_makeM(model, data)
-        mujoco.mj_energyPos(model, data)
-        mujoco.mj_energyVel(model, data)
-        potential, kinetic = data.energy.tolist()
-        return float(potential + kinetic)
-
-    def _energy_by_forward(self) -> float:
-        """The same of the scratch data, where MuJoCo has no `mj_makeM`, as before 3.3.
-
-        MuJoCo 3.1 shows the potential energy in place of the kinetic one.
-        """
-        scratch, model, mujoco = self._scratch, self._model, self._mujoco
-        flags = model.opt.enableflags
-        model.opt.enableflags = flags | int(mujoco.mjtEnableBit.mjENBL_ENERGY)
-        mujoco.mj_forward(model, scratch)
-        model.opt.enableflags = flags
-        momentum = np.zeros(model.nv)
-        mujoco.mj_mulM(model, scratch, momentum, scratch.qvel)
-        return float(scratch.energy[0] + 0.5 * momentum @ scratch.qvel)
-
-    def step(self, data: Any, count: int) -> Booked:
-        """Take ``count`` steps, or as many as there are until the motion has diverged."""
-        work = lost = depth = violation = 0.0
-        constrained, iterations = False, 0
-        q, v, force, used = data.qpos, data.qvel, data.qfrc_actuator, data.solver_niter
-        before, moved, differ = self._before, self._displacement, self._mujoco.mj_differentiatePos
-        for _ in range(count):
-            before[:] = q
-            constrained |= self._taken(data)
-            if self.is_lost(data):
-                break
-            differ(self._model, moved, 1.0, before, q)
-            work += float(force.dot(moved))
-            if self.accounted:
-                lost += float((self._damping * v).dot(moved))
-            if data.nefc:  # by the methods that take a fraction of a microsecond
-                iterations = max(iterations, *used.tolist())
-                positions = data.efc_pos
-                violation = max(violation, -float(positions[positions.argmin()]))
-            if data.ncon:
-                distances = data.contact.dist
-                depth = max(depth, -float(distances[distances.argmin()]))
-        lost = lost if self.accounted else nan
-        return Booked(work, lost, constrained, iterations, depth, violation)
-
-    def is_lost(self, data: Any) -> bool:
-        """Whether the motion has diverged, or MuJoCo reset it, which before 3.2 it always does."""
-        q, v = data.qpos, data.qvel
-        sound = v.dot(v) <= FASTEST**2 and q.dot(q) < math.inf
-        if not sound:  # a sum may overflow, and many components exceed what each may have
-            sound = np.isfinite(q).all() and (np.abs(v) <= FASTEST).all()
-        return not sound or (self._resets and was_reset(self._mujoco, data))
-
-    def put_back(self, booked: Booked) -> Booked:
-        """What is booked of a control period whose motion was taken back."""
-        lost = 0.0 if self.accounted else nan
-        return NOTHING._replace(
-            dissipated=lost, constrained=booked.constrained, iterations=booked.iterations
-        )
-
-    def _taken(self, data: Any) -> bool:
-        """Take one step; whether a constraint acted in it."""
-        mujoco, model, free = self._mujoco, self._model, self._scratch
-        if self._staged:
-            mujoco.mj_copyData(free, model, data)
-        self._step(model, data)
-        if data.nefc or not self._staged:
-            return bool(data.nefc)
-        flags = model.opt.disableflags
-        model.opt.disableflags = flags | int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
-        mujoco.mj_step(model, free)
-        model.opt.disableflags = flags
-        return bool((free.qpos != data.qpos).any() or (free.qvel != data.qvel).any())
-
-
-def _accounted(model: Any, integrator: str) -> bool:
-    """Whether every loss of the model is joint damping that the ledger knows."""
-    elsewhere = (
-        model.opt.density > 0.0
-        or model.opt.viscosity > 0.0
-        or any(np.any(getattr(model, name, 0.0)) for name in _NOT_BOOKED)
-    )
-    damped = bool(np.any(model.dof_damping))
-    return not elsewhere and (not damped or integrator in TAKEN_AT_THE_END)
 
 
 def rediscretize(

@@ -496,7 +496,7 @@ def build_setup(
     if actuator not in ("effort", "position"):
         raise InputError(unknown_name("actuator", actuator, ("effort", "position")))
     if actuator == "position":
-        plant, task = with_servo(plant), with_targets(task)
+        plant, task = with_servo(plant), with_targets(task)  # type: ignore[arg-type]
     names = {"actuator", *(f.name for part in (Settings, plant, task) for f in fields(part))}
     for name in arguments:
         if name == "max_episode_steps":

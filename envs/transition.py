@@ -10,7 +10,8 @@ from functools import partial
 from typing import Any, NamedTuple
 
 from .engines.stepping import DIVERGENCE_SPEED, Held, Motion, Segments
-from .ops.ops import Component, Components, Ops, split_state
+from .ops.ops import Component, Components, Ops, map_leaves, split_state
+from .plants.contact import Touch
 from .settings import Setup, Timing
 from .tasks import Command
 
@@ -64,6 +65,7 @@ class Outcome(NamedTuple):
     work: Component = 0.0
     dissipated: Component = 0.0
     contact_loss: Component = 0.0
+    """Taken out by contact: by damping normal to what is touched, and by friction on it."""
     clip_loss: Component = 0.0
     residual_energy: Component = 0.0
     controls: Components = (0.0,)
@@ -84,7 +86,13 @@ class Outcome(NamedTuple):
     penetration: Component = 0.0
     """Deepest at the end of any sub-step, m or rad."""
     contact_force: Component = 0.0
-    """Generalized force of the stops, that of largest magnitude at the end of any sub-step."""
+    """Generalized force of the stops, or normal force of a contact point: that of largest magnitude
+    at the end of any sub-step."""
+    slip_loss: Component = 0.0
+    """What of the contact loss friction has taken at contact points."""
+    touches: tuple[Touch, ...] = ()
+    """Of each contact point: deepest penetration at the end of any sub-step, the rest at the end of
+    the period."""
 
 
 def quiet_status(setup: Setup) -> int:
@@ -174,11 +182,8 @@ def transition(
     try:
         motion = setup.engine.advance(ops, state.q, state.v, orders.asked, orders.sample_at)
     except ArithmeticError:
-        q, v = state.q, state.v
-        no_losses = setup.system.no_losses
-        motion = setup.system.book_carried(
-            Motion(q, v, q, v, 0.0, no_losses, 0.0, 0, 0.0, False, False)
-        )
+        still = setup.system.book_carried(setup.system.begin(state.q, state.v))
+        motion = still._replace(converged=False, finite=False)
     motion = motion._replace(finite=ops.assume_true(motion.finite))
     after = _next_state(ops, setup, state, orders, motion)
     return after, _outcome(ops, setup, state, after, orders, motion)
@@ -346,6 +351,10 @@ def _outcome(
         contact_loss = ops.where(ok, motion.losses[1], 0.0)
         penetration = ops.where(ok, motion.penetration, 0.0)
         contact_force = ops.where(ok, motion.contact_force, 0.0)
+    slip_loss, touches = 0.0, _touches(ops, setup, after, motion)
+    if touches:
+        slip_loss = ops.where(ok, motion.losses[2], 0.0)
+        contact_loss = contact_loss + slip_loss
     failed = task.terminated(ops, after.q, after.v) & ok
     terminated = failed | _negated(ok)
     truncated = after.steps >= timing.horizon
@@ -383,7 +392,19 @@ def _outcome(
         status=ops.where(ok, solved, DIVERGED),
         penetration=penetration,
         contact_force=contact_force,
+        slip_loss=slip_loss,
+        touches=touches,
     )
+
+
+def _touches(ops: Ops, setup: Setup, after: EnvState, motion: Motion) -> tuple[Touch, ...]:
+    reactions = setup.system.reactions(ops, after.q, after.v)
+    depths = motion.depths or (0.0,) * len(reactions)
+    touches = [
+        reaction.touch._replace(penetration=depth)
+        for reaction, depth in zip(reactions, depths, strict=True)
+    ]
+    return map_leaves(lambda x: ops.where(motion.finite, x, 0.0), tuple(touches))  # type: ignore[no-any-return]
 
 
 def _choose(ops: Ops, condition: Component, new: Components, old: Components) -> Components:
@@ -433,10 +454,16 @@ OF_COMMANDS = {"command_held": False, "command_latency": 0.0}
 def reset_info(setup: Setup, state: EnvState) -> dict[str, Any]:
     """`info` of a reset: the keys of a step, nothing booked."""
     none = (0.0,) * len(setup.plant.controls)
-    efforts = (0.0,) * len(list(effort_columns(setup.plant)))
-    quiet = Outcome(controls=none, efforts=efforts, commanded=none, status=quiet_status(setup))
+    quiet = Outcome(
+        controls=none,
+        efforts=(0.0,) * len(list(effort_columns(setup.plant))),
+        commanded=none,
+        status=quiet_status(setup),
+        touches=(Touch(),) * len(setup.system.contacts),
+    )
+    info = {**_info_dict(setup, 0.0, state, quiet), "sensor_time": 0.0}
     arrivals = OF_COMMANDS if state.arrivals else {}
-    return {**_info_dict(setup, 0.0, state, quiet), "sensor_time": 0.0, **arrivals}
+    return {**info, **arrivals, **_contact_info(setup, quiet)}
 
 
 def blank_info(setup: Setup) -> dict[str, Any]:
@@ -467,7 +494,20 @@ def step_info(setup: Setup, state: EnvState, outcome: Outcome) -> dict[str, Any]
     info = _info_dict(setup, state.steps * setup.timing.control_period, state, outcome)
     if state.arrivals:
         info |= {"command_held": outcome.held, "command_latency": outcome.latency}
-    return info
+    return info | _contact_info(setup, outcome)
+
+
+def _contact_info(setup: Setup, outcome: Outcome) -> dict[str, Any]:
+    """What a plant with contact points is told of besides."""
+    if not outcome.touches:
+        return {}
+    names: tuple[str, ...] = setup.plant.contact_names  # type: ignore[attr-defined]
+    figures = {
+        f"{name}_{figure}": value
+        for name, touch in zip(names, outcome.touches, strict=True)
+        for figure, value in touch._asdict().items()
+    }
+    return {"slip_loss": outcome.slip_loss, **figures}
 
 
 def _info_dict(setup: Setup, time: Component, state: EnvState, outcome: Outcome) -> dict[str, Any]:

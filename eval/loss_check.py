@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any, Final, Literal
 
 import msgspec
-import numpy as np
 
 from integ_gym.envs.environment import is_integ_environment
 from integ_gym.envs.settings import DISCRETIZATION, NATIVE, Discretization
@@ -24,27 +23,20 @@ from integ_gym.support.errors import InputError
 from integ_gym.support.optional import require
 
 from .panel.cells import SpecError, file_name
-from .panel.conclusions import Status, cause_of, closed_words, contract_reason
+from .panel.conclusions import contract_reason, finding_of, is_small
 from .panel.plan import with_seed_count
 from .panel.result import Panel
 from .panel.run import check_spec, run_panel
 from .panel.run_directory import MANIFEST, read_manifest
 from .panel.spec import PanelSpec, check_parts
-from .statistics import DRAWS, Estimate, RatesLike, equal_tailed, mean_of, paired_posterior
-from .verdict import EQUIVALENCE_MARGIN, FAIL_MARGIN, LEARNED, Achievability
+from .statistics import Estimate
+from .verdict import LEARNED, Achievability, checked_loss
 
 NARROW: Final = 0.2
 """Half-width of the interval at which no more seeds are trained."""
 
 FIRST_SEEDS, MOST_SEEDS, SEEDS_TOGETHER = 12, 32, 4
 """Seeds that are trained first, at most, and in multiples of which their number grows."""
-
-LEVEL: Final = 0.95
-"""Of the interval that is told."""
-
-NOMINAL: Final = 0.97
-"""Of the posterior interval that is taken for it, because a check stops by the interval's width:
-`benchmarks/check_coverage.py` simulates how often it holds the loss."""
 
 EPISODES = 20
 """Starts of every seed, its own and the same in every cell."""
@@ -135,23 +127,12 @@ class Check:
         too little was learned, the truth is not known to be solvable in time, or it differs from
         home before any integration.
         """
-        status = self._status
+        finding = finding_of(self.panel)
+        status = "undecided" if finding is None else finding.status
         if status == "cause":
             return "yes"
-        small = status == "undecided" and self.loss.ends[1] < FAIL_MARGIN
+        small = status == "undecided" and is_small(self.loss)
         return "no" if small or status in ("not_cause", "gained") else "undecided"
-
-    @property
-    def _status(self) -> Status:
-        if self.truth.contract:
-            return "contract_error"
-        low, high = self.loss.ends
-        return cause_of(
-            self.loss,
-            shown=low > 0.0 or high < 0.0,
-            learned=self.learned,
-            achievability=self.truth.achievability,
-        )
 
     @property
     def seconds_per_seed(self) -> float:
@@ -163,27 +144,8 @@ class Check:
         return self.half_width * math.sqrt((self.seeds + 1) / (seeds + 1))
 
     def __str__(self) -> str:
-        """The answer in one line."""
-        where = "on the truth" if self.exact else f"at {self.truth.name}"
-        lost, home = self.loss, self.home.name
-        low, high = lost.ends
-        end = {
-            "contract_error": self.truth.contract,
-            "not_learned": f"too little was learned on {home} to lose it.",
-            "closed": closed_words(where.partition(" ")[2], self.truth.achievability),
-            "not_cause": f"practically equal (within ±{EQUIVALENCE_MARGIN}), {home} is not the "
-            "cause.",
-        }.get(self._status)
-        by_cause = {
-            "yes": f"{home} is the cause.",
-            "no": f"{home} is not a cause of losing more than {max(high, 0.0):.2f}.",
-            "undecided": f"undecided whether {home} is a cause.",
-        }
-        return (
-            f"Success at home {self.home.success:.2f}, {where} {self.truth.success:.2f}, lost "
-            f"{lost.estimate:z.2f} (95 % interval {low:z.2f} to {high:z.2f}): "
-            f"{end or by_cause[self.cause]}"
-        )
+        """The answer in one line, as the page has it."""
+        return self.panel.headline
 
 
 def check(
@@ -282,6 +244,7 @@ def specify(
         ladder=False,
         episodes=EPISODES,
         trace_every=4,
+        check=True,
     )
     check_parts(spec)
     try:
@@ -305,24 +268,11 @@ def check_of(panel: Panel, place: Path, home: Discretization) -> Check:
         assert entry is not None
         success, recovered, lost = entry.success.estimate, entry.recovered.estimate, None
         if cell.name != home.name:
-            lost = loss_interval(at_home.success_by_seed, entry.success_by_seed)
+            lost = checked_loss(at_home.success_by_seed, entry.success_by_seed)
         differs = contract_reason(panel, row.name, cell.name)
         cells.append(CheckedCell(cell.name, success, recovered, lost, cell.achievability, differs))
     exact, starts = panel.truth is not None, panel.spec["episodes"]
     return Check(panel, place, row.seeds, starts, cells[0], cells[-1], exact, tuple(cells))
-
-
-def loss_interval(home: RatesLike, away: RatesLike, *, draws: int = DRAWS) -> Estimate:
-    """The loss of success, home − away, with the interval that a check tells.
-
-    Args:
-        home: success rate of every seed at home, in [0, 1].
-        away: the same of the same seeds in another cell.
-        draws: from the posterior.
-    """
-    drawn = paired_posterior(home, away, draws=draws)
-    loss = mean_of(np.asarray(home, float)) - mean_of(np.asarray(away, float))
-    return msgspec.structs.replace(equal_tailed(loss, drawn, NOMINAL), level=LEVEL)
 
 
 def wanted_seeds(seeds: int, half_width: float) -> int:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Final, Literal, TypeAlias
 
+import msgspec
 import numpy as np
 
 from integ_gym.support.errors import InputError
@@ -221,6 +222,26 @@ def split(rates: Rates, *, draws: int = INTERVAL_DRAWS) -> Loss:
     return Loss(
         *(stats.equal_tailed(float(x), own, LEVEL) for x, own in zip(found, drawn, strict=True))
     )
+
+
+CHECKED_LEVEL: Final = 0.97
+"""Of the posterior interval that a check calls its 95 % interval, because it stops by its width:
+`benchmarks/check_coverage.py` simulates how often it holds the loss."""
+
+
+def checked_loss(
+    home: stats.RatesLike, away: stats.RatesLike, *, draws: int = stats.DRAWS
+) -> stats.Estimate:
+    """The loss of success, home − away, of as many seeds as make its interval narrow.
+
+    Args:
+        home: success rate of every seed at home, in [0, 1].
+        away: the same of the same seeds in another cell.
+        draws: from the posterior.
+    """
+    drawn = stats.paired_posterior(home, away, draws=draws)
+    loss = stats.mean_of(np.asarray(home, float)) - stats.mean_of(np.asarray(away, float))
+    return msgspec.structs.replace(stats.equal_tailed(loss, drawn, CHECKED_LEVEL), level=LEVEL)
 
 
 def _parts(

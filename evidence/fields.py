@@ -522,12 +522,34 @@ def control_fields(plant: Any) -> Iterator[Field]:
 
 
 def contact_units(plant: Any) -> dict[str, str]:
-    """Units of what is measured along the coordinate that the plant's stops are on."""
+    """Units of what is measured at contact points, or else along the stopped coordinate."""
+    if hasattr(plant, "contact_names"):
+        return {"penetration": "m", "penetration_max": "m", "contact_force": "N"}
     if not hasattr(plant, "actuated"):
         return {}
     unit = plant.coordinate_units[getattr(plant, "stopped", 0)]
     force = _FORCE_UNITS[unit]
     return {"penetration": unit, "penetration_max": unit, "contact_force": force}
+
+
+_OF_CONTACT = (
+    ("penetration", "m", "deepest penetration of a contact point, at the end of any sub-step"),
+    ("normal_force", "N", "normal force on it"),
+    ("tangential_force", "N", "force of friction on it, along the plane"),
+    ("slip_speed", "m/s", "its speed along the plane; 0 where it does not touch"),
+)
+"""Of each contact point; all but the first at the end of the control step."""
+
+
+def contact_fields(plant: Any) -> Iterator[Field]:
+    """Columns of a plant's contact points; none without."""
+    names: tuple[str, ...] = getattr(plant, "contact_names", ())
+    column = partial(_column, kind="float64", at="step", frame=plant.frame)
+    for name in names:
+        for figure, unit, meaning in _OF_CONTACT:
+            yield column(f"{name}_{figure}", unit=unit, meaning=meaning)
+    if names:
+        yield column("slip_loss", unit="J", meaning="what of the contact loss friction took")
 
 
 def further_of(plant: Any) -> tuple[Further, ...]:
@@ -559,6 +581,7 @@ def trace_fields(plant: Any, task: Any) -> tuple[Field, ...]:
             replace(field, frame=plant.frame, unit=units.get(field.name, field.unit))
             for field in CONTACT_TRACE
         ),
+        *contact_fields(plant),
         *(
             _column(told.name, "float64", told.unit, told.meaning, "step")
             for told in further_of(plant)

@@ -170,6 +170,10 @@ _PATTERNS = {
     "^sensed_": "observation as the policy was given it",
     "_commanded$": "control asked for by the decision, N or N m",
     "_applied$": "control in force at the end of the control step, N or N m",
+    "_penetration$": "deepest penetration of a contact point, m",
+    "_(normal|tangential)_force$": "force on a contact point or foot, N",
+    "_slip_speed$": "slip of a contact point or foot, m/s",
+    "^slip_loss$": "energy that friction took at contact points, J",
 }
 
 

@@ -25,6 +25,8 @@ _MODULES = {
     "check": "integ_gym.eval.loss_check",
     "Command": "integ_gym.envs.tasks",
     "compare_contracts": "integ_gym.eval.contract",
+    "ContactFrame": "integ_gym.envs.plants.contact",
+    "ContactPoint": "integ_gym.envs.plants.contact",
     "Discretization": "integ_gym.envs.settings",
     "discretization_gap": "integ_gym.train.monitoring",
     "DiscretizationCallback": "integ_gym.train.sb3_callback",

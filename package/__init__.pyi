@@ -5,6 +5,8 @@ from integ_gym.envs.environment import IntegEnv as IntegEnv
 from integ_gym.envs.integrators.interface import Integrator as Integrator
 from integ_gym.envs.integrators.interface import Step as Step
 from integ_gym.envs.ops.ops import along as along
+from integ_gym.envs.plants.contact import ContactFrame as ContactFrame
+from integ_gym.envs.plants.contact import ContactPoint as ContactPoint
 from integ_gym.envs.plants.interface import Plant as Plant
 from integ_gym.envs.rediscretized import rediscretize as rediscretize
 from integ_gym.envs.registries import ENVIRONMENTS as ENVIRONMENTS

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import Field, fields
@@ -91,6 +92,8 @@ def _train(given: dict[str, Any]) -> int:
         f"last {card['last_episodes']['episodes']} training episodes, exploration included: "
         f"{format_episode_stats(card['last_episodes'])}"
     )
+    judge = ("evaluate", trained.policy, "--env", config.env_id, "--out", f"{folder}-judged")
+    print(f"Next: judge it\n  {shlex.join(['integ-gym', *map(str, judge)])}")
     return 0
 
 

@@ -59,9 +59,9 @@ API = {
         "Parts of your own",
         "What plants, integrators, tasks, engines and testbeds of your own are made of.",
         (
-            "Plant", "parameter", "positive", "nonnegative", "Integrator", "Step", "along", "Task",
-            "Command", "Engine", "Testbed", "GymTestbed", "MjcfTestbed", "Applied", "Success",
-            "Boundaries",
+            "Plant", "parameter", "positive", "nonnegative", "ContactPoint", "ContactFrame",
+            "Integrator", "Step", "along", "Task", "Command", "Engine", "Testbed",
+            "GymTestbed", "MjcfTestbed", "Applied", "Success", "Boundaries",
         ),
     ),
     "numerics": (

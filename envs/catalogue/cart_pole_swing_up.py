@@ -24,7 +24,7 @@ class IntegCartPoleSwingUpEnv(IntegEnv, Env[Any, Any]):
     ## Description
 
     The plant is :class:`integ_gym.envs.plants.cart_pole.CartPole`, that of `IntegCartPole-v0`, with
-    compliant stops (:class:`integ_gym.envs.mechanics.Stops`) at both ends of its track. The track is
+    compliant stops (:class:`integ_gym.envs.plants.contact.Stops`) at both ends of its track. The track is
     as long as the range in which `IntegCartPole-v0` balances. The force limit is that
     environment's force, 0.93 of the weight of cart and pole: a swing-up takes about 3 s of the 10,
     within the track, so that what fails is the controller or the discretization. The stops are

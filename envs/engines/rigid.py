@@ -14,8 +14,9 @@ import numpy.typing as npt
 from integ_gym.support.errors import InputError
 
 from ..integrators.interface import State, Step
-from ..mechanics import Link, Mechanism, Stops
+from ..mechanics import Link, Mechanism
 from ..ops.ops import SCALAR, Component, Components, Ops, along
+from ..plants.contact import Stops
 from ..plants.interface import Plant
 from .maps import one_step_map
 from .simulator import ASTRAY, ForeignEngine, Run
@@ -111,7 +112,9 @@ class RigidBodyEngine(ForeignEngine):
                 f"{self.system.plant.name!r} act otherwise; use engine 'native' or 'casadi'"
             )
         self.free = mechanism_of(self.name, self.system.plant)
-        self.mechanism = self.free.stopped(self.system.engine_stops)
+        self.mechanism, stops = self.free, self.system.engine_stops
+        if stops is not None:
+            self.mechanism = self.free.stopped(stops.coordinate, stops.limit)
         self._map = one_step_map(self.map)
         self._map_losses_of = getattr(self._map, "losses_of", None)
         self._map_losses_between = getattr(self._map, "losses_between", None)

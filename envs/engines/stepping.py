@@ -17,8 +17,9 @@ from integ_gym.support.parameters import unknown_name
 
 from ..integrators.interface import Step
 from ..integrators.newton import LEAST_TOLERANCE, Solved
-from ..mechanics import Friction, Servo, Stops
+from ..mechanics import Friction, Kink, Servo
 from ..ops.ops import FLOAT32_MAX, SCALAR, Component, Components, Ops, along
+from ..plants.contact import ContactPoint, Reaction, Stops
 from ..plants.interface import Plant
 from ..registries import ENGINES, INTEGRATORS, TRUTH
 
@@ -27,7 +28,7 @@ DIVERGENCE_SPEED = 1e3
 
 
 class PlantSystem:
-    """A plant at a constant control, with its stops and friction, and an optional speed limit.
+    """A plant at a constant control, with its contacts and friction, and an optional speed limit.
 
     Args:
         plant: the continuous-time plant.
@@ -38,13 +39,15 @@ class PlantSystem:
     Attributes:
         stops: the plant's stops, or None where there are none of ours.
         engine_stops: the plant's stops where the engine has them act by its own law, else None.
-        steep: whether there are stops or friction.
-        kinked: whether there are stops.
+        contacts: the plant's contact points, with the names of its `contact_names`.
+        steep: whether there are stops, contact points, friction or a servo within the field.
+        kinked: whether there are stops or contact points.
         servo: that acts within the vector field, or None.
         sampler: the servo that is computed at the start of steps, or None.
-        no_losses: zero of every loss component: (damping,), or (damping, contact) with stops of
-            either kind; then of what is carried with them, the controls' work, J, where they are
-            no forces along coordinates, and of a servo within the field each squared effort, s.
+        no_losses: zero of every loss component: (damping,), (damping, contact) with stops of either
+            kind, or with contact points (damping, contact, friction in contact); then of what is
+            carried with them: the controls' work, J, where they are no forces along coordinates,
+            and of a servo within the field each squared effort, s.
     """
 
     def __init__(
@@ -59,19 +62,22 @@ class PlantSystem:
         stops: Stops | None = getattr(plant, "stops", None)
         self.stops = None if engine_stops else stops
         self.engine_stops = stops if engine_stops else None
-        self.kinked = self.stops is not None
-        self.no_losses: Components = (0.0,) if stops is None else (0.0, 0.0)
+        self.contacts: tuple[ContactPoint, ...] = getattr(plant, "contacts", ())
+        self.kinked = self.stops is not None or bool(self.contacts)
+        kinds = 3 if self.contacts else 1 if stops is None else 2
+        self.no_losses: Components = (0.0,) * kinds
         self._friction: Friction | None = getattr(plant, "dry_friction", None)
         continuous = servo is not None and servo.when == "continuous"
-        self.servo, self.sampler = (servo, None) if continuous else (None, servo)
-        self.steep = self.stops is not None or self._friction is not None or continuous
+        self.servo = servo if continuous else None
+        self.sampler = None if continuous else servo
+        self.steep = self.kinked or self._friction is not None or continuous
         self._before = (0.0,) * plant.actuated[0]
         self._after = (0.0,) * (len(plant.coordinates) - plant.actuated[0] - 1)
         self.input_forces = getattr(plant, "input_forces", None)
         self._carried = 0 if self.input_forces is None and self.servo is None else 1
         if self.servo is not None:
             self._carried += len(plant.controls)
-        self._untouched = self.no_losses[1:]
+        self._unresisted = self.no_losses[1:]
         self.no_losses = (*self.no_losses, *(0.0,) * self._carried)
         self._jacobian = getattr(plant, "jacobian", None)
 
@@ -98,6 +104,15 @@ class PlantSystem:
             return 0.0
         pairs = zip(controls, self.plant.actuated, strict=True)
         return reduce(add, [u * (after[k] - before[k]) for u, k in pairs])
+
+    def begin(self, q: Components, v: Components) -> Motion:
+        """A motion of no time, with nothing booked."""
+        motion = Motion(q, v, q, v, 0.0, self.no_losses, 0.0, 0, 0.0, True, True)
+        motion = motion._replace(depths=(0.0,) * len(self.contacts))
+        if self.servo is None and self.sampler is None:
+            return motion
+        none = (0.0 * q[0],) * len(self.plant.controls)
+        return motion._replace(efforts=none, squares=none)
 
     def book_carried(self, motion: Motion) -> Motion:
         """A motion with the work and the squares that it carries among its losses as its own."""
@@ -134,7 +149,8 @@ class PlantSystem:
             return self.generalized(self.servo.efforts(ops, q, v, controls))
         if self.input_forces is None:
             return self.generalized(controls)
-        return self.input_forces(ops, q, v, controls)  # type: ignore[no-any-return]
+        force: Components = self.input_forces(ops, q, v, controls)
+        return force
 
     def rates(
         self, ops: Ops, q: Components, v: Components, control: Components
@@ -156,13 +172,13 @@ class PlantSystem:
     def with_resistance(
         self, ops: Ops, q: Components, v: Components, force: Components
     ) -> Components:
-        """A generalized force with that of friction and of our stops."""
+        """A generalized force with that of friction, of our stops and of contact points."""
         return self._resisted(ops, q, v, force)[0] if self.steep else force
 
     def slopes(
         self, ops: Ops, q: Components, v: Components, control: Components
     ) -> tuple[tuple[Components, ...], tuple[Components, ...]] | None:
-        """(∂a/∂q, ∂a/∂v) of the plant with its stops and friction, or None if it gives none."""
+        """(∂a/∂q, ∂a/∂v) of the plant with contact and friction, or None if it gives none."""
         if self._jacobian is None:
             return None
         force = self.forces(ops, q, v, control)
@@ -170,10 +186,17 @@ class PlantSystem:
             return self._jacobian(ops, q, v, force)  # type: ignore[no-any-return]
         force, _ = self._resisted(ops, q, v, force)
         by_q, by_v = self._jacobian(ops, q, v, force)
-        for j, (force_by_q, force_by_v) in enumerate(self._force_slopes(ops, q, v, control)):
-            response = self._response(ops, q, v, j)
-            by_q = _column_added(by_q, j, response, force_by_q)
-            by_v = _column_added(by_v, j, response, force_by_v)
+        responses = self._responses(ops, q, v)
+        if self.stops is not None or self._friction is not None or self.servo is not None:
+            for j, (force_by_q, force_by_v) in enumerate(self._force_slopes(ops, q, v, control)):
+                by_q = _column_added(by_q, j, responses[j], force_by_q)
+                by_v = _column_added(by_v, j, responses[j], force_by_v)
+        for contact in self.contacts:
+            columns_by_q, columns_by_v = contact.slopes(ops, q, v)
+            for j, columns in enumerate(zip(columns_by_q, columns_by_v, strict=True)):
+                for response, slope_by_q, slope_by_v in zip(responses, *columns, strict=True):
+                    by_q = _column_added(by_q, j, response, slope_by_q)
+                    by_v = _column_added(by_v, j, response, slope_by_v)
         return by_q, by_v
 
     def limit(self, ops: Ops, v: Components) -> Components:
@@ -182,16 +205,29 @@ class PlantSystem:
             return v
         return tuple([ops.maximum(-self.max_speed, ops.minimum(x, self.max_speed)) for x in v])
 
-    def clearance(self, ops: Ops, q: Components, v: Components) -> tuple[Component, Component]:
-        """Distance from the nearer stop, m or rad, negative in contact, and its rate."""
-        assert self.stops is not None
-        return self.stops.clearance(ops, q, v)
+    def kinks(self, ops: Ops, q: Components, v: Components, control: Component) -> tuple[Kink, ...]:
+        """Where the accelerations have a kink: at the nearer stop, and at contact points."""
+        found: tuple[Kink, ...] = ()
+        if self.stops is not None:
+            found = (Kink(*self.stops.clearance(ops, q, v)),)
+        if self.contacts:
+            acceleration, _ = self.rates(ops, q, v, control)
+            for contact in self.contacts:
+                found += contact.kinks(ops, q, v, acceleration)
+        return found
+
+    def reactions(self, ops: Ops, q: Components, v: Components) -> tuple[Reaction, ...]:
+        """What every contact point meets in the state (q, v)."""
+        return tuple([contact.reaction(ops, q, v) for contact in self.contacts])
 
     def energy(self, ops: Ops, q: Components, v: Components) -> Component:
-        """Energy of the plant and of its stops, J."""
-        if self.stops is None:
-            return self.plant.energy(ops, q, v)
-        return self.plant.energy(ops, q, v) + self.stops.contact(ops, q, v).energy
+        """Energy of the plant and of what it touches, J."""
+        energy = self.plant.energy(ops, q, v)
+        if self.stops is not None:
+            energy = energy + self.stops.contact(ops, q, v).energy
+        for reaction in self.reactions(ops, q, v):
+            energy = energy + reaction.energy
+        return energy
 
     def confined(self, ops: Ops, q: Components) -> Components:
         """``q`` between the stops, ours or the engine's."""
@@ -199,7 +235,7 @@ class PlantSystem:
         return q if stops is None else stops.confined(ops, q)
 
     def resistance(self, ops: Ops, q: Components, v: Components) -> tuple[Components, Components]:
-        """Generalized forces of friction and stops, and the power of each loss component by them.
+        """Generalized forces of friction and contact, and the power of each loss component by them.
 
         The plant's own damping is not among them.
         """
@@ -209,12 +245,16 @@ class PlantSystem:
             force = self._friction.forces(ops, v)
             for x, f in zip(v, force, strict=True):
                 rubbed = rubbed - f * x
-        if self.stops is None:
-            return force, (rubbed, *self._untouched)
-        contact = self.stops.contact(ops, q, v)
-        i = self.stops.coordinate
-        force = (*force[:i], force[i] + contact.force, *force[i + 1 :])
-        return force, (rubbed, contact.dissipated)
+        losses = (rubbed, *self._unresisted)
+        if self.stops is not None:
+            contact = self.stops.contact(ops, q, v)
+            i = self.stops.coordinate
+            force = (*force[:i], force[i] + contact.force, *force[i + 1 :])
+            losses = (rubbed, contact.dissipated, *losses[2:])
+        for reaction in self.reactions(ops, q, v):
+            force = tuple([a + b for a, b in zip(force, reaction.force, strict=True)])
+            losses = (rubbed, losses[1] + reaction.damped, losses[2] + reaction.rubbed)
+        return force, losses
 
     def _resisted(
         self, ops: Ops, q: Components, v: Components, force: Components
@@ -239,13 +279,13 @@ class PlantSystem:
                 slopes[j] = (slopes[j][0] + by_q, slopes[j][1] + by_speed)
         return slopes
 
-    def _response(self, ops: Ops, q: Components, v: Components, j: int) -> Components:
-        """Accelerations per unit of force on coordinate ``j``: they are affine in the force."""
+    def _responses(self, ops: Ops, q: Components, v: Components) -> list[Components]:
+        """Accelerations per unit of force on each coordinate: they are affine in the force."""
         none = (0.0,) * len(v)
-        unit = (*none[:j], 1.0, *none[j + 1 :])
-        pushed = self.plant.acceleration(ops, q, v, unit)
         free = self.plant.acceleration(ops, q, v, none)
-        return tuple([a - b for a, b in zip(pushed, free, strict=True)])
+        units = [(*none[:j], 1.0, *none[j + 1 :]) for j in range(len(v))]
+        pushed = [self.plant.acceleration(ops, q, v, unit) for unit in units]
+        return [tuple([a - b for a, b in zip(each, free, strict=True)]) for each in pushed]
 
 
 def _column_added(
@@ -269,7 +309,7 @@ class Motion(NamedTuple):
     work: Component
     """Of the controls, J: Σ over sub-steps of each times the displacement of its coordinate."""
     losses: Components
-    """Energy lost per loss component, J: (damping,), or with stops (damping, contact)."""
+    """Energy lost per loss component, J; see :attr:`PlantSystem.no_losses`."""
     clip_loss: Component
     """Energy taken out by the speed limit, J."""
     iterations: Component
@@ -283,6 +323,8 @@ class Motion(NamedTuple):
     """Deepest at the end of any sub-step, m or rad."""
     contact_force: Component = 0.0
     """Of largest magnitude at the end of any sub-step, N or N m."""
+    depths: Components = ()
+    """Deepest penetration of each contact point at the end of any sub-step, m."""
     efforts: Components = ()
     """Of a servo, in force at the end, N or N m."""
     squares: Components = ()
@@ -545,10 +587,7 @@ class SteppedEngine(ABC):
     ) -> Motion:
         """Advance through the segments of constant control."""
         system = self.system
-        motion = Motion(q, v, q, v, 0.0, system.no_losses, 0.0, 0, 0.0, True, True)
-        if system.sampler is not None:
-            none = (0.0 * q[0],) * len(system.plant.controls)
-            motion = motion._replace(efforts=none, squares=none)
+        motion = system.begin(q, v)
         done = 0
         for control, count in segments:
             motion = ops.repeat(count, self._booked_step(ops, control, sample_at, done), motion)
@@ -575,7 +614,7 @@ class SteppedEngine(ABC):
                 squares = along(squares, self.dt, tuple([u * u for u in control]))
             (
                 q0, v0, sampled_q, sampled_v, work, losses, clipped, most, worst, converged, ok,
-                depth, push, *_,
+                depth, push, depths, *_,
             ) = motion  # fmt: skip
             q, raw, losses, iterations, residual, solved, bump = move(ops, q0, v0, losses, control)
             v = raw
@@ -587,6 +626,13 @@ class SteppedEngine(ABC):
                 bump = contact.force if system.engine_stops is None else bump
                 depth = ops.maximum(depth, contact.penetration)
                 push = ops.where(abs(bump) > abs(push), bump, push)
+            if system.contacts:
+                touches = [reaction.touch for reaction in system.reactions(ops, q, v)]
+                pairs = zip(depths, touches, strict=True)
+                depths = tuple([ops.maximum(deep, touch.penetration) for deep, touch in pairs])
+                for touch in touches:
+                    depth = ops.maximum(depth, touch.penetration)
+                    push = ops.where(touch.normal_force > abs(push), touch.normal_force, push)
             if sample_at is not None:
                 now = sample_at == done + index + 1
                 sampled_q = tuple([ops.where(now, a, b) for a, b in zip(q, sampled_q, strict=True)])
@@ -605,6 +651,7 @@ class SteppedEngine(ABC):
                 ok & within_bounds(q, raw),
                 depth,
                 push,
+                depths,
                 efforts,
                 squares,
             )

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
+from ..mechanics import Kink
 from ..ops.ops import Component, Components, Ops
 
 State = tuple[Components, Components]
@@ -18,7 +19,7 @@ class System(Protocol):
     steep: bool
     """Whether a force may change within a small fraction of a step."""
     kinked: bool
-    """Whether the accelerations have a kink where :meth:`clearance` is zero; elsewhere smooth."""
+    """Whether the accelerations have kinks where one of :meth:`kinks` is 0; smooth elsewhere."""
 
     def rates(
         self, ops: Ops, q: Components, v: Components, control: Components
@@ -30,8 +31,8 @@ class System(Protocol):
     ) -> tuple[tuple[Components, ...], tuple[Components, ...]] | None:
         """(∂a/∂q, ∂a/∂v) as nested tuples, or None if the plant gives no Jacobian."""
 
-    def clearance(self, ops: Ops, q: Components, v: Components) -> tuple[Component, Component]:
-        """Distance from the kink, negative beyond it, and its rate; of a system that has one."""
+    def kinks(self, ops: Ops, q: Components, v: Components, control: Component) -> tuple[Kink, ...]:
+        """What is zero where there is a kink, with its rate; of a system that has some."""
 
     def limit(self, ops: Ops, v: Components) -> Components:
         """Velocities within the plant's speed limit."""

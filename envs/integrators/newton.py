@@ -5,22 +5,57 @@ from __future__ import annotations
 import sys
 from typing import Any, NamedTuple
 
+from ..mechanics import Kink
 from ..ops.ops import Component, Components, Ops, along
 from .interface import System
 
 
 def time_of_kink(
-    ops: Ops, system: System, n: int, start: Components, end: Components, h: Component
+    ops: Ops,
+    system: System,
+    n: int,
+    start: Components,
+    end: Components,
+    control: Component,
+    h: Component,
 ) -> Component:
-    """When to look for a kink within an inner step of ``h`` seconds, or -1 where there is none.
+    """When to look for the first kink within an inner step of ``h`` seconds, or -1 without one.
 
-    ``start`` and ``end`` begin with the ``n`` coordinates and their velocities. Either the
-    clearances there differ in sign, and a line between them says when it vanished; or the body
-    turned back within the step and the tangents at its ends, which bound a convex clearance from
-    below, meet beyond the kink.
+    ``start`` and ``end`` begin with the ``n`` coordinates and their velocities.
     """
-    gap, rate = system.clearance(ops, start[:n], start[n : 2 * n])
-    end_gap, end_rate = system.clearance(ops, end[:n], end[n : 2 * n])
+    before, after = (system.kinks(ops, y[:n], y[n : 2 * n], control) for y in (start, end))
+    first, *others = [_time_of_one(ops, *pair, h) for pair in zip(before, after, strict=True)]
+    for time in others:
+        sooner = (time >= 0.0) & ((first < 0.0) | (time < first))
+        first = ops.where(sooner, time, first)
+    return first
+
+
+def _time_of_one(ops: Ops, start: Kink, end: Kink, h: Component) -> Component:
+    """Of one kink.
+
+    Either the values at the ends differ in sign, and a line between them says when it vanished; or
+    it turned back within the step and the tangents at its ends, which bound a convex value from
+    below, meet beyond the kink. A value with a layer counts where the step goes beyond the layer,
+    on either side; behind it all is another, so that the tangent at the start is asked as well.
+    """
+    if start.layer is None:
+        return _time_of_crossing(ops, *start[:2], *end[:2], h)
+    side = ops.where(start.value < 0.0, -1.0, 1.0)
+    values = side * start.value, side * start.rate, side * end.value, side * end.rate
+    beyond = ops.maximum(values[0], abs(end.value)) > ops.minimum(start.layer, end.layer)
+    time, tangent = _time_of_crossing(ops, *values, h), values[0] / ops.maximum(-values[1], 1e-30)
+    return ops.where(beyond, ops.minimum(time, tangent), -1.0)
+
+
+def _time_of_crossing(
+    ops: Ops,
+    gap: Component,
+    rate: Component,
+    end_gap: Component,
+    end_rate: Component,
+    h: Component,
+) -> Component:
     across = (gap > 0.0) != (end_gap > 0.0)
     share = abs(gap) / ops.maximum(abs(gap) + abs(end_gap), 1e-30)
     turning = (gap > 0.0) & (end_gap > 0.0) & (rate < 0.0) & (end_rate > 0.0)

@@ -145,9 +145,9 @@ class Reference:
     """Dormand-Prince 8(5,3) with its own adaptive steps inside ``dt``, per lane.
 
     Local error per inner step below 3e-13 (1 + |y|) in float64, so that the result does not depend
-    on ``dt`` beyond rounding. Where the system has a kink, only an inner step of 1.5e-8 ``dt`` goes
-    across it, and those before are aimed at it; a step that may have touched it and turned back is
-    taken again in parts. Not symplectic by construction; its energy error is rounding.
+    on ``dt`` beyond rounding. Where the system has kinks, only an inner step of 1.5e-8 ``dt`` goes
+    across one, and those before are aimed at the first; a step that may have touched one and turned
+    back is taken again in parts. Not symplectic by construction; its energy error is rounding.
     ``iterations`` counts inner steps, accepted or not; a step that needs more than the cap is
     reported as not converged.
     Source: Hairer, Nørsett and Wanner, *Solving Ordinary Differential Equations I*, 2nd ed., II.5
@@ -192,7 +192,7 @@ class Reference:
             accepted = error <= 1.0
             following = h * _growth(ops, error)
             if system.kinked:
-                look = time_of_kink(ops, system, n, y, end, h)
+                look = time_of_kink(ops, system, n, y, end, control, h)
                 early = (look >= 0.0) & (h > shortest)
                 accepted = accepted & ops.where(early, False, True)
                 nearer = ops.maximum(look - 0.5 * shortest, shortest)

@@ -8,8 +8,9 @@ from typing import ClassVar
 
 from integ_gym.support.parameters import nonnegative, one_of, optional, parameter, positive
 
-from ..mechanics import Friction, Link, Mechanism, Stops, friction_of, stops_at
+from ..mechanics import Friction, Link, Mechanism, friction_of
 from ..ops.ops import Component, Components, Ops
+from .contact import Stops, stops_at
 from .interface import MASS_DISTRIBUTIONS
 
 

@@ -19,17 +19,20 @@ class Plant(Protocol):
 
     - ``jacobian(ops, q, v, force) -> (∂a/∂q, ∂a/∂v)``; without it implicit integrators take finite
       differences;
-    - ``stops``, a :class:`integ_gym.envs.mechanics.Stops` or None, on the coordinate whose
+    - ``stops``, a :class:`integ_gym.envs.plants.contact.Stops` or None, on the coordinate whose
       index the class attribute ``stopped`` is;
     - ``input_forces(ops, q, v, controls) -> generalized forces``, where a control is more than a
       force along one coordinate; ``jacobian`` then stays out, and the controls' work is carried
       through the integrator's stages like the losses;
+    - ``contacts``, a tuple of :class:`integ_gym.envs.plants.contact.ContactPoint`, of which the
+      class attribute ``contact_names`` says the names;
     - ``dry_friction``, a :class:`integ_gym.envs.mechanics.Friction` or None;
     - ``mechanism``, a :class:`integ_gym.envs.mechanics.Mechanism`: without it, engines
       that move rigid bodies refuse the plant.
 
-    Stops and friction are forces that :class:`integ_gym.envs.engines.stepping.PlantSystem` adds to
-    the control: ``acceleration``, ``energy``, ``dissipation`` and ``jacobian`` leave them out.
+    Stops, contact points and friction are forces that
+    :class:`integ_gym.envs.engines.stepping.PlantSystem` adds to the control: ``acceleration``,
+    ``energy``, ``dissipation`` and ``jacobian`` leave them out.
     """
 
     name: ClassVar[str]

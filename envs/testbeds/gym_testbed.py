@@ -165,7 +165,7 @@ class SequentialTestbed:
 
     batched = False
     side_by_side = 1
-    """Most lanes that are evaluated at once."""
+    """Most starts of a policy that are evaluated at once."""
     horizon = None
     controller = None
     home: Any
@@ -231,6 +231,14 @@ class SequentialTestbed:
             env.setup = replace(env.setup, testbed=class_path(type(self)))
             return env
 
+        return self.join(make, lanes, autoreset_mode)
+
+    def room(self, discretization: Discretization, arguments: Mapping[str, Any]) -> int:
+        """Most starts of a policy that are evaluated at once in a cell."""
+        return self.side_by_side
+
+    def join(self, make: Any, lanes: int, autoreset_mode: Any) -> DiscretizedVectorEnv:
+        """The vector environment of what ``make`` makes for each lane."""
         return SequentialVectorEnv(make, lanes, autoreset_mode)
 
     def boundaries(self, environments: DiscretizedVectorEnv) -> Boundaries:

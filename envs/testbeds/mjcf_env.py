@@ -8,6 +8,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Mapping
 from dataclasses import replace
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
@@ -20,6 +21,7 @@ from integ_gym.support.errors import InputError
 
 from ..environment import at_bounds
 from ..foreign import FURTHER, ForeignPlant, ReturnGoal, part_names
+from ..mujoco_ledger import Contacts
 from ..rediscretized import RediscretizedEnv
 from ..registries import ENGINES
 from .making import ENGINE
@@ -35,7 +37,76 @@ if TYPE_CHECKING:
 Array = npt.NDArray[Any]
 
 
-class MjcfTask(MujocoEnv):
+class Acting:
+    """How a testbed decides and judges: about one robot, or many, whose arrays have lanes first.
+
+    Attributes:
+        testbed: what the robot sees and does.
+        robot: the compiled model and its state.
+        memory: see :class:`Memory`.
+        command: what the episode is commanded.
+        period: time between decisions, s.
+        decisions: that have been taken in the episode.
+        bounds: of actions.
+    """
+
+    testbed: MjcfTestbed
+    robot: Robot
+    memory: Memory
+    command: Array
+    period: float
+    decisions: int
+    bounds: tuple[Array, Array]
+
+    def decide(self, action: Any) -> Array:
+        """Take an action and remember it; the controls of the actuators."""
+        testbed, robot, memory = self.testbed, self.robot, self.memory
+        low, high = self.bounds
+        taken = read_only(np.minimum(np.maximum(np.asarray(action, np.float64), low), high))
+        control = np.array(testbed.act(taken, robot), dtype=np.float64)  # may act much later
+        wanted = (*taken.shape[:-1], robot.model.nu)
+        if control.shape != wanted:
+            raise InputError(
+                f"`act` of {testbed.title} must give a control for each of the model's "
+                f"{robot.model.nu} actuators, shape {wanted}, got shape {control.shape}"
+            )
+        memory.last_action = taken
+        testbed.remember(memory, robot, self.command)
+        self.decisions += 1
+        memory.time = np.full(taken.shape[:-1], self.decisions * self.period)[()]
+        return control
+
+    def judge(self) -> tuple[Array, Any, Any]:
+        """Observation, reward and falls where a control period has ended."""
+        testbed, robot = self.testbed, self.robot
+        fallen = testbed.falls(robot)
+        reward = testbed.reward(robot, self.memory, self.command)
+        return self.see(), self.period * np.asarray(reward, np.float64), fallen
+
+    def see(self) -> Array:
+        """What is observed, as numbers."""
+        seen = self.testbed.observe(self.robot, self.memory, self.command)
+        lanes = self.command.shape[:-1]
+        if isinstance(seen, Mapping):
+            parts = [np.array(part, np.float64).reshape(*lanes, -1) for part in seen.values()]
+            return np.concatenate(parts, axis=-1)
+        return np.array(seen, dtype=np.float64).reshape(*lanes, -1)
+
+    def measure(self) -> Array:
+        """What is commanded as it is measured; empty where the testbed does not tell it."""
+        measured = self.testbed.measure(self.robot)
+        if measured is None:
+            return np.zeros((*self.command.shape[:-1], 0))
+        told = np.array(measured, dtype=np.float64)
+        if told.shape != self.command.shape:
+            raise InputError(
+                f"`measure` of {self.testbed.title} must give a number for each of the "
+                f"commands, shape {self.command.shape}, got shape {told.shape}"
+            )
+        return told
+
+
+class MjcfTask(Acting, MujocoEnv):
     """A robot's task at one timestep and control period.
 
     Args:
@@ -73,25 +144,11 @@ class MjcfTask(MujocoEnv):
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         """Advance one control period."""
-        testbed, robot, memory, command = self.testbed, self.robot, self.memory, self.command
-        low, high = self._bounds
-        taken = read_only(np.minimum(np.maximum(np.asarray(action, np.float64), low), high))
-        control = np.array(testbed.act(taken, robot), dtype=np.float64)  # may act much later
-        if control.shape != (self.model.nu,):
-            raise InputError(
-                f"`act` of {testbed.title} must give a control for each of the model's "
-                f"{self.model.nu} actuators, got shape {control.shape}"
-            )
-        memory.last_action = taken
-        testbed.remember(memory, robot, command)
-        self._decisions += 1
-        memory.time = self._decisions * self.period
-        self.do_simulation(control, self.frame_skip)
-        fallen = bool(testbed.falls(robot))
-        reward = self.period * float(testbed.reward(robot, memory, command))
+        self.do_simulation(self.decide(action), self.frame_skip)
+        seen, reward, fallen = self.judge()
         if self.render_mode == "human":
             self.render()  # type: ignore[no-untyped-call]
-        return self._get_obs(), reward, fallen, False, {"command": command.copy()}
+        return seen, float(reward), bool(fallen), False, {"command": self.command.copy()}
 
     def reset_model(self) -> Array:
         """Start an episode, all of which is drawn by the environment's seed."""
@@ -102,33 +159,17 @@ class MjcfTask(MujocoEnv):
         """What the testbed says of an episode that lasts."""
         return bool(self.testbed.achieves(self.robot, self.memory, self.command))
 
-    def measure(self) -> Array:
-        """What is commanded as it is measured; empty where the testbed does not tell it."""
-        measured = self.testbed.measure(self.robot)
-        if measured is None:
-            return np.zeros(0)
-        told = np.array(measured, dtype=np.float64)
-        if told.shape != self.command.shape:
-            raise InputError(
-                f"`measure` of {self.testbed.title} must give a number for each of the "
-                f"{len(self.command)} commands, got shape {told.shape}"
-            )
-        return told
-
     def _begin(self, rng: np.random.Generator) -> None:
         testbed, robot = self.testbed, self.robot
         robot.to_keyframe()
         testbed.start(robot, rng)
         self.command = read_only(np.asarray(testbed.draw_command(rng), dtype=np.float64))
         self.memory = Memory(last_action=read_only(np.zeros(self.action_space.shape)), time=0.0)
-        self._decisions = 0
+        self.decisions = 0
         self._forward()
 
     def _get_obs(self) -> Array:
-        seen = self.testbed.observe(self.robot, self.memory, self.command)
-        if isinstance(seen, Mapping):
-            return np.concatenate([np.array(part, np.float64).ravel() for part in seen.values()])
-        return np.array(seen, dtype=np.float64).ravel()
+        return self.see()
 
     def _get_reset_info(self) -> dict[str, Any]:
         return {"command": self.command.copy()}
@@ -152,7 +193,7 @@ class MjcfTask(MujocoEnv):
         size = self.model.nu if own.actions is None else own.actions
         low, high = own.action_bounds
         self.action_space = space = spaces.Box(low, high, (size,), np.float32)
-        self._bounds = [bound.astype(np.float64) for bound in (space.low, space.high)]
+        self.bounds = space.low.astype(np.float64), space.high.astype(np.float64)
         return self.action_space
 
 
@@ -164,6 +205,14 @@ class MjcfEnv(RediscretizedEnv):
     """
 
     _inner: MjcfTask
+    mujoco = property(attrgetter("_mujoco"))
+    model = property(attrgetter("_model"))
+    ledger = property(attrgetter("_ledger"))
+    figures = property(attrgetter("_figures"))
+    goal = property(attrgetter("_goal"))
+    silence = property(attrgetter("_silence"))
+    command_ends = property(attrgetter("_command_ends"))
+    control_entries = property(attrgetter("_control_entries"))
 
     def __init__(
         self, env: gym.Env[Any, Any], integrator: str, engine: str = ENGINE, **stated: Any
@@ -180,6 +229,29 @@ class MjcfEnv(RediscretizedEnv):
                 fingerprinted=None,
             )
 
+    @property
+    def steps_alone(self) -> bool:
+        """Whether a control period is steps by `mj_step` of its state, under one command."""
+        plain = hasattr(self._mujoco, "mj_makeM") and not self._model.nplugin
+        plain = plain and self.setup.settings.engine == ENGINE and not self._inner.render_mode
+        return plain and not self._split and not self._ledger.staged
+
+    @property
+    def start(self) -> tuple[float, Array]:
+        """Energy of the state, J, and the command, where an episode has begun."""
+        return self._energy, self._control
+
+    @property
+    def command_bounds(self) -> tuple[Array, Array]:
+        """Least and most of an action."""
+        return self._command_low, self._command_high
+
+    @property
+    def needless_sensors(self) -> int:
+        """The flag that leaves sensors out of a step; 0 where later ones depend on them."""
+        has_history = getattr(self._model, "nhistory", 0) or self._model.nplugin
+        return 0 if has_history else int(getattr(self._mujoco.mjtDisableBit, "mjDSBL_SENSOR", 0))
+
     def _make_goal(self, success_return: float | None) -> ReturnGoal:
         return RobotGoal(success_return, self._inner)
 
@@ -194,7 +266,7 @@ class MjcfEnv(RediscretizedEnv):
         controls = tuple((f"{name}_action", "1") for name in names)
         testbed, is_measured = self._inner.testbed, self._inner.measure().size > 0
         self._figures = Figures(self._mujoco, self._model, testbed.commands, is_measured, actuators)
-        further = self._figures.columns
+        self._contacts, further = Contacts(self._data), self._figures.columns
         return replace(plant, name=testbed.title, controls=controls, further=further)
 
     def _describe_model(self) -> dict[str, Any]:
@@ -208,7 +280,8 @@ class MjcfEnv(RediscretizedEnv):
 
     def _info(self, *told: Any) -> dict[str, Any]:
         inner = self._inner
-        figures = self._figures.read(self._data, inner.command, inner.measure())
+        told_of = inner.command[None], inner.measure()[None]
+        (figures,) = self._figures.read([self._figures.look(self._contacts)], *told_of)
         return {**super()._info(*told), FURTHER: figures}
 
     def _command_bounds(self) -> tuple[Array, Array]:

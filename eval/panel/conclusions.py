@@ -16,6 +16,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Final, Literal, TypeAlias
 
+from integ_gym.envs.environment import is_integ_environment
 from integ_gym.envs.settings import NATIVE
 from integ_gym.support.terminal import fixed, percent, plural, true_minus
 
@@ -281,6 +282,8 @@ def finding_of(panel: Panel) -> Finding | None:
     given = [row for row in panel.rows if row.kind == "given"]
     if panel.given_alone:
         return _finding_of_given(panel, given[0]) if given else None
+    if panel.check:
+        return _finding_of_check(panel, panel.rows[0])
     if judged := _judged(panel):
         worst = _worst(panel, judged)
         row, cell, lost = worst.row, worst.cell, worst.total
@@ -296,7 +299,23 @@ def finding_of(panel: Panel) -> Finding | None:
     return Finding(row, own.home, cell, "success", status, at_home, there, lost)
 
 
-# A policy that was given.
+# A policy that was given, and a check.
+
+
+def _finding_of_check(panel: Panel, row: Row) -> Finding | None:
+    cell = panel.yardstick or _finest(panel, row)
+    if cell is None:
+        return None
+    at_home, there = (_value(panel.entry(row.name, x), "success") for x in (row.name, cell.name))
+    entry = panel.entry(row.name, cell.name)
+    lost = None if entry is None else entry.home_drop
+    status: Status = "contract_error"
+    if lost is not None:
+        low, high = lost.ends
+        learned, can = row.learned is not False, cell.achievability
+        shown = low > 0.0 or high < 0.0
+        status = cause_of(lost, shown=shown, learned=learned, achievability=can)
+    return Finding(row.name, row.home, cell.name, "success", status, at_home, there, lost)
 
 
 def _finding_of_given(panel: Panel, row: Row) -> Finding:
@@ -438,20 +457,44 @@ def _first(panel: Panel, finding: Finding, row: Row) -> str:
         return f"{at_home}, {there}: the contract differs, so nothing is said about dt."
     if finding.status == "home_decides" or finding.lost is None:
         if panel.truth is not None and finding.home == panel.truth.name:
-            return f"{at_home}, and home is the truth: dt is not the cause."
+            more = _exception(panel, finding, row)
+            return f"{at_home}, and home is the truth: dt is not the cause{more}."
         return (
             f"{at_home}, and home is the finest step here, so whether dt is the cause is unknown."
         )
+    sample = plural(row.seeds, "seed") if panel.check else plural(_starts(panel, row), "start")
     end = {
         "cause": "dt is the cause.",
-        "not_cause": f"practically equal ({_margin_words(finding)}), dt is not the cause.",
-        "gained": "nothing is lost, and dt makes it look worse at home.",
+        "not_cause": f"practically equal ({_margin_words(finding)}), dt is not the cause",
+        "gained": "nothing is lost, and dt makes it look worse at home",
         "closed": _closed_end(panel, finding),
-    }.get(
-        finding.status,
-        f"{plural(_starts(panel, row), 'start')} do not show whether dt is the cause.",
-    )
+        "not_learned": "too little was learned at home to lose it.",
+    }.get(finding.status, f"{sample} do not show whether dt is the cause")
+    if panel.check and finding.status == "undecided" and is_small(finding.lost):
+        end = f"dt is not a cause of losing more than {fixed(finding.lost.ends[1])}"
+    if not end.endswith("."):
+        end += f"{_exception(panel, finding, row)}."
     return f"{at_home}, {there}, {_lost(panel, finding, row)}: {end}"
+
+
+def is_small(lost: Estimate) -> bool:
+    """Whether the interval of a loss that is not shown leaves no large one open."""
+    return lost.ends[1] < FAIL_MARGIN
+
+
+def _exception(panel: Panel, finding: Finding, row: Row) -> str:
+    """Where most is lost on another discretization, as the end of a sentence; mostly empty."""
+    best = finding.at_home if finding.measure == "success" else _lead(panel, row)
+    columns = {cell.name for cell in panel.columns if cell.achievability not in UNSOLVABLE}
+    found = []
+    for one in panel.paired:
+        own, p = one.difference(finding.measure) or (Estimate(0.0), 1.0)
+        if one.row == row.name and one.cell in columns - {finding.cell} and p < ALPHA:
+            found.append((own.estimate, one.cell))
+    lost, cell = max(found, default=(0.0, ""))
+    if lost <= max(0.5 * (best or 0.0), FAIL_MARGIN if finding.measure == "success" else 0.0):
+        return ""
+    return f"; but on {panel.in_words(cell)} it loses {fixed(lost, finding.digits)}"
 
 
 def _closed_end(panel: Panel, finding: Finding) -> str:
@@ -632,6 +675,15 @@ def _worst(panel: Panel, judged: Sequence[Verdict]) -> Verdict:
 
 def _trained(panel: Panel) -> tuple[str, ...]:
     judged, finding = _judged(panel), finding_of(panel)
+    if panel.check and finding is not None:
+        row = panel.row(finding.row)
+        split = finding.status == "cause"
+        return (
+            _first(panel, finding, row),
+            f"Home is {panel.in_words(row.name)}; {plural(row.seeds, 'training seed')} of "
+            f"{plural(panel.spec['episodes'], 'start')} each.",
+            _split(panel.entry(row.name, finding.cell)) if split and finding.cell else "",
+        )
     if judged and finding is not None:
         worst = _worst(panel, judged)
         return (
@@ -984,7 +1036,11 @@ def next_step(panel: Panel) -> NextStep | None:
     finding = finding_of(panel)
     if finding is None:
         return None
-    return _next_of_given(panel, finding) if panel.given_alone else _next_of_trained(panel, finding)
+    if panel.given_alone:
+        return _next_of_given(panel, finding)
+    if panel.check and (step := _next_of_check(panel, finding)) is not None:
+        return step
+    return _next_of_trained(panel, finding)
 
 
 def _next_of_given(panel: Panel, finding: Finding) -> NextStep | None:
@@ -1008,9 +1064,25 @@ def _next_of_given(panel: Panel, finding: Finding) -> NextStep | None:
         return NextStep("See what differs", _contract(panel, finding.home, finding.cell))
     if row.dt is None or finding.home is None or finding.status == "closed":
         return None
+    if not is_integ_environment(str(panel.spec.get("env_id"))):
+        return _next_of_trained(panel, finding)  # stable-baselines3 would train for long
     if finding.status == "cause":
         return NextStep("Measure whether half the step is enough", _check(panel, row, 2))
     return NextStep("See whether other training seeds hold as well", _check(panel, row, 1))
+
+
+def _next_of_check(panel: Panel, finding: Finding) -> NextStep | None:
+    row, words = panel.row(finding.row), _split_command(panel.command)
+    if words[:2] != ["integ-gym", "check"]:
+        words = _split_command(_check(panel, row, 1))
+    if finding.status == "not_learned" and row.training_steps is not None:
+        longer = f"--train-arg total_steps={2 * row.training_steps}"
+        return NextStep("Train longer", f"{_without(words, '--out')} {longer}")
+    if finding.status != "cause" or row.dt is None or row.control_period is None:
+        return None
+    finer = f"--dt {row.dt / 2.0:g} --control-period {row.control_period:g}"
+    again = _without(words, "--dt", "--control-period", "--out")
+    return NextStep("See whether half the step is enough", f"{again} {finer}")
 
 
 def _next_of_trained(panel: Panel, finding: Finding) -> NextStep:
@@ -1069,10 +1141,17 @@ def _again(panel: Panel, option: str, *values: str | float) -> str:
         return f"integ_gym.evaluate(…, {python.get(option, home)})"
     if option == "--home":
         words[words.index("--out") + 1] = out
-    while option in words:
-        place = words.index(option)
-        del words[place : place + 2]
-    return " ".join([shlex.join(words), *(f"{option} {text}" for text in texts)])
+    return " ".join([_without(words, option), *(f"{option} {text}" for text in texts)])
+
+
+def _without(words: Sequence[str], *options: str) -> str:
+    """A command without some options and their values."""
+    kept = list(words)
+    for option in options:
+        while option in kept:
+            place = kept.index(option)
+            del kept[place : place + 2]
+    return shlex.join(kept)
 
 
 def _split_command(command: str) -> list[str]:

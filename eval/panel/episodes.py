@@ -366,7 +366,7 @@ def _recorded(
             the latter.
         changed: arguments that differ from the cell's.
     """
-    lanes = len(subjects) * _together(spec, episodes)
+    lanes = len(subjects) * _together(spec, cell, episodes)
     if not spec.testbed.batched:
         changed = {**changed, "autoreset_mode": AutoresetMode.DISABLED}
     recorder = RecordVectorEvidence(
@@ -381,12 +381,15 @@ def _recorded(
     return recorder, success
 
 
-def _together(spec: PanelSpec, episodes: range) -> int:
+def _together(spec: PanelSpec, cell: Cell, episodes: range) -> int:
     """How many starts of a policy have lanes at once: all, or as many as its testbed has room for.
 
     These are divided evenly.
     """
-    room = len(episodes) if spec.testbed.batched else getattr(spec.testbed, "side_by_side", 1)
+    room, arguments = len(episodes), {**spec.environment, **cell.environment}
+    if not spec.testbed.batched:
+        own = getattr(spec.testbed, "room", None)
+        room = own(cell.discretization, arguments) if own else 1
     return math.ceil(len(episodes) / math.ceil(len(episodes) / room))
 
 

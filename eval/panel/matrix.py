@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -311,6 +311,7 @@ class PanelLayout:
         tried: what a hand-made controller and a search reach, by cell.
         applied: what the cells' environments really did, by cell.
         contracts: what was compared of homes and cells on other engines.
+        check: see :class:`PanelSpec`.
     """
 
     rows: tuple[Row, ...]
@@ -324,6 +325,7 @@ class PanelLayout:
     tried: Mapping[str, Tried] = field(default_factory=dict)
     applied: Mapping[str, AppliedDiscretization] = field(default_factory=dict)
     contracts: Contracts = field(default_factory=dict)
+    check: bool = False
 
     @classmethod
     def of(
@@ -361,6 +363,7 @@ class PanelLayout:
             tried=tried,
             applied=applied,
             contracts=contracts or {},
+            check=spec.check,
         )
 
     @property
@@ -428,7 +431,12 @@ class PanelLayout:
     def loss(self, matrix: Matrix, row: str, cell: str) -> rules.Loss | None:
         """The loss of a row in a cell; None at home and without one."""
         rates = self.rates(matrix, row, cell)
-        return None if rates is None or cell == matrix.rows[row].home else rules.split(rates)
+        if rates is None or cell == matrix.rows[row].home:
+            return None
+        parts = rules.split(rates)
+        if self.check:
+            parts = replace(parts, total=rules.checked_loss(rates.home, rates.transferred))
+        return parts
 
     def losses(self, matrix: Matrix) -> dict[tuple[str, str], rules.Loss]:
         """Every loss that there is, by row and cell."""

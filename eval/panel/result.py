@@ -731,6 +731,11 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
         """Whether policies were given and none was trained: what is replicated is the start."""
         return all(row.kind != "trained" for row in self.rows)
 
+    @property
+    def check(self) -> bool:
+        """Whether it is of `integ-gym check`."""
+        return bool(self.spec.get("check"))
+
     @cached_property
     def truth(self) -> Cell | None:
         """The reference cell, or None."""

@@ -79,7 +79,7 @@ ALGORITHM = "algorithm"
 NO_RESULT = ("memory_gib", "left_out")
 """Attributes that change no result."""
 
-LATER = ("episode_parts", "looks", "unmade", "limit")
+LATER = ("episode_parts", "looks", "unmade", "limit", "check")
 """Attributes that are told where there is something to tell; specifications of before lack them."""
 
 
@@ -127,6 +127,8 @@ class PanelSpec:
     """Combinations that were asked for and cannot be, in sentences."""
     left_out: tuple[Name, ...] = ()
     """Engines that are not installed, where the grid asks for all that are."""
+    check: bool = False
+    """Whether seeds are added until the interval of the loss is narrow; see `eval.loss_check`."""
 
     @property
     def testbed(self) -> Testbed:
@@ -623,7 +625,7 @@ _Toml = derived_table(
         "sweep": list[SweepTable],
         "episodes": Count | list[Count],
         "limit": bool,
-        **dict.fromkeys(("grid", "variations", "episode_parts", "unmade", "left_out")),
+        **dict.fromkeys(("grid", "variations", "episode_parts", "unmade", "left_out", "check")),
     },
     _REQUIRED.__contains__,
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from datetime import UTC
@@ -148,10 +149,13 @@ def _template() -> Any:
     def breakable(text: str) -> Any:
         return markup.Markup(str(markup.escape(text)).replace("_", "_<wbr>"))
 
+    def quoted(text: Any) -> Any:
+        return markup.Markup(re.sub("`([^`]+)`", r"<code>\1</code>", str(text)))
+
     environment = page_environment(_files("parts"))
     environment.filters.update(
         called=context(lambda given, name: breakable(given["panel"].label(str(name)))),
-        said=lambda text: breakable(nonbreaking(str(text))),
+        said=lambda text: quoted(breakable(nonbreaking(str(text)))),
         href=_href,
         along=_along,
         across=_across,

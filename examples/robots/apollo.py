@@ -15,4 +15,4 @@ class Apollo(Humanoid):
     commands = {"v_x": (-1.5, 1.5), "v_y": (-0.8, 0.8), "yaw_rate": (-1.5, 1.5)}
 
     def frequency(self, command):
-        return 1.25 + 0.5 * min(np.linalg.norm(command), 1.5) / 1.5
+        return 1.25 + 0.5 * np.minimum(np.sqrt(np.vecdot(command, command)), 1.5) / 1.5

@@ -15,6 +15,7 @@ class Go1(MjcfTestbed):
 
     control_period = 0.02
     keyframe = "home"
+    together = True
     commands = {"v_x": (0.0, 1.5), "v_y": (-0.8, 0.8), "yaw_rate": (-1.2, 1.2)}
     fall = "the trunk tips by more than 60°"
 
@@ -30,17 +31,19 @@ class Go1(MjcfTestbed):
         velocity, spin = robot.sensor("local_linvel"), robot.sensor("gyro")
         angles = robot.joint_angles - robot.home_angles
         joints = [angles, robot.joint_velocities, memory.last_action]
-        return np.concatenate([velocity, spin, robot.gravity("imu"), *joints, command])
+        body = [velocity, spin, robot.gravity("imu")]
+        return np.concatenate([*body, *joints, command], axis=-1)
 
     def act(self, action, robot):
         return robot.key_ctrl + 0.5 * action
 
     def falls(self, robot):
-        return robot.gravity("imu")[2] > -0.5
+        return robot.gravity("imu")[..., 2] > -0.5
 
     def measure(self, robot):
-        return np.append(robot.sensor("local_linvel")[:2], robot.sensor("gyro")[2])
+        velocity, spin = robot.sensor("local_linvel"), robot.sensor("gyro")
+        return np.concatenate([velocity[..., :2], spin[..., 2:]], axis=-1)
 
     def reward(self, robot, memory, command):
         error = self.measure(robot) - command
-        return np.exp(-4.0 * (error @ error))
+        return np.exp(-4.0 * np.vecdot(error, error))

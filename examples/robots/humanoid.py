@@ -11,6 +11,7 @@ class Humanoid(MjcfTestbed):
     """Walks as commanded, with a clock of two legs that its policy sees."""
 
     control_period = 0.02
+    together = True
     commands = {"v_x": (-1.0, 1.0), "v_y": (-0.5, 0.5), "yaw_rate": (-1.0, 1.0)}
     fall = "the body with the inertial unit tips by more than 60°"
     velocimeter, gyro, unit = "local_linvel", "gyro", "imu"
@@ -31,22 +32,24 @@ class Humanoid(MjcfTestbed):
 
     def observe(self, robot, memory, command):
         angles, speeds = robot.joint_angles - robot.home_angles, robot.joint_velocities
-        angles[: self.unseen] = speeds[: self.unseen] = 0.0
+        angles[..., : self.unseen] = speeds[..., : self.unseen] = 0.0
         turn = 2.0 * np.pi * self.frequency(command) * memory.time
-        phases = np.array([turn, turn + np.pi])
+        phases = np.stack([turn, turn + np.pi], axis=-1)
         body = [robot.sensor(self.velocimeter), robot.sensor(self.gyro), robot.gravity(self.unit)]
         joints = [angles, speeds, memory.last_action]
-        return np.concatenate([*body, command, *joints, np.cos(phases), np.sin(phases)])
+        clock = [np.cos(phases), np.sin(phases)]
+        return np.concatenate([*body, command, *joints, *clock], axis=-1)
 
     def act(self, action, robot):
         return robot.key_ctrl + self.scale * action
 
     def falls(self, robot):
-        return robot.gravity(self.unit)[2] > -0.5
+        return robot.gravity(self.unit)[..., 2] > -0.5
 
     def measure(self, robot):
-        return np.append(robot.sensor(self.velocimeter)[:2], robot.sensor(self.gyro)[2])
+        velocity, spin = robot.sensor(self.velocimeter), robot.sensor(self.gyro)
+        return np.concatenate([velocity[..., :2], spin[..., 2:]], axis=-1)
 
     def reward(self, robot, memory, command):
         error = self.measure(robot) - command
-        return np.exp(-4.0 * (error @ error))
+        return np.exp(-4.0 * np.vecdot(error, error))

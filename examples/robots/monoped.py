@@ -20,6 +20,7 @@ class Monoped(MjcfTestbed):
 
     control_period = 0.02
     keyframe = "crouch"
+    together = True
     commands = {"v_x": (0.3, 1.0)}
     fall = "the torso tips by more than 45° or is lower than 0.5 m"
     achievement = "a mean speed within 0.2 m/s of the commanded one"
@@ -31,25 +32,27 @@ class Monoped(MjcfTestbed):
         robot.data.qpos[3:] += rng.uniform(-0.1, 0.1, 3)
         robot.data.qvel[:] = rng.uniform(-0.2, 0.2, 6)
 
+    def height(self, robot):
+        return robot.data.xpos[..., robot.model.body("torso").id, 2:]
+
     def observe(self, robot, memory, command):
         angles = robot.joint_angles - robot.home_angles
-        height = robot.data.body("torso").xpos[2:]
-        body = [robot.sensor("velocity"), robot.sensor("gyro"), robot.gravity("imu"), height]
+        body = [robot.sensor("velocity"), robot.sensor("gyro"), robot.gravity("imu")]
         joints = [angles, 0.1 * robot.joint_velocities, memory.last_action]
-        return np.concatenate([*body, *joints, command])
+        return np.concatenate([*body, self.height(robot), *joints, command], axis=-1)
 
     def act(self, action, robot):
         return robot.key_ctrl + 0.5 * action
 
     def falls(self, robot):
-        return robot.gravity("imu")[2] > -0.7 or robot.data.body("torso").xpos[2] < 0.5
+        return (robot.gravity("imu")[..., 2] > -0.7) | (self.height(robot)[..., 0] < 0.5)
 
     def measure(self, robot):
-        return robot.data.qvel[:1]
+        return robot.data.qvel[..., :1]
 
     def reward(self, robot, memory, command):
-        (error,) = self.measure(robot) - command
-        return 0.5 + np.exp(-4.0 * error**2)
+        error = (self.measure(robot) - command)[..., 0]
+        return 0.5 + np.exp(-4.0 * (error * error))
 
     def achieves(self, robot, memory, command):
         return abs(robot.data.qpos[0] / robot.data.time - command[0]) < 0.2

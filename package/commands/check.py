@@ -17,9 +17,9 @@ from integ_gym.support.terminal import (
     print_columns,
     print_wrapped,
     seconds,
-    unbroken,
 )
 
+from .printed import print_headline, print_next
 from .work_options import add_work, workers_of
 
 EXAMPLES = """\
@@ -101,24 +101,12 @@ def main(argv: Sequence[str]) -> int:
         progress=not given.no_progress,
         command=options.display_command(["integ-gym", "check", *argv]),
     )
-    print_wrapped(str(found))
+    print_headline(found.panel)
     print_wrapped(_cost(found))
-    period = found.panel.rows[0].control_period
-    if not found.learned:
-        apart = "" if given.control_period else "; or give --control-period, which follows dt here"
-        print_wrapped(
-            f"Train longer with --train-arg total_steps=N, or make the task easier{apart}."
-        )
     names = ("judged on", "success", "within twice the time", "lost", "95 % interval")
     print_columns(names, list(_rows(found)), right=(False, True, True, True, True))
     print(f"Page: {(found.directory / 'report.html').resolve()}")
-    if found.cause == "yes" and found.learned:
-        finer = f"--dt {given.dt / 2.0:g} --control-period {period:g}"
-        print_wrapped(
-            f"Next: see whether half the step is enough, by the same command with {finer}"
-        )
-    elif found.panel.failures:
-        print_wrapped(f"Next: {unbroken(f'integ-gym watch {found.directory}')}")
+    print_next(found.panel)
     return 0
 
 
@@ -129,7 +117,8 @@ def _cost(found: Check) -> str:
     return (
         f"{plural(found.seeds, 'seed')} of {home.training_steps:,} decisions each, a decision "
         f"every {home.control_period:g} s, trained by {found.panel.spec['trainer']['name']}, "
-        f"judged from {found.starts} starts each, in {seconds(found.panel.cost.wall_seconds)}. "
+        f"judged from {found.starts} starts each, in {seconds(found.panel.cost.wall_seconds)} "
+        "beside starting up and writing the page. "
         f"{plural(more, 'more seed')} (--seeds {found.seeds + more}) would take about "
         f"{seconds(more * found.seconds_per_seed)} and narrow the interval from "
         f"±{found.half_width:.2f} to about ±{found.half_width_with(found.seeds + more):.2f}."
@@ -144,6 +133,5 @@ def _rows(found: Check) -> Iterator[tuple[str, ...]]:
         lost = ("", "")
         if cell.loss is not None:
             low, high = cell.loss.ends
-            ends = f"{low:z.2f} to {high:z.2f}"
-            lost = (f"{cell.loss.estimate:z.2f}", ends)
+            lost = (fixed(cell.loss.estimate), f"{fixed(low)} to {fixed(high)}")
         yield (label, fixed(cell.success), fixed(cell.recovered), *lost)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import itertools
 import json
-from types import SimpleNamespace
+import re
 
+import msgspec
 import numpy as np
 import pytest
 from house import ROOT
@@ -20,7 +21,10 @@ from integ_gym.eval.loss_check import (
     Check,
     CheckedCell,
 )
+from integ_gym.eval.panel.conclusions import next_step
+from integ_gym.eval.report.page import render
 from integ_gym.eval.statistics import Estimate
+from integ_gym.eval.verdict import LEARNED
 
 SMALL = {"total_steps": 128, "n_envs": 4, "n_steps": 32, "batch_size": 64}
 
@@ -110,24 +114,50 @@ def test_without_a_reference_the_finest_step_is_what_it_is_held_against(tmp_path
                   environment={})  # fmt: skip
     assert not found.exact
     assert found.truth.name == "mujoco Euler dt=0.005"
-    assert "at mujoco Euler dt=0.005" in str(found)
+    assert "at the finest step (mujoco Euler dt=0.005)" in str(found)
 
 
-def planted(seeds, half_width, loss=0.4, home=1.0, truth="achievable"):
-    """A check that found so much."""
+def planted(panel, seeds, half_width, loss=0.4, home=1.0, truth="achievable"):
+    """The panel of a check as if it had found so much."""
     lost = Estimate(loss, loss - half_width, loss + half_width, 0.95)
-    there = CheckedCell("truth", home - loss, 0.9, lost, truth)
-    cells = (CheckedCell("home", home, home, None), there)
-    cost = SimpleNamespace(wall_seconds=10.0 * seeds)
-    return Check(SimpleNamespace(cost=cost), None, seeds, 20, *cells, True, cells)
+    away = panel.truth.name
+    row = msgspec.structs.replace(
+        panel.rows[0], seeds=seeds, home_success=Estimate(home), learned=home >= LEARNED
+    )
+    matrix = [
+        msgspec.structs.replace(
+            entry,
+            success=Estimate(home - loss if entry.cell == away else home),
+            home_drop=lost if entry.cell == away else entry.home_drop,
+        )
+        for entry in panel.matrix
+    ]
+    cells = [
+        msgspec.structs.replace(cell, achievability=truth if cell.name == away else None)
+        for cell in panel.cells
+    ]
+    told = {"rows": (row,), "matrix": tuple(matrix), "cells": tuple(cells)}
+    return msgspec.structs.replace(panel, **told)
+
+
+def check_of(panel, seeds):
+    """A check of a planted panel."""
+    entry = panel.entry(panel.rows[0].name, panel.truth.name)
+    there = CheckedCell("truth", entry.success.estimate, 0.9, entry.home_drop)
+    home = CheckedCell("home", panel.rows[0].home_success.estimate, 1.0, None)
+    return Check(panel, None, seeds, 20, home, there, True, (home, there))
 
 
 @pytest.fixture
-def asked(monkeypatch):
+def asked(monkeypatch, finished):
     """Seeds of the panels that a check asks for; its interval becomes narrow with the third."""
     seeds, widths = [], itertools.chain([0.3, 0.21], itertools.repeat(0.19))
     monkeypatch.setattr(loss_check, "run_panel", lambda spec, *_, **__: seeds.append(spec.seeds))
-    monkeypatch.setattr(loss_check, "check_of", lambda *_: planted(len(seeds[-1]), next(widths)))
+
+    def found(*_):
+        return check_of(planted(finished.panel, len(seeds[-1]), next(widths)), len(seeds[-1]))
+
+    monkeypatch.setattr(loss_check, "check_of", found)
     return seeds
 
 
@@ -153,23 +183,40 @@ def test_an_interrupted_growth_goes_on_with_the_seeds_it_had_asked_for(asked, tm
 @pytest.mark.parametrize(
     ("loss", "half_width", "home", "truth", "cause", "words"),
     [
-        (0.4, 0.2, 1.0, "achievable", "yes", "home is the cause"),
-        (0.4, 0.2, 1.0, None, "yes", "home is the cause"),
-        (0.0, 0.15, 1.0, "achievable", "no", "home is not a cause of losing more than 0.15"),
-        (0.1, 0.15, 1.0, "achievable", "undecided", "undecided whether home is a cause"),
-        (0.03, 0.02, 1.0, "achievable", "no", "home is not the cause"),
-        (0.0, 0.1, 0.3, "achievable", "undecided", "too little was learned on home"),
-        (0.3, 0.1, 0.3, "achievable", "undecided", "too little was learned on home"),
+        (0.4, 0.2, 1.0, "achievable", "yes", "dt is the cause"),
+        (0.4, 0.2, 1.0, None, "yes", "dt is the cause"),
+        (0.0, 0.15, 1.0, "achievable", "no", "dt is not a cause of losing more than 0.15"),
+        (0.1, 0.15, 1.0, "achievable", "undecided", "12 seeds do not show whether dt is the cause"),
+        (0.03, 0.02, 1.0, "achievable", "no", "dt is not the cause"),
+        (0.0, 0.1, 0.3, "achievable", "undecided", "too little was learned at home"),
+        (0.3, 0.1, 0.3, "achievable", "undecided", "too little was learned at home"),
         (0.9, 0.1, 1.0, "unachievable", "undecided", "the truth cannot be solved in time"),
         (0.9, 0.1, 1.0, "too_slow", "undecided", "the truth cannot be solved in time"),
         (0.9, 0.1, 1.0, "undecided", "undecided", "is not known"),
-        (-0.4, 0.2, 1.0, "achievable", "no", "home is not a cause of losing more than 0.00"),
+        (-0.4, 0.2, 1.0, "achievable", "no", "nothing is lost"),
     ],
 )
-def test_the_answer_says_whether_it_is_the_cause(loss, half_width, home, truth, cause, words):
-    found = planted(12, half_width, loss, home, truth)
+def test_the_answer_says_whether_it_is_the_cause(
+    finished, loss, half_width, home, truth, cause, words
+):
+    found = check_of(planted(finished.panel, 12, half_width, loss, home, truth), 12)
     assert found.cause == cause
     assert words in str(found)
+
+
+def test_terminal_and_page_say_one_thing_with_one_interval(finished):
+    panel = planted(finished.panel, 12, 0.2)
+    assert "lost 0.40 (95 % interval 0.20 to 0.60): dt is the cause." in str(check_of(panel, 12))
+    command = "integ-gym check --integrator explicit_euler --dt 0.05 --out runs/mine --seeds 12"
+    panel = msgspec.structs.replace(panel, command=command)
+    page = re.sub(r"<wbr>|\s+", " ", render(panel))
+    assert panel.headline.rpartition(": ")[0].replace("_", "_ ") in page.replace("&nbsp;", " ")
+    assert next_step(panel).command == (
+        "integ-gym check --integrator explicit_euler --seeds 12 --dt 0.025 --control-period 0.05"
+    )
+    assert next_step(panel).command in page
+    entry = finished.panel.entry(finished.panel.rows[0].name, finished.panel.truth.name)
+    assert entry.home_drop == finished.loss
 
 
 @pytest.mark.parametrize(

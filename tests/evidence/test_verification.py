@@ -84,6 +84,25 @@ def test_what_was_recorded_comes_out_again_to_the_last_bit(env_id, kind, tmp_pat
     assert (done.findings, done.records, done.exact, done.skipped) == ([], 4, 4, {})
 
 
+def test_figures_of_every_contact_point_are_recorded_and_come_out_again(tmp_path, monkeypatch):
+    monkeypatch.setitem(ENVIRONMENTS, "TouchingRod-v0", "touching:Rod")
+    store = _recorded(tmp_path, "touching:TouchingRod-v0")
+    assert _found(store) == []
+    record = next(iter(store.records()))
+    figures = ("penetration", "normal_force", "tangential_force", "slip_speed")
+    names = [f"{name}_{figure}" for name in ("left", "right") for figure in figures]
+    assert [record.units[name] for name in names] == ["m", "N", "N", "m/s"] * 2
+    assert all(np.nanmax(np.abs(record[name])) > 0.0 for name in (*names, "slip_loss"))
+    deepest = np.maximum(record["left_penetration"], record["right_penetration"])
+    np.testing.assert_array_equal(record["penetration"], deepest)
+    assert record["penetration_max"] == np.nanmax(deepest)
+    assert record["contact_loss_total"] >= np.nansum(record["slip_loss"]) > 0.0
+    done = _replayed(store, exact=True)
+    assert (done.findings, done.records, done.exact) == ([], 4, 4)
+    _forge(store, "left_normal_force", lambda rows: [[x and x + 1.0 for x in r] for r in rows])
+    assert "`left_normal_force[" in str(_replayed(store).findings[0])
+
+
 FORGED = {
     "success": lambda values: [not x for x in values],
     "return": lambda values: [x + 1.0 for x in values],

@@ -86,7 +86,7 @@ def test_a_file_of_version_4_is_read_queried_and_verified(fourth, capsys):
     assert sentence.startswith("the same policy succeeds from the same start on its training")
     assert numbers is None
     assert run(["evidence", "verify", str(fourth.run), "--exact", "--all", "--no-progress"]) == 0
-    assert "replayed: 17 of 17 records, 17 of them to the last bit" in capsys.readouterr().out
+    assert "replayed: 17 of 17 records, 17 of them to the last bit\n" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

@@ -6,10 +6,13 @@ import re
 import shlex
 import subprocess
 import sys
+from importlib import import_module
 
+import pytest
 from house import page_blocks
 
 from integ_gym.cli import main
+from integ_gym.envs.numerics.stepping import advance
 from integ_gym.eval.diagnosis import run
 
 PAGE = "docs/how-to/adding.md"
@@ -27,6 +30,9 @@ def test_task_plant_and_integrator_of_the_page_run(tmp_path, monkeypatch, capsys
     assert "(8, 2)" in done.stdout
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
+    bouncer = import_module("my_bouncer").Bouncer()
+    _, speed = advance("rk4", bouncer, (0.001, -1.0), 1e-4, 400)
+    assert speed == pytest.approx(0.75, abs=0.01)
     sections = ("plant", "integrator", "stiffness")
     monkeypatch.setattr(run, "SECTIONS", {name: run.SECTIONS[name] for name in sections})
     words = shlex.split(page_blocks(PAGE, "sh")[0])[1:]

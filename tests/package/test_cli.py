@@ -71,6 +71,20 @@ def test_what_is_not_understood_ends_with_one_line(words, told, capsys):
     assert error.count("\n") == 1
 
 
+@pytest.mark.parametrize(
+    ("words", "testbeds"),
+    [
+        ("diagnose", False),
+        ("check --integrator rk4 --dt 0.05", True),
+        ("train --integrator rk4", True),
+        ("evaluate --policy math:sin", True),
+    ],
+)
+def test_a_hint_lists_what_the_command_takes(words, testbeds, tmp_path, capsys):
+    assert main([*words.split(), "--env", "Nope-v0", "--out", str(tmp_path / "x")]) == 2
+    assert ('"module:Class"' in capsys.readouterr().err) is testbeds
+
+
 @pytest.mark.parametrize("kind", [ValueError, BrokenPipeError])
 def test_programming_errors_keep_their_traceback(kind, monkeypatch):
     """A pipe that breaks within is one too."""

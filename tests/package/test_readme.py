@@ -75,10 +75,31 @@ def test_what_the_quick_panel_found_is_what_was_saved():
     told = f"in {100 * home[lossy]:.0f} % of the episodes there and in {rate} % ({low} to {high} %)"
     assert told in text
     (failing,) = (one for one in summary["verdicts"] if one["verdict"] == "fails")
-    lost, low, high = failing["overfitting"]
-    assert f"lost {lost:.2f} ({low:.2f} to {high:.2f}) is overfitting" in text
+    lost, fitted = (
+        "{:.2f} ({:.2f} to {:.2f})".format(*failing[name]) for name in ("total", "overfitting")
+    )
+    assert f"of the {lost} that is lost, {fitted} is overfitting" in text
     assert f"succeed there in {100 * rows['reference dt=0.05'][0]:.0f} %" in text
     assert f"policies succeed in {100 * rows[fine][0]:.0f} % on the truth" in text
+
+
+def test_readme_is_short_and_begins_with_what_to_type():
+    first = README.splitlines()[:45]
+    assert any(line.startswith("integ-gym evaluate policy.zip") for line in first)
+    assert len(README.split()) <= 1300
+    assert all(f"`make {target}`" in README for target in ("panel", "train", "test"))
+
+
+def test_queries_of_the_documents_print_few_rows():
+    """Each groups its records, or says how many it wants."""
+    found = 0
+    for document in DOCUMENTS:
+        text = document.read_text(encoding="utf-8")
+        for query in re.findall(r'^integ-gym evidence query [^"]*"(SELECT [^"]+)"', text, re.M):
+            found += 1
+            bounded = re.search(r"LIMIT|GROUP BY|DISTINCT|count\(|…", query)
+            assert bounded, f"{document}: {query}"
+    assert found > 3
 
 
 def test_shell_lines_name_what_exists():

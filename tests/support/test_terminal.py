@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import errno
 import io
+import re
 import signal
 
 import pyarrow as pa
@@ -13,6 +14,7 @@ import pytest
 from integ_gym.support.errors import InputError, MissingPackageError
 from integ_gym.support.terminal import (
     DEFECT,
+    WorkBar,
     compact,
     compact_percent,
     fixed,
@@ -57,6 +59,14 @@ def heeded():
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, before)
+
+
+def test_a_bar_is_not_full_before_the_work_is_done(capsys):
+    with WorkBar("work", 10.0, shown=True) as bar:
+        bar.update(12.0)
+        bar.describe("the last bit")
+        assert re.search(r"99%.*nearly done", capsys.readouterr().err)
+    assert "100%" in capsys.readouterr().err
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")

@@ -25,7 +25,9 @@ def test_the_command_takes_an_algorithm(tmp_path, capsys):
     assert main([*sac, *flags]) == 0
     _, card = read_trained(tmp_path / "a" / "policy.zip")
     assert card["algorithm"] == "SAC"
-    capsys.readouterr()
+    out = tmp_path / "a"
+    judged = f"integ-gym evaluate {out}/policy.zip --env IntegPendulum-v0 --out {out}-judged"
+    assert judged in capsys.readouterr().out
     assert main([*sac, *flags, "--force", "--trainer", "fleet"]) == 2
     assert "the fleet trains PPO; train SAC with --trainer sb3" in capsys.readouterr().err
     with pytest.raises(SystemExit):

@@ -171,7 +171,7 @@ class Drawer {
       make("p", { class: `outcome ${label === "none" ? "won" : "lost"}` },
         `${label === "none" ? "✓" : "✕"} ${wordOf(label)}`,
         label === "none" ? null : make("span", {}, spaced(label))),
-      trace && trace.reason ? make("p", { class: "reason" }, trace.reason)
+      trace && trace.reason ? make("p", { class: "reason" }, quoted(trace.reason))
         : label === "none" ? null : make("p", { class: "reason" }, this.carried.labelWords[label] || ""),
     ].filter(Boolean);
     if (trace) parts.push(...this.motion(place, trace));

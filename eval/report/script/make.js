@@ -12,6 +12,8 @@ function fill(element, attributes, children) {
 }
 const make = (tag, attributes, ...children) =>
   fill(document.createElement(tag), attributes, children);
+// A sentence, with what stands between backticks as code.
+const quoted = (text) => text.split("`").map((part, k) => (k % 2 ? make("code", {}, part) : part));
 const draw = (tag, attributes, ...children) =>
   fill(document.createElementNS(SVG, tag), attributes, children);
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import inf, nan, pi
+from math import inf, nan, pi, remainder
 
 import gymnasium as gym
 import numpy as np
@@ -99,7 +99,10 @@ def test_return_does_not_depend_on_the_control_period():
 
 @pytest.mark.parametrize(("latency", "delay"), [(0.0, 0), (0.05, 5), (0.07, 7)])
 def test_commands_act_after_the_latency(latency, delay):
-    """Equal to stepping at dt with the command sequence shifted by the latency."""
+    """Equal to stepping at dt with the command sequence shifted by the latency.
+
+    The reward takes the mean square of the torque in force, as the documentation says.
+    """
     rng = np.random.default_rng(0)
     commands = rng.uniform(-2, 2, 8)
     delayed = gym.make("IntegPendulum-v0", dt=0.01, control_period=0.05, action_latency=latency)
@@ -108,9 +111,14 @@ def test_commands_act_after_the_latency(latency, delay):
         env.reset(options={"state": (2.0, 0.0)})
     shifted = np.concatenate([np.zeros(delay), np.repeat(commands, 5)])
     for index, command in enumerate(commands):
-        *_, info = delayed.step(np.array([command]))
-        for u in shifted[5 * index : 5 * index + 5]:
+        theta, theta_dot = delayed.unwrapped.state
+        _, reward, *_, info = delayed.step(np.array([command]))
+        applied = shifted[5 * index : 5 * index + 5]
+        for u in applied:
             fine.step(np.array([u]))
+        angle = remainder(theta, 2.0 * pi)
+        cost = angle**2 + 0.1 * theta_dot**2 + 0.001 * np.mean(applied**2)
+        assert reward == pytest.approx(-cost, rel=1e-12)
         np.testing.assert_allclose(delayed.unwrapped.state, fine.unwrapped.state, rtol=1e-13)
         assert info["fallback_used"] == (5 * index < delay)
         assert info["control"] == shifted[5 * index + 4]

@@ -15,7 +15,7 @@ from gymnasium.wrappers import RescaleAction
 from pairing import pairs
 
 import integ_gym
-from integ_gym.envs import rediscretized
+from integ_gym.envs import mujoco_ledger, rediscretized
 from integ_gym.envs.engines import mujoco_solver
 from integ_gym.envs.foreign import SequentialVectorEnv
 
@@ -351,7 +351,7 @@ def test_what_a_diverged_period_lost_is_unknown_where_losses_are(task, integrato
 
 def test_a_mujoco_that_resets_is_told_from_one_that_moves(monkeypatch):
     """Before 3.2 MuJoCo resets what diverges, in a first step too; it has no flag against that."""
-    for module in (mujoco_solver, rediscretized):
+    for module in (mujoco_solver, mujoco_ledger, rediscretized):
         monkeypatch.setattr(module, "NO_RESET", "mjDSBL_UNKNOWN")
     env = integ_gym.rediscretize(gym.make("Hopper-v5"))
     for speed, status in ((0.0, "ok"), (1e12, "diverged"), (0.0, "ok")):

@@ -130,6 +130,14 @@ def test_every_integrator_equals_sync_vector_env(env_id, integrator):
         _copy_states(ours, sync)
 
 
+@pytest.mark.parametrize("env_id", integ_gym.ENVIRONMENTS)
+def test_gymnasium_is_among_the_direct_bases(env_id):
+    """By which libraries such as skrl tell whose environment it is."""
+    ours = gym.make_vec(env_id, num_envs=1)
+    assert gym.vector.VectorEnv in type(ours).__bases__
+    assert gym.Env in type(gym.make(env_id).unwrapped).__bases__
+
+
 def test_plant_parameters_may_differ_per_lane():
     masses = np.array([0.5, 1.0, 2.0])
     ours = gym.make_vec("IntegPendulum-v0", num_envs=3, mass=masses, integrator="rk4")

@@ -98,5 +98,5 @@ def test_losses_follow_from_both_ends(name, dt):
         q, v = tuple(rng.uniform(-3.0, 3.0, 2).tolist()), tuple(rng.uniform(-6.0, 6.0, 2).tolist())
         step = known.step(SCALAR, system, q, v, (0.3,), (0.7,), dt)
         ends = (q, v), (step.q, step.v)
-        (found,) = known.losses_between(SCALAR, system, *ends, (0.3,), 0.7, dt)
+        (found,) = known.losses_between(SCALAR, system, *ends, (0.3,), (0.7,), dt)
         assert found - 0.3 == pytest.approx(step.losses[0] - 0.3, rel=1e-8)

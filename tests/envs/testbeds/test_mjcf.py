@@ -9,6 +9,7 @@ import gymnasium as gym
 import numpy as np
 import onnx
 import pytest
+from examples.robots.monoped import Monoped
 from gymnasium.utils.env_checker import check_env
 from house import ROOT, page_blocks
 from swaying import MONOPED, record_swaying
@@ -347,13 +348,28 @@ def test_a_record_is_the_same_whoever_runs_beside(kind, different, tmp_path, mon
         policy = OnnxPolicy(graph.SerializeToString())
     subject = Subject(policy, (Cell.of(*spec.grid, "grid"),))
     tables = []
-    for together in (1, 3):
-        monkeypatch.setattr(MjcfTestbed, "side_by_side", together)
+    for room, together in ((1, False), (1, True), (3, False), (3, True), (5, True)):
+        monkeypatch.setattr(MjcfTestbed, "room", lambda *cell, room=room: room)
+        monkeypatch.setattr(Monoped, "together", together)
         (table,) = evaluate(spec, [subject], range(5), EvidenceStore(tmp_path), {})
         tables.append(table.drop_columns([*VOLATILE_NAMES]).sort_by("episode_index"))
-    assert tables[0].equals(tables[1])
+    assert all(table.equals(tables[0]) for table in tables[1:])
     assert tables[0]["seed"].to_pylist() == [1000, 1001, 1002, 1003, 1004]
     assert kind != "random" or len(set(tables[0]["length"].to_pylist())) > 1
+
+
+def test_robots_that_act_together_begin_together_and_show_arrays_alone():
+    lanes = find_testbed(MONOPED, {}).make(
+        Discretization("Euler", 0.004, 0.02, "mujoco"), 3, autoreset_mode="Disabled"
+    )
+    lanes.reset(seed=1)
+    robot = lanes.unwrapped._acting.robot
+    assert robot.data.xpos.shape[0] == 3
+    for name in ("body", "efc_pos", "contact"):
+        with pytest.raises(IntegGymError, match=name):
+            getattr(robot.data, name)
+    with pytest.raises(IntegGymError, match="together"):
+        lanes.reset(seed=1, options={"reset_mask": np.array([True, False, False])})
 
 
 def test_the_example_of_the_page_takes_a_file(tmp_path, monkeypatch):

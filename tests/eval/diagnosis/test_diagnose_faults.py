@@ -14,7 +14,7 @@ from plant_checks import damped
 from integ_gym.envs import tasks as _box
 from integ_gym.envs.engines.stepping import NativeEngine
 from integ_gym.envs.integrators.rk4 import RK4
-from integ_gym.envs.mechanics import Stops
+from integ_gym.envs.plants.contact import Stops
 from integ_gym.envs.registries import PLANTS
 from integ_gym.envs.settings import Timing
 from integ_gym.eval.diagnosis import bench as open_loop

@@ -152,3 +152,14 @@ def test_the_next_command_checks_the_step_or_asks_for_what_is_missing() -> None:
     look = Look(seeds=1, episodes=50, natives=0, level_exceeds=0.0, level_equivalent=0.0)
     step = step_of(msgspec.structs.replace(unknown, looks=(look, look)))
     assert step.purpose.endswith("; this was look 2, and all of them count there too")
+
+
+def test_what_loses_most_elsewhere_stands_behind_a_clean_answer() -> None:
+    """A discretization that can be won and loses half or more, not a perturbation."""
+    clean = {HOME.name: 1.0, TRUTH.name: 1.0, RK4.name: 0.1}
+    assert judged(clean).headline.endswith("but on rk4 dt=0.05 it loses 0.90.")
+    home = judged({TRUTH.name: 1.0, HOME.name: 1.0, RK4.name: 0.1}, home=TRUTH)
+    assert home.headline.endswith("but on rk4 dt=0.05 it loses 0.90.")
+    heavy = f"{HOME.name}, {HEAVY}"
+    for other in ({RK4.name: 0.7}, {heavy: 0.0}):
+        assert judged({**clean, RK4.name: 1.0, **other}).headline.endswith("dt is not the cause.")

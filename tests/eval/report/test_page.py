@@ -103,6 +103,13 @@ def test_hostile_text_stays_text() -> None:
     assert all(link.startswith("./") for link in files)
 
 
+def test_names_in_sentences_are_code_and_no_backticks() -> None:
+    raw = raw_of("full")
+    told = [{**one, "reason": "not within `duration`, 1 < 2"} for one in raw["failures"]]
+    page = render(panel_from({**raw, "failures": told}))
+    assert "not within <code>duration</code>, 1 &lt; 2" in page
+
+
 def test_an_almost_empty_panel_still_reads(tmp_path: Path) -> None:
     lists = ("rows", "cells", "matrix", "verdicts", "policy_comparisons", "failures", "remedies")
     raw = {**raw_of("full"), **{name: [] for name in lists}, "training_costs": {}}

@@ -62,3 +62,19 @@ def test_verdicts_of_a_run_follow_from_its_records(panel_directory, capsys):
         place = next(i for i, x in enumerate(lines) if f"{one['row']} → {one['cell']}:" in x)
         verdict = lines[place].split(": ")[1].split(",")[0]
         assert verdict == lines[place + 1].split(": ")[1].split(",")[0] == one["verdict"]
+
+
+def test_failures_where_nobody_can_win_say_nothing_of_loops(tmp_path, monkeypatch, capsys):
+    cells = {"rk4": "achievable", "reference": "achievable", "closed": "unachievable"}
+    success = {"rk4": [1.0, 0.0], "reference": [0.0, 1.0], "closed": [0.0, 0.0]}
+    panel = {
+        "rows": [{"name": "row", "kind": "trained", "learned": True}],
+        "cells": [{"name": x, "kind": "grid", "achievability": can} for x, can in cells.items()],
+        "matrix": [{"row": "row", "cell": x, "success_by_seed": y} for x, y in success.items()],
+    }
+    (tmp_path / "panel.json").write_text(json.dumps(panel), encoding="utf-8")
+    monkeypatch.setattr(recomputed, "radii", lambda *_: np.array([0.9, 0.5]))
+    recomputed.loops(tmp_path)
+    told = capsys.readouterr().out
+    assert "all cells: 6 loops, 6 stable, of which 4 fail" in told
+    assert "cells that can be won: 4 loops, 4 stable, of which 2 fail; area 0.50" in told

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import fields
+from functools import partial
 
 import numpy as np
 from scipy.optimize import minimize
@@ -96,13 +97,16 @@ def check_equations_of_motion(plant) -> None:
 
     d/dt ∂L/∂v − ∂L/∂q = F − ½ ∂D/∂v, all derivatives taken numerically from energy(q, v) and
     dissipation(q, v); the mass matrix is the energy's second derivative, and the Jacobian, where
-    given, is the acceleration's. The energy is zero at rest at the bottom.
+    given, is the acceleration's. The energy is zero at rest at the bottom, unless the plant needs
+    the ground for one; then the gaps' slopes are the contacts' normal rows.
     """
-    n = len(plant.coordinates)
-    bottom = minimize(
-        lambda q: plant.energy(SCALAR, tuple(q), (0.0,) * n), probe_state(plant)[0::2]
-    )
-    assert abs(bottom.fun) < 1e-9, bottom.fun
+    n, contacts = len(plant.coordinates), getattr(plant, "contacts", ())
+    if not contacts:
+        bottom = minimize(
+            lambda q: plant.energy(SCALAR, tuple(q), (0.0,) * n), probe_state(plant)[0::2]
+        )
+        assert abs(bottom.fun) < 1e-9, bottom.fun
+    assert len(contacts) == len(getattr(plant, "contact_names", ()))
     rng = np.random.default_rng(2)
     for _ in range(8):
         point = probe_state(plant) + 0.3 * rng.standard_normal(2 * n)
@@ -112,6 +116,9 @@ def check_equations_of_motion(plant) -> None:
         found = plant.acceleration(SCALAR, tuple(q), tuple(v), tuple(force))
         _assert_close(found, expected, 1e-7)
         _assert_close(plant.mass_matrix(SCALAR, tuple(q)), mass, 1e-8)
+        for contact in contacts:
+            slopes = jacobian(partial(_gap, contact), q)
+            _assert_close(contact.frame(SCALAR, tuple(q)).normal, slopes[0], 1e-8)
         if hasattr(plant, "jacobian"):
             _check_jacobian(plant, np.concatenate([q, v]), force, 1.0 + np.abs(expected).max())
 
@@ -126,6 +133,11 @@ def _lagrange(plant, q, v, force):
     drag = 0.5 * jacobian(lambda z: _along(plant.dissipation, z)[:, None], here)[0, n:]
     # L = T - V with E = T + V, so ∂L/∂q = ∂E/∂q - 2 ∂V/∂q
     return mass, np.linalg.solve(mass, force - drag + (by_q - 2.0 * rest) - twist @ v)
+
+
+def _gap(contact, points):
+    """At points of shape (lanes, n), as one column."""
+    return np.broadcast_to(contact.frame(ARRAY, tuple(points.T)).gap, len(points))[:, None]
 
 
 def _check_jacobian(plant, here, force, scale) -> None:

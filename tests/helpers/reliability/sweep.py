@@ -1,13 +1,16 @@
 """A sweep over every leaf of finished runs: what `verify` has to say when one is changed.
 
-``python tests/helpers/reliability/sweep.py --every`` changes all leaves in all ways and prints
-those of which `verify` says nothing.
+``python tests/helpers/reliability/sweep.py --every`` changes all leaves in all ways, each alone,
+and prints those of which `verify` says nothing. Leaves of which SECURITY.md says that nothing
+proves them are changed together, and by halves where something is said.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import math
+import multiprocessing
 import random
 import re
 import shutil
@@ -16,6 +19,7 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from contextlib import suppress
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -53,6 +57,7 @@ from integ_gym.evidence.replaying import missing_episodes, other_columns, replay
 from integ_gym.evidence.schema import Finding
 from integ_gym.evidence.sealing import broken_seals, seal
 from integ_gym.evidence.store import EvidenceStore
+from integ_gym.support.processes import cores
 
 T = TypeVar("T")
 
@@ -237,6 +242,24 @@ class Sweep:
         for group in self._groups([x for x in records if x.keys[1] not in _TOUCHING]):
             left += self._unnamed(group)
         return [leaf for leaf in left if self.first_finding([leaf]) is None]
+
+    def silent_together(self, leaves: Sequence[Leaf]) -> list[Leaf]:
+        """Leaves of which `verify` says nothing when those of a kind of file are changed at once.
+
+        Where it says something, they are halved until it says nothing or one leaf is left.
+        """
+        records = self.unrefuted([leaf for leaf in leaves if _is_record(leaf)])
+        groups: dict[tuple[str, str], list[Leaf]] = {}
+        for leaf in (*records, *(leaf for leaf in leaves if not _is_record(leaf))):
+            groups.setdefault((leaf.file, leaf.change), []).append(leaf)
+        found, left = [], [sorted(group, key=lambda leaf: leaf.place) for group in groups.values()]
+        while left:
+            group = left.pop()
+            if self.first_finding(group) is None:
+                found += group
+            elif len(group) > 1:
+                left += [group[: len(group) // 2], group[len(group) // 2 :]]
+        return found
 
     def unrefuted(self, leaves: Sequence[Leaf]) -> list[Leaf]:
         """Those of leaves of records whose record, recomputed alone, tells nothing."""
@@ -430,36 +453,73 @@ def remade(run: Path) -> Panel:
     return (given_panel if "policy" in plan else panel_of)(spec, directory, called)
 
 
+def silent_of(run: Path, leaves: Sequence[Leaf], every: bool) -> tuple[list[Leaf], float]:
+    """Leaves that stay silent, those that are listed last; processor time that it took, s."""
+    began, patterns = time.process_time(), listed(SECURITY.read_text(encoding="utf-8"))
+    known = [leaf for leaf in leaves if is_listed(leaf, patterns)]
+    with tempfile.TemporaryDirectory() as folder:
+        sweep = Sweep(run, Path(folder) / "run")
+        found = sweep.silent([leaf for leaf in leaves if leaf not in set(known)], every)
+        found += sweep.silent_together(known)
+    return found, time.process_time() - began
+
+
+def parts_of(leaves: Sequence[Leaf], workers: int) -> list[list[Leaf]]:
+    """Leaves in parts for processes; those of records, which are changed in groups, in few."""
+    kinds: dict[str, list[Leaf]] = {}
+    for leaf in leaves:
+        kinds.setdefault(RECORDS if _is_record(leaf) else leaf.file, []).append(leaf)
+    parts = []
+    for kind, own in kinds.items():
+        count = workers if kind == RECORDS else math.ceil(len(own) / 150)
+        parts += [own[k::count] for k in range(count)]
+    return sorted(filter(None, parts), key=lambda part: -len(part))
+
+
 def main() -> int:
     """Change all leaves and print those that nobody notices: 1 if one is not on the list."""
     parser = argparse.ArgumentParser(description=main.__doc__)
     parser.add_argument("--every", action="store_true", help="all leaves in all ways")
     parser.add_argument("--only", default="*", help="pattern of kinds of files")
     parser.add_argument("--runs", type=Path, help="folder of the runs, made if it is not there")
+    parser.add_argument("--workers", type=int, default=cores(), help="processes (all cores)")
     given = parser.parse_args()
     patterns, wrong = listed(SECURITY.read_text(encoding="utf-8")), 0
-    with tempfile.TemporaryDirectory() as folder:
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        ProcessPoolExecutor(given.workers, multiprocessing.get_context("spawn")) as pool,
+    ):
         runs = given.runs or Path(folder) / "runs"
         if not runs.exists():
             runs.mkdir(parents=True)
             make_runs(runs)
-        first = leaves_of(runs / "first", given.every)
-        for name, kinds in {"first": KINDS, **WHOLE}.items():
-            began, run = time.process_time(), runs / name
-            found = first if name == "first" else others_of(run, first, given.every)
+        first, asked = leaves_of(runs / "first", given.every), {}
+        for name in ("first", *WHOLE):
+            found = first if name == "first" else others_of(runs / name, first, given.every)
             leaves = [leaf for leaf in found if fnmatchcase(leaf.file, given.only)]
-            silent = Sweep(run, Path(folder) / name).silent(leaves, given.every)
+            parts = parts_of(leaves, given.workers)
+            asked[name] = (
+                leaves,
+                [pool.submit(silent_of, runs / name, part, given.every) for part in parts],
+            )
+        for name, kinds in {"first": KINDS, **WHOLE}.items():
+            leaves, parts = asked[name]
+            done = [part.result() for part in parts]
+            silent = [leaf for found, _ in done for leaf in found]
             for leaf in silent:
-                wrong += not is_listed(leaf, patterns)
-                print(name, leaf, "" if is_listed(leaf, patterns) else "NOT LISTED")
+                if not is_listed(leaf, patterns):
+                    wrong += 1
+                    print(f"{name}: {leaf}: SILENT, NOT LISTED")
             counts = Counter(leaf.file for leaf in leaves)
             for kind in (one for one in kinds if not counts[one] and fnmatchcase(one, given.only)):
                 wrong += 1
                 print(f"{name}: {kind}: NO LEAVES")
             for kind, count in counts.items():
-                own = sum(leaf.file == kind for leaf in silent)
-                print(f"{name}: {kind}: {count} changed, {own} silent")
-            print(f"{name}: {time.process_time() - began:.0f} s of one core", flush=True)
+                own = Counter(leaf.place for leaf in silent if leaf.file == kind)
+                told = ", ".join(f"{place} {n}" for place, n in sorted(own.items()))
+                print(f"{name}: {kind}: {count} changed, {own.total()} silent{told and ': '}{told}")
+            seconds = sum(took for _, took in done)
+            print(f"{name}: {seconds:.0f} s of one core", flush=True)
     print(f"{wrong} are silent and not listed, or kinds without leaves")
     return 1 if wrong else 0
 

@@ -86,7 +86,7 @@ def test_every_operation_of_a_component_can_be_told():
     rng = np.random.default_rng(5)
     for _ in range(200):
         q, v = tuple(rng.uniform(-1.5, 1.5, 2).tolist()), tuple(rng.uniform(-2.0, 2.0, 2).tolist())
-        found = engine.move(SCALAR, q, v, (0.0,), 0.3)
+        found = engine.move(SCALAR, q, v, (0.0,), (0.3,))
         expected = one_step_map("rk4").step(SCALAR, system, q, v, (0.0,), (0.3,), 0.01)
         np.testing.assert_allclose((*found.q, *found.v), (*expected.q, *expected.v), atol=1e-12)
 
@@ -147,10 +147,10 @@ def test_a_step_that_newton_does_not_solve_is_not_converged(capfd):
 def test_an_adaptive_integrator_that_gives_up_diverges(integrator, capfd):
     """And the next step is none the worse for it."""
     setup = setup_of("casadi", integrator, "IntegPendulum-v0", dt=0.0201)
-    before = setup.engine.move(SCALAR, (0.5,), (3.0,), (0.0,), 1.0)
+    before = setup.engine.move(SCALAR, (0.5,), (3.0,), (0.0,), (1.0,))
     engine = ENGINES.load("casadi")(setup.system, integrator, 0.0201, {"max_num_steps": 10})
     motion = engine.advance(SCALAR, (0.5,), (3.0,), (((1.0,), 1),), None)
     assert not motion.finite
     assert not motion.converged
-    assert setup.engine.move(SCALAR, (0.5,), (3.0,), (0.0,), 1.0) == before
+    assert setup.engine.move(SCALAR, (0.5,), (3.0,), (0.0,), (1.0,)) == before
     assert tuple(capfd.readouterr()) == ("", "")

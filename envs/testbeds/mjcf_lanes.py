@@ -1,0 +1,354 @@
+"""Many robots of one testbed side by side: stepped one after the other, judged together.
+
+Imported where they are made: they need MuJoCo.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Callable
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+from gymnasium.vector.utils import batch_space
+
+from integ_gym.support.errors import InputError
+
+from ..foreign import FURTHER, SequentialVectorEnv, time_limit
+from ..lanes import as_floats, lane_seeds, mask_names
+from ..mujoco_ledger import NOTHING, Booked, Readings
+from ..ops.ops import join_state
+from ..transition import DIVERGED, NOT_CONVERGED, OK, STATUS_NAMES
+from .mjcf import Memory
+from .mjcf_env import Acting, MjcfEnv
+
+Array = npt.NDArray[Any]
+
+_WORDS = np.array(STATUS_NAMES, dtype=object)
+
+CARRIED: Final = (
+    "qpos", "qvel", "act", "qacc_warmstart", "ctrl", "mocap_pos", "mocap_quat", "userdata",
+    "eq_active", "qfrc_applied", "xfrc_applied",
+)  # fmt: skip
+"""Fields of `MjData` that are a lane's own from one step to the next, beside the time."""
+
+RAGGED: Final = ("contact", "efc_", "iefc_", "solver", "warning", "timer")
+"""How names of fields begin that lanes have not of one size."""
+
+
+class LaneData:
+    """Fields of an `MjData` as several lanes have them, of shape (lanes, …), by their names.
+
+    Args:
+        data: holds the state of one lane after the other.
+        lanes: how many.
+        place: puts a lane's state into ``data``, with all that `mj_forward` computes of it.
+    """
+
+    def __init__(self, data: Any, lanes: int, place: Callable[[int], None]) -> None:
+        self._data, self._lanes, self._place = data, lanes, place
+        self._fields: list[tuple[Any, Array]] = []
+        self.rows: dict[str, Array] = {}
+        self.time = np.zeros(lanes)
+        for name in CARRIED:
+            self._note(name)
+
+    def __getattr__(self, name: str) -> Array:
+        if name.startswith("__"):  # as copying asks
+            raise AttributeError(name)
+        if name not in self.rows:
+            self._note(name)
+            for lane in range(self._lanes):
+                self._place(lane)
+                self.rows[name][lane] = getattr(self._data, name)
+        shown = self.rows[name].view()
+        shown.setflags(write=False)
+        return shown
+
+    def _note(self, name: str) -> None:
+        """Have a field kept from now on."""
+        field = getattr(self._data, name, None)
+        if not isinstance(field, np.ndarray) or name.startswith(RAGGED):
+            raise InputError(
+                f"`robot.data.{name}` cannot be had of many robots at once; use what is an array "
+                "of one size, such as `xpos`, or leave out `together = True`"
+            )
+        self.rows[name] = rows = np.zeros((self._lanes, *field.shape), field.dtype)
+        self._fields.append((field, rows))
+
+    def keep(self, lane: int) -> None:
+        """Keep the fields as they are for a lane."""
+        for field, rows in self._fields:
+            rows[lane] = field
+        self.time[lane] = self._data.time
+
+
+class ActingTogether(Acting):
+    """Robots whose testbed takes many at once.
+
+    Args:
+        task: of one of them.
+        data: of all.
+        commands: of each, shape (lanes, commands).
+    """
+
+    def __init__(self, task: Any, data: LaneData, commands: Array) -> None:
+        self.testbed, self.period, self.bounds = task.testbed, task.period, task.bounds
+        self.robot, self.command, self.decisions = copy.copy(task.robot), commands, 0
+        self.robot.data = data
+        idle = np.zeros((len(commands), *task.action_space.shape))
+        self.memory = Memory(last_action=idle, time=np.zeros(len(commands)))
+
+
+class RobotLanes(SequentialVectorEnv):
+    """Robots of a testbed in one discretization, each to the last bit as it is alone.
+
+    One after the other is stepped in the same `MjData`, which a processor's cache holds; what is
+    read there is booked for all of them together, and the testbed's methods are called once for
+    all. Lanes that have ended rest until they are reset.
+
+    Args:
+        make: makes the environment in which all are stepped.
+        num_envs: how many.
+        autoreset_mode: ``DISABLED``.
+    """
+
+    def __init__(self, make: Callable[[], MjcfEnv], num_envs: int, autoreset_mode: Any) -> None:
+        super().__init__(make, 1, autoreset_mode)
+        self.num_envs = n = num_envs
+        self.observation_space = batch_space(self.single_observation_space, n)
+        self.action_space = batch_space(self.single_action_space, n)
+        self._env: MjcfEnv = self._tasks[0]
+        self._task = self._env.unwrapped
+        self._model, self._mujoco = self._env.model, self._env.mujoco
+        data, timing = self._task.data, self._env.setup.timing
+        self._data = data
+        self._lane_data = LaneData(data, n, self._place)
+        self._readings = Readings(self._model, data, n, timing.substeps)
+        self._period, self._horizon = timing.control_period, timing.horizon
+        self._limit = time_limit(self._env) or math.inf
+        self._flags = int(self._model.opt.disableflags)
+        self._quiet = self._flags | self._env.needless_sensors
+        self._order = [*join_state((*range(data.qpos.size),), (*range(-data.qvel.size, 0),))]
+        self._random: list[Any] = [(None, None)] * n
+        self._goals = [copy.copy(self._env.goal) for _ in range(n)]
+        self._looks: list[Any] = [None] * n
+        self._commands = np.zeros((n, *self._task.command.shape))
+        self._terminations, self._truncations = np.zeros(n, bool), np.zeros(n, bool)
+        self._steps, self._diverged = np.zeros(n, np.int64), np.zeros(n, bool)
+        self._energy, self._least, self._earned = np.zeros(n), np.zeros(n), np.zeros(n)
+        self._control = np.zeros((n, len(self._env.setup.plant.controls)))
+        self._booked = _nothing(n)
+        self._seen = np.zeros((n, *np.shape(self._task.see())))
+        self._last: dict[str, Array] = {}
+
+    @property
+    def np_random_seed(self) -> tuple[Any, ...]:  # type: ignore[override]
+        """Of every lane."""
+        return tuple(seed for _, seed in self._random)
+
+    @property
+    def state(self) -> Array:
+        """See :class:`DiscretizedVectorEnv`."""
+        rows = self._lane_data.rows
+        whole: Array = np.concatenate([rows["qpos"], rows["qvel"]], axis=1)[:, self._order]
+        return whole
+
+    @property
+    def state_components(self) -> Array:
+        """See :class:`DiscretizedVectorEnv`."""
+        return self.state.T
+
+    @property
+    def status_codes(self) -> Array:  # type: ignore[override]
+        """See :class:`DiscretizedVectorEnv`."""
+        capped = self._booked.iterations >= self._env.setup.engine.solver_cap
+        return np.where(self._diverged, DIVERGED, np.where(capped, NOT_CONVERGED, OK))
+
+    def reset(self, *, seed: Any = None, options: Any = None) -> tuple[Any, dict[str, Any]]:
+        """Start episodes in all lanes, or in some while none of the others goes on.
+
+        Raises:
+            ValueError: if another goes on.
+        """
+        n, task = self.num_envs, self._task
+        options = dict(options or {})
+        begun = np.array(options.pop("reset_mask", np.ones(n, bool)))
+        if not (begun | self._terminations | self._truncations).all():
+            raise InputError("robots that act together begin together; reset those that go on, too")
+        info: dict[str, Any] = {}
+        for lane, own in enumerate(lane_seeds(seed, n)):
+            if not begun[lane]:
+                continue
+            task._np_random, task._np_random_seed = self._random[lane]
+            self._seen[lane], told = self._env.reset(seed=own, options=options or None)
+            self._random[lane] = task._np_random, task._np_random_seed
+            info = self._add_info(info, told, lane)
+            self._goals[lane].begin()
+            self._commands[lane] = task.command
+            self._energy[lane], self._control[lane] = self._env.start
+            self._lane_data.keep(lane)
+            self._looks[lane] = self._env.figures.look(self._readings.contacts)
+        for values in (self._steps, self._least, self._earned, self._diverged):
+            values[begun] = 0
+        self._terminations[begun] = self._truncations[begun] = False
+        self._booked = _chosen(begun, _nothing(n), self._booked)
+        commands = self._commands.copy()
+        commands.setflags(write=False)
+        self._acting = ActingTogether(task, self._lane_data, commands)
+        self._carry()
+        return self._seen.copy(), info
+
+    def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
+        """Advance every lane that has not ended by one control period."""
+        live = ~(self._terminations | self._truncations)
+        asked = as_floats(actions)
+        valid: Any = np.isfinite(asked).all(axis=1)
+        command = np.where(valid[:, None], asked, self._control)
+        given = command.astype(self.single_action_space.dtype)
+        energies = self._simulate(live, self._acting.decide(given))
+        before, booked, diverged = self._energy, self._booked, self._diverged
+        self._energy = np.where(live & ~diverged, energies, before)
+        seen, reward, fallen = self._acting.judge()
+        self._steps = steps = self._steps + live
+        lost = self._least * (self._horizon - steps + 1) - np.maximum(0.0, self._earned)
+        rewards = np.where(live, np.where(diverged, lost, reward), 0.0)
+        new = (live & ~diverged)[:, None]
+        self._seen = seen if new.all() else np.where(new, seen, self._seen)
+        self._least = np.minimum(self._least, rewards)
+        self._earned = self._earned + rewards
+        self._terminations = np.where(live, fallen | diverged, self._terminations)
+        self._truncations = np.where(live, steps >= self._limit, self._truncations)
+        low, high = self._env.command_bounds
+        self._control = np.minimum(np.maximum(command, low), high)
+        residual = self._energy - before - booked.work + booked.dissipated
+        told = {
+            **self._outcomes(live, rewards),
+            "fallback_used": ~valid,
+            "energy_residual": np.where(booked.constrained, math.nan, residual),
+            **self._applied(valid, given),
+        }
+        ends = self._terminations.copy(), self._truncations.copy()
+        return self._seen.copy(), rewards, *ends, self._info(live, told)
+
+    def _carry(self) -> None:
+        """Choose what is a lane's own: loads that all lanes are without are left out."""
+        rows = self._lane_data.rows
+        loads = ("qfrc_applied", "xfrc_applied")
+        own = [n for n in CARRIED if rows[n].size and (n not in loads or rows[n].any())]
+        self._carried = [(getattr(self._data, n), rows[n]) for n in own if n != "ctrl"]
+        for name in loads:
+            getattr(self._data, name)[:] = 0.0
+
+    def _place(self, lane: int) -> None:
+        """Put a lane's state, and all that is computed of it, into the data."""
+        for field, rows in (*self._carried, (self._data.ctrl, self._lane_data.rows["ctrl"])):
+            field[:] = rows[lane]
+        self._data.time = self._lane_data.time[lane]
+        self._mujoco.mj_forward(self._model, self._data)
+
+    def _simulate(self, live: Array, controls: Array) -> Array:
+        """One control period of the lanes that go on; the energy at its end, J."""
+        mujoco, ledger, readings = self._mujoco, self._env.ledger, self._readings
+        model, data, lane_data, carried = self._model, self._data, self._lane_data, self._carried
+        forward, potential, kinetic = mujoco.mj_forward, mujoco.mj_energyPos, mujoco.mj_energyVel
+        look, contacts, options, energy = (
+            self._env.figures.look,
+            readings.contacts,
+            model.opt,
+            data.energy,
+        )
+        control, q, v, follow = data.ctrl, data.qpos, data.qvel, ledger.follow
+        energies, keep, times = np.zeros((len(live), 2)), lane_data.keep, lane_data.time.tolist()
+        self._env.silence()
+        readings.begin()
+        for lane in np.flatnonzero(live).tolist():
+            for field, rows in carried:
+                field[:] = rows[lane]
+            control[:] = controls[lane]
+            data.time = times[lane]
+            options.disableflags = self._quiet
+            is_whole = follow(readings, lane)
+            options.disableflags = self._flags
+            if not is_whole:
+                q[:], v[:] = readings.q[lane, 0], readings.v[lane, 0]
+            forward(model, data)
+            potential(model, data)
+            kinetic(model, data)
+            energies[lane] = energy
+            keep(lane)
+            self._looks[lane] = look(contacts)
+        self._diverged = np.where(live, readings.lost, self._diverged)
+        booked = ledger.book(readings)
+        if self._diverged.any():
+            booked = _chosen(self._diverged, ledger.put_back(booked), booked)
+        self._booked = booked if live.all() else _chosen(live, booked, self._booked)
+        return energies[:, 0] + energies[:, 1]
+
+    def _outcomes(self, live: Array, rewards: Array) -> dict[str, Array]:
+        """Time, success, and since when the goal has been met."""
+        n, time = self.num_envs, self._steps * self._period
+        success, since = np.zeros(n, bool), np.zeros(n)
+        ended = self._terminations | self._truncations
+        told = (x.tolist() for x in (rewards, self._terminations, self._truncations, time))
+        for lane, (goal, *outcome) in enumerate(zip(self._goals, *told, strict=True)):
+            if live[lane]:
+                if ended[lane]:
+                    self._hand_over(lane)
+                success[lane] = goal.note(*outcome) and not self._diverged[lane]
+                since[lane] = goal.since
+        late = np.maximum(0.0, time)
+        return {"time": time, "sensor_time": late, "goal_since": since, "success": success}
+
+    def _hand_over(self, lane: int) -> None:
+        """Have the one task be that of a lane, as what it achieves is asked of it."""
+        self._place(lane)
+        self._task.command = self._acting.command[lane]
+        for name, value in vars(self._acting.memory).items():
+            setattr(self._task.memory, name, value[lane] if np.ndim(value) else value)
+
+    def _applied(self, valid: Array, given: Array) -> dict[str, Array]:
+        """Actions as they were asked for and applied, side by side, and whether at a bound."""
+        (low, high), (first, last) = self._env.command_bounds, self._env.command_ends
+        applied = np.minimum(np.maximum(given.astype(np.float64), low), high)
+        at_bounds = ((applied <= first) | (applied >= last)).any(axis=1)
+        controls = np.concatenate([self._control, applied], axis=1)
+        return {"controls": controls, "saturated": valid & at_bounds}
+
+    def _info(self, live: Array, told: dict[str, Array]) -> dict[str, Any]:
+        """`info` of all lanes."""
+        n, booked, acting = self.num_envs, self._booked, self._acting
+        told |= {
+            "energy": self._energy,
+            "actuator_work": booked.work,
+            "dissipated": booked.dissipated,
+            "clip_loss": np.zeros(n),
+            "penetration": booked.penetration,
+            "constraint_violation": booked.violation,
+            "solver_iterations": booked.iterations,
+            "solver_residual": np.zeros(n),
+            "solver_status": _WORDS[self.status_codes],
+            "command": acting.command.copy(),
+            FURTHER: self._env.figures.read(self._looks, acting.command, acting.measure()),
+        }
+        if not live.all():
+            for name, values in told.items():
+                own = live[:, None] if values.ndim > 1 else live
+                told[name] = np.where(own, values, self._last[name])
+        self._last = dict(told)
+        told |= zip(self._env.control_entries, told.pop("controls").T, strict=True)
+        masks = dict.fromkeys(mask_names(tuple(told)), np.ones(n, bool))
+        for name in ("dissipated", "energy_residual"):
+            masks[f"_{name}"] = ~np.isnan(told[name])
+        return {**told, **masks}
+
+
+def _nothing(lanes: int) -> Booked:
+    return Booked(*(np.full(lanes, value) for value in NOTHING))
+
+
+def _chosen(lanes: Array, booked: Booked, other: Booked) -> Booked:
+    """What is booked of some lanes, and of the others by another."""
+    return Booked(*(np.where(lanes, *both) for both in zip(booked, other, strict=True)))
