@@ -73,7 +73,7 @@ def slid(integrator: str, dt: float) -> float:
     start = np.zeros(1), np.array([-DEPTH])
     with np.errstate(all="ignore"):
         motion = engine.advance(
-            ARRAY, start, (np.ones(1), np.zeros(1)), ((0.0, round(1.0 / dt)),), None
+            ARRAY, start, (np.ones(1), np.zeros(1)), (((0.0,), round(1.0 / dt)),), None
         )
     return float(motion.q[0][0])
 

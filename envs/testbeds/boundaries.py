@@ -174,14 +174,16 @@ class IntegBoundaries(Boundaries):
         return name_components(self._setup.task.observation_names, shown[0])
 
     def command(self, state: Array, action: Any) -> Named:
-        """The control within its limits."""
-        asked = self._setup.task.command(SCALAR, float(np.ravel(action)[0]))
+        """The controls within their limits."""
+        asked = self._setup.task.command(SCALAR, tuple(np.ravel(action).astype(float).tolist()))
         names = (name for name, _ in self._setup.plant.controls)
         return dict(zip(names, map(float, asked.controls), strict=True))
 
     def force(self, state: Array, command: Array) -> Named:
-        """The control, on the coordinate that it drives."""
-        return name_components(self.coordinates, self._setup.system.generalized(float(command[0])))
+        """Of the controls, along the coordinates."""
+        system, controls = self._setup.system, tuple(command.tolist())
+        force = system.forces(SCALAR, *self._parts(state), controls)
+        return name_components(self.coordinates, force)
 
     def acceleration(self, state: Array, force: Array) -> Named | None:
         """The engine's; None where it gives a step alone."""
