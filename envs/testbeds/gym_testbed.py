@@ -233,8 +233,10 @@ class SequentialTestbed:
 
         return self.join(make, lanes, autoreset_mode)
 
-    def room(self, discretization: Discretization, arguments: Mapping[str, Any]) -> int:
-        """Most starts of a policy that are evaluated at once in a cell."""
+    def room(
+        self, discretization: Discretization, arguments: Mapping[str, Any], policies: int
+    ) -> int:
+        """Most starts of each of some policies that are evaluated at once in a cell."""
         return self.side_by_side
 
     def join(self, make: Any, lanes: int, autoreset_mode: Any) -> DiscretizedVectorEnv:
