@@ -1,6 +1,6 @@
 """What a step makes of contact: rebound and sliding distance of every integrator.
 
-    python benchmarks/contact.py [--json FILE]
+    python benchmarks/contact.py [--only rk4 …] [--json FILE]
 
 A puck of 1 kg on a plane of 1e4 N/m, 0.5 s/m and μ = 0.5. Thrown against it at 1 m/s without
 gravity, touching at 16 places within a step: the coefficient of restitution, least and most, beside
@@ -123,10 +123,13 @@ def _told(dt: float) -> str:
 
 def main() -> None:
     """Measure, print and store."""
-    given = results.parser(__doc__, file=True).parse_args()
+    parser = results.parser(__doc__, file=True)
+    names = INTEGRATORS.names()
+    parser.add_argument("--only", nargs="+", choices=names, default=names, metavar="INTEGRATOR")
+    given = parser.parse_args()
     exact, far = restitution(), distance()
     rows, measured = [], []
-    for integrator in INTEGRATORS.names():
+    for integrator in given.only:
         bounced = [rebounds(integrator, dt) for dt in STEPS]
         come = [slid(integrator, dt) for dt in STEPS]
         still = [stable_step(integrator, coordinate) for coordinate in (1, 0)]

@@ -371,6 +371,10 @@ _COUNTS = (
     "counts steps, of which a finer `dt` has more; put it around what `held` returns, where a step "
     "is a decision"
 )
+COUNTS_DECISIONS: Final = (
+    "counts decisions, which take another time there; keep the control period that it was made for"
+)
+"""Why a wrapper that counts is refused where decisions take another time."""
 _LEARNS = (
     "keeps statistics of all steps so far, so that an episode depends on those before it; give "
     "fixed numbers to a TransformObservation or TransformReward"
@@ -485,12 +489,13 @@ def with_delays(env: gym.Env[Any, Any], setup: ForeignSetup) -> gym.Env[Any, Any
     return Delayed(env, timing)
 
 
-def check_wrappers(what: str, chain: Iterable[gym.Env[Any, Any]]) -> None:
+def check_wrappers(what: str, chain: Iterable[gym.Env[Any, Any]], counts: str = _COUNTS) -> None:
     """Refuse wrappers that would mean something else at another step or control period.
 
     Args:
         what: cannot keep them, as the beginning of a sentence.
         chain: the wrappers.
+        counts: what one that counts does, and what helps.
 
     Raises:
         ValueError: naming the first.
@@ -498,8 +503,8 @@ def check_wrappers(what: str, chain: Iterable[gym.Env[Any, Any]]) -> None:
     for one in chain:
         for kind, reason in _REFUSED.items():
             if isinstance(one, kind):
-                name = type(one).__name__
-                raise InputError(f"{what} cannot keep the wrapper {name}: it {reason}")
+                name, why = type(one).__name__, counts if reason is _COUNTS else reason
+                raise InputError(f"{what} cannot keep the wrapper {name}: it {why}")
 
 
 def without_time_limit(env: gym.Env[Any, Any]) -> gym.Env[Any, Any]:

@@ -85,8 +85,14 @@ class Contacts(dict[int, Any]):
         return self.data.solver.gradient
 
 
+ROOM = {"distances": 8, "positions": 32}
+"""Contacts and rows of constraints in a timestep of which all are kept, not the least alone."""
+
+
 class Readings:
     """What is read of data after each timestep of a control period, lane by lane.
+
+    Every lane is read into the same row, which a processor's cache holds, and kept from there.
 
     Args:
         model: compiled.
@@ -96,43 +102,56 @@ class Readings:
 
     Attributes:
         contacts: of the data.
+        start: where to the positions and velocities before the first timestep are read.
+        steps: of each timestep, where to forces, positions, velocities, iterations, distances of
+            contacts and positions of constraints after it are read.
+        used: iterations of the solver, shape (lanes, timesteps, islands).
+        taken: timesteps until the motion diverged, of each lane.
         constrained: whether a constraint acted, of each lane.
-        lost: whether the motion has diverged, of each lane.
     """
 
     def __init__(self, model: Any, data: Any, lanes: int, count: int) -> None:
         self.contacts = Contacts(data)
-        self.q = np.zeros((lanes, count + 1, model.nq))
-        self.v = np.zeros((lanes, count + 1, model.nv))
-        self.force = np.zeros((lanes, count, model.nv))
-        self.used = np.zeros((lanes, count, len(data.solver_niter)), np.int32)
-        self.distances = np.full((lanes, count, 8), math.inf)
-        self.positions = np.full((lanes, count, 32), math.inf)
-        self.constrained, self.lost = np.zeros(lanes, bool), np.zeros(lanes, bool)
-        self.taken = np.zeros(lanes, np.int64)
-        self._arrange()
+        self.constrained, self.taken = np.zeros(lanes, bool), np.zeros(lanes, np.int64)
+        shapes = {
+            "q": (count + 1, model.nq),
+            "v": (count + 1, model.nv),
+            "force": (count, model.nv),
+        }
+        shapes |= {name: (count, size) for name, size in ROOM.items()}
+        ends = np.cumsum([0, *(steps * size for steps, size in shapes.values())]).tolist()
+        self._row, self._rows = np.zeros(ends[-1]), np.zeros((lanes, ends[-1]))
+        one, every = {}, {}
+        for (name, shape), begin, end in zip(shapes.items(), ends, ends[1:], strict=False):
+            one[name] = self._row[begin:end].reshape(shape)
+            every[name] = self._rows[:, begin:end].reshape(lanes, *shape)
+        self._every, self._unread = every, self._row[ends[3] :]
+        self._used = np.zeros((count, len(data.solver_niter)), np.int32)
+        self.used = np.zeros((lanes, *self._used.shape), np.int32)
+        self.start = one["q"][0], one["v"][0]
+        ends_of_steps = one["q"][1:], one["v"][1:]
+        parts = one["force"], *ends_of_steps, self._used, *(one[name] for name in ROOM)
+        self.steps = [*zip(*parts, strict=True)]
 
-    def _arrange(self) -> None:
-        ends = self.q[:, 1:], self.v[:, 1:]
-        every = self.force, *ends, self.used, self.distances, self.positions
-        self.places = [[*zip(*own, strict=True)] for own in zip(*every, strict=True)]
-        """Of each lane and timestep: where to forces, positions, velocities, iterations,
-        distances of contacts and positions of constraints."""
+    def __getitem__(self, name: str) -> Array:
+        """Of all lanes ``q`` and ``v``, from the start on, ``force``, ``distances`` or
+        ``positions``, shape (lanes, timesteps, numbers); infinite where there are fewer."""
+        return self._every[name]
 
-    def widen(self, contacts: int, rows: int) -> None:
-        """Make room for so many in each timestep, without forgetting any."""
-        for name, wanted in (("distances", contacts), ("positions", rows)):
-            old = getattr(self, name)
-            new = np.full((*old.shape[:2], max(old.shape[2], 2 * wanted)), math.inf)
-            new[..., : old.shape[2]] = old
-            setattr(self, name, new)
-        self._arrange()
+    @property
+    def lost(self) -> Array:
+        """Whether the motion has diverged, of each lane."""
+        return self.taken < len(self.steps)
 
     def begin(self) -> None:
-        """Forget the control period before."""
-        self.distances.fill(math.inf)
-        self.positions.fill(math.inf)
-        self.used.fill(0)
+        """Begin to read a lane."""
+        self._unread.fill(math.inf)
+        self._used.fill(0)
+
+    def keep(self, lane: int, taken: int, constrained: bool) -> None:
+        """Keep what was read of a lane."""
+        self._rows[lane], self.used[lane] = self._row, self._used
+        self.taken[lane], self.constrained[lane] = taken, constrained
 
 
 class Ledger:
@@ -220,7 +239,6 @@ class Ledger:
         if count not in self._readings:
             self._readings[count] = Readings(self._model, data, 1, count)
         readings = self._readings[count]
-        readings.begin()
         self.follow(readings, 0)
         return Booked(*(one.item() for one in self.book(readings)))
 
@@ -228,8 +246,8 @@ class Ledger:
         """Take a lane's steps and read its data after each, until the motion has diverged.
 
         Args:
-            readings: that have begun.
-            lane: whose state the data have.
+            readings: of the data, which have the state of the lane.
+            lane: whose it is.
 
         Returns:
             Whether all steps were taken.
@@ -237,9 +255,12 @@ class Ledger:
         contacts, model, step = readings.contacts, self._model, self._step
         data, staged, resets = contacts.data, self.staged, self._resets
         q, v, force, used = data.qpos, data.qvel, data.qfrc_actuator, data.solver_niter
-        readings.q[lane, 0], readings.v[lane, 0] = q, v
+        room_of_contacts, room_of_rows = ROOM.values()
+        readings.begin()
+        first_q, first_v = readings.start
+        first_q[:], first_v[:] = q, v
         constrained, taken, fastest = False, 0, FASTEST**2
-        for _ in readings.places[lane]:
+        for forces, qs, vs, counts, distances, positions in readings.steps:
             if staged:
                 constrained |= self._taken(data)
             else:
@@ -251,26 +272,25 @@ class Ledger:
                 data
             ):
                 break
-            forces, qs, vs, counts, distances, positions = readings.places[lane][taken]
             forces[:], qs[:], vs[:] = force, q, v
-            touching = data.ncon
-            if rows > len(positions) or touching > len(distances):
-                readings.widen(touching, rows)
-                *_, distances, positions = readings.places[lane][taken]
             taken += 1
             if rows:
                 counts[:] = used
-                positions[:rows] = data.efc_pos
-            if touching:
-                distances[:touching] = contacts[touching]["dist"]
-        whole = taken == len(readings.places[lane])
-        readings.taken[lane], readings.constrained[lane] = taken, constrained
-        readings.lost[lane] = not whole
-        return whole
+                if rows <= room_of_rows:
+                    positions[:rows] = data.efc_pos
+                else:
+                    positions[0] = data.efc_pos.min()
+            if touching := data.ncon:
+                if touching <= room_of_contacts:
+                    distances[:touching] = contacts[touching]["dist"]
+                else:
+                    distances[0] = contacts[touching]["dist"].min()
+        readings.keep(lane, taken, constrained)
+        return taken == len(readings.steps)
 
     def book(self, readings: Readings) -> Booked:
         """What the steps that were read brought, arrays of one for each lane."""
-        q, v, force = readings.q, readings.v, readings.force
+        q, v, force = readings["q"], readings["v"], readings["force"]
         is_taken = np.arange(force.shape[1]) < readings.taken[:, None]
         moved = self._displacements(q, force)
         work = self._sums(np.vecdot(force, moved), is_taken)
@@ -281,7 +301,7 @@ class Ledger:
         worst = [
             # what is beyond in no timestep is 0.0, and not -0.0
             0.0 + np.fmax.reduce(-values.min(axis=2), axis=1, initial=0.0)
-            for values in (readings.distances, readings.positions)
+            for values in map(readings.__getitem__, ROOM)
         ]
         return Booked(work, lost, readings.constrained.copy(), used, *worst)
 

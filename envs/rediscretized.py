@@ -30,6 +30,7 @@ from .engines.mujoco import silencer
 from .engines.mujoco_solver import NO_RESET, read_solver, write_solver
 from .environment import at_bounds, within_rounding
 from .foreign import (
+    COUNTS_DECISIONS,
     ForeignPlant,
     ForeignSetup,
     ForeignTask,
@@ -561,7 +562,7 @@ class RediscretizedEnv(ForeignWrapper):
         stretch = 1.0 if period is None else period / float(self._inner.dt)
         if period is None or math.isclose(stretch, 1.0):
             return 1.0
-        check_wrappers("another control period", wrappers_of(self.env))
+        check_wrappers("another control period", wrappers_of(self.env), COUNTS_DECISIONS)
         own = float(self._model.opt.timestep)
         count = whole_multiple("control_period", period, "the task's timestep", own)
         self._inner.frame_skip = count

@@ -772,6 +772,13 @@ def draws_for(units: int, most: int = DRAWS) -> int:
     return max(1000, min(most, _MOST_NUMBERS // max(1, units)))
 
 
+def highest_share(count: int, of: int, level: float = 0.95) -> float:
+    """Upper end of the one-sided exact interval for a share (Clopper and Pearson 1934)."""
+    if count >= of:
+        return 1.0
+    return float(load("scipy.stats", "report").beta.ppf(level, count + 1, of - count))
+
+
 def paired_success(
     first: RatesLike, second: RatesLike, level: float = 0.95
 ) -> tuple[Estimate, float]:

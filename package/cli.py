@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, NoReturn
 
 from integ_gym.support.optional import missing_package
 from integ_gym.support.options import CommandParser
-from integ_gym.support.terminal import end_quietly, print_wrapped, report_errors
+from integ_gym.support.terminal import end_quietly, print_wrapped, report_errors, true_minus
 
 LEFT = {"diagnose": "of a diagnosis that is not finished nothing is kept"}
 """What an interruption leaves, of commands where that is not what was finished."""
@@ -88,7 +88,7 @@ def _main(arguments: list[str]) -> int:
 
 def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
     """A warning as a command says it, without a line of source."""
-    print_wrapped(f"warning: {message}", sys.stderr)
+    print_wrapped(true_minus(f"warning: {message}"), sys.stderr)
 
 
 class _Version(argparse.Action):

@@ -330,7 +330,7 @@ def _run_uv(packages: Sequence[str], command: Sequence[str]) -> None:
             f"no interpreter with {' '.join(packages)} can be made, uv says: "
             f"{_uv_words(done.stderr)}; give versions that there are for Python "
             f"{platform.python_version()} and that fit the other packages, and let uv reach its "
-            "registry, unless they were downloaded before"
+            "registry, or set UV_OFFLINE=1 if they were downloaded before"
         )
 
 

@@ -68,18 +68,22 @@ class DiscretizationCallback(BaseCallback):
                 "DiscretizationCallback(env_id=..., home='integrator=…,dt=…'), or home='stock'"
             )
         if known:
-            self._take_over(self.training_env.get_attr("setup"))
+            setups = self.training_env.get_attr("setup")
+            if self.training_env.has_attr("mixture"):
+                mixtures = self.training_env.get_attr("mixture")
+                setups = [setup for mixture in mixtures for setup in mixture.setups]
+            self._take_over(setups)
         comparison_cells(str(self._env_id), self._home, self._others, self._environment or {})
 
     def _take_over(self, setups: Sequence[Any]) -> None:
-        """What was not given, from the training environments."""
+        """What was not given, from what the training environments run on."""
         if self._home is None:
             homes = {Discretization.of(setup) for setup in setups}
             if len(homes) > 1:
                 names = ", ".join(sorted(home.name for home in homes))
                 raise InputError(
-                    f"the training environments differ ({names}), so none is home; give "
-                    "DiscretizationCallback(home='integrator=…,dt=…')"
+                    f"the training runs on several discretizations ({names}), so none is home; "
+                    "give DiscretizationCallback(home='integrator=…,dt=…')"
                 )
             self._home = homes.pop()
         spec = self.training_env.get_attr("spec")[0]

@@ -17,14 +17,17 @@ from integ_gym.support.errors import InputError, translate_errors
 from integ_gym.support.parameters import unknown_name
 
 from ..foreign import (
+    COUNTS_DECISIONS,
     Repeated,
     ReturnGoal,
     Rewards,
     SequentialVectorEnv,
     StatedEnv,
+    check_wrappers,
     return_of_success,
     time_limit,
     without_time_limit,
+    wrappers_of,
 )
 from ..lanes import DiscretizedVectorEnv
 from ..rediscretized import is_mujoco_task
@@ -233,8 +236,10 @@ class SequentialTestbed:
 
         return self.join(make, lanes, autoreset_mode)
 
-    def room(self, discretization: Discretization, arguments: Mapping[str, Any]) -> int:
-        """Most starts of a policy that are evaluated at once in a cell."""
+    def room(
+        self, discretization: Discretization, arguments: Mapping[str, Any], policies: int
+    ) -> int:
+        """Most starts of each of some policies that are evaluated at once in a cell."""
         return self.side_by_side
 
     def join(self, make: Any, lanes: int, autoreset_mode: Any) -> DiscretizedVectorEnv:
@@ -378,7 +383,8 @@ class GymTestbed(SequentialTestbed):
         """What was built, and what it applies.
 
         Raises:
-            ValueError: for an integrator that cannot be chosen.
+            ValueError: for an integrator that cannot be chosen, and a wrapper that counts decisions
+                where these take another time than the home's.
         """
         if discretization.integrator not in self.choices:
             kind = f"integrator of {self.title}"
@@ -386,6 +392,8 @@ class GymTestbed(SequentialTestbed):
         env = self._build_checked(discretization, arguments)
         applied, wanted = self.read(env).discretization, arguments.get("success_return")
         stretch = self._stretch(applied.control_period)
+        if stretch != 1.0:
+            check_wrappers("another control period", wrappers_of(env), COUNTS_DECISIONS)
         return StatedEnv(env, applied, wanted, arguments, stretch)
 
     def _stretch(self, period: float) -> float:

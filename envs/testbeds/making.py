@@ -161,8 +161,9 @@ def stock_task(env_id: str, arguments: Mapping[str, Any]) -> gym.Env[Any, Any]:
         with _no_deprecations():
             env = gym.make(name, **arguments)
     except Exception as error:  # whatever the task's constructor raises
+        remedy = f"change {' or '.join(arguments)}, or leave it out" if arguments else possible
         raise InputError(
-            f"Gymnasium cannot make {env_id!r}: {describe_exception(error)}; {possible}"
+            f"Gymnasium cannot make {env_id!r}: {describe_exception(error)}; {remedy}"
         ) from error
     if not isinstance(env.unwrapped, MujocoEnv):
         raise InputError(f"{env_id!r} is no MuJoCo task; {possible}")

@@ -32,8 +32,8 @@ from .mjcf_model import CompiledModel, compile_model
 
 Array = npt.NDArray[Any]
 
-TOGETHER = 32
-"""Most starts at once of robots that act together; for so many is a graph's batch probed."""
+TOGETHER = 64
+"""Most robots that act together; for so many is a graph's batch probed."""
 
 
 def read_only(values: Array) -> Array:
@@ -337,10 +337,12 @@ class MjcfTestbed(MujocoTestbed):
             raise InputError(unknown_name(kind, own_name, self.integrators(engine)))
         return MjcfEnv(TimeLimit(task, limit), own_name, engine, **stated)
 
-    def room(self, discretization: Discretization, arguments: Mapping[str, Any]) -> int:
-        """Most starts of a policy that are evaluated at once: many, where they are together."""
+    def room(
+        self, discretization: Discretization, arguments: Mapping[str, Any], policies: int
+    ) -> int:
+        """Most starts of each policy that are evaluated at once: many, where they are together."""
         alone = discretization.engine != ENGINE or any(arguments.get(name) for name in DELAYS)
-        return TOGETHER if self.together and not alone else self.side_by_side
+        return max(1, TOGETHER // policies) if self.together and not alone else self.side_by_side
 
     def join(self, make: Any, lanes: int, autoreset_mode: Any) -> DiscretizedVectorEnv:
         """Robots that act together, where they can."""

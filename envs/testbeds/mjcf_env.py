@@ -27,7 +27,7 @@ from ..registries import ENGINES
 from .making import ENGINE
 from .mjcf import Memory, Robot, read_only
 from .mjcf_engines import engine_of_model, integrators_of_model
-from .mjcf_figures import Figures
+from .mjcf_figures import Figures, OneOfOne
 from .mjcf_model import describe_actuators
 from .mjcf_skeleton import describe_skeleton
 
@@ -280,8 +280,9 @@ class MjcfEnv(RediscretizedEnv):
 
     def _info(self, *told: Any) -> dict[str, Any]:
         inner = self._inner
+        robots, looks = OneOfOne(self._data), [self._figures.look(self._contacts)]
         told_of = inner.command[None], inner.measure()[None]
-        (figures,) = self._figures.read([self._figures.look(self._contacts)], *told_of)
+        (figures,) = self._figures.read(looks, robots, *told_of)
         return {**super()._info(*told), FURTHER: figures}
 
     def _command_bounds(self) -> tuple[Array, Array]:

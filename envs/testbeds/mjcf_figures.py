@@ -16,18 +16,26 @@ Array = npt.NDArray[Any]
 
 
 class Look(NamedTuple):
-    """What the figures of a robot at one instant are made of, as MuJoCo has it."""
+    """What is looked up of a robot's contacts and solver at one instant."""
 
-    actuator_force: Array
     residual: float
     contacts: int
-    """How many, without which all below is left out."""
+    """How many; without any, all below is left out."""
     forces: Any = None
     geoms: Any = None
     points: Any = None
     frames: Any = None
-    subtree_com: Any = None
-    cvel: Any = None
+
+
+class OneOfOne:
+    """Fields of an `MjData` with a first axis, as many robots have them."""
+
+    def __init__(self, data: Any) -> None:
+        self._data = data
+
+    def __getattr__(self, name: str) -> Array:
+        field: Array = getattr(self._data, name)[None]
+        return field
 
 
 class Figures:
@@ -58,6 +66,7 @@ class Figures:
     ) -> None:
         self._mujoco, self._model = mujoco, model
         self._kept = int(mujoco.mjNSOLVER)
+        self._forces, self._rows = np.zeros((0, 6)), [np.zeros(6)]
         feet = feet_of(model)
         self._feet = len(feet)
         self._places = np.full(model.nbody, -1)
@@ -90,43 +99,43 @@ class Figures:
             own: contacts of its data, where `mj_forward` was called.
         """
         data, count = own.data, own.data.ncon
-        force, residual = data.actuator_force.copy(), self._residual(own)
+        residual = self._residual(own)
         if not count:
-            return Look(force, residual, 0)
-        forces = np.zeros((count, 6))
-        for place, row in enumerate(forces):
-            self._mujoco.mj_contactForce(self._model, data, place, row)
-        pairs, points, frames = (own[count][name].copy() for name in ("geom", "pos", "frame"))
-        of_bodies = data.subtree_com.copy(), data.cvel.copy()
-        return Look(force, residual, count, forces, pairs, points, frames, *of_bodies)
+            return Look(residual, 0)
+        if count > len(self._forces):
+            self._forces = np.zeros((2 * count, 6))
+            self._rows = [*self._forces]
+        contact_force, model, rows = self._mujoco.mj_contactForce, self._model, self._rows
+        for place in range(count):
+            contact_force(model, data, place, rows[place])
+        seen = own[count]
+        copies = seen["geom"].copy(), seen["pos"].copy(), seen["frame"].copy()
+        return Look(residual, count, self._forces[:count].copy(), *copies)
 
-    def read(self, looks: Sequence[Look], *told: Array) -> Array:
+    def read(self, looks: Sequence[Look], robots: Any, *told: Array) -> Array:
         """The figures of some robots in the order of :attr:`columns`, shape (robots, columns).
 
         Args:
             looks: at each.
+            robots: fields of their data, of shape (robots, …).
             told: command, and what is measured of it, shape (robots, numbers).
         """
-        forces = np.array([look.actuator_force for look in looks])
         residuals = np.array([[look.residual] for look in looks])
-        return np.concatenate([*told, forces, self._contacts(looks), residuals], axis=1)
+        contacts = self._contacts(looks, robots)
+        return np.concatenate([*told, robots.actuator_force, contacts, residuals], axis=1)
 
-    def _contacts(self, looks: Sequence[Look]) -> Array:
+    def _contacts(self, looks: Sequence[Look], robots: Any) -> Array:
         """Normal and tangential force, N, and slip, m/s: of all contacts, then of each foot."""
-        counts = [look.contacts for look in looks]
         rows = np.zeros((len(looks), self._feet + 1, 3))
-        touching = [look[3:] for look in looks if look.contacts]
+        touching = [look[2:] for look in looks if look.contacts]
         if not touching:
             return rows.reshape(len(looks), -1)
-        forces, pairs, points, frames, centres, moving = map(
-            np.concatenate, zip(*touching, strict=True)
-        )
-        first = np.cumsum([0, *(count > 0 for count in counts)])[:-1] * len(self._root)
-        first = np.repeat(first, counts)[:, None]
-        bodies = self._body[pairs]
+        forces, pairs, points, frames = map(np.concatenate, zip(*touching, strict=True))
+        counts = [look.contacts for look in looks]
         of_lane = np.repeat(np.arange(len(looks)), counts)[:, None]
-        arm = points[:, None] - centres[first + self._root[bodies]]
-        moving = moving[first + bodies]
+        bodies = self._body[pairs]
+        arm = points[:, None] - robots.subtree_com[of_lane, self._root[bodies]]
+        moving = robots.cvel[of_lane, bodies]
         spin, speed = moving[..., :3], moving[..., 3:]
         speeds = speed + spin[..., [1, 2, 0]] * arm[..., [2, 0, 1]]
         speeds -= spin[..., [2, 0, 1]] * arm[..., [1, 2, 0]]
@@ -154,7 +163,10 @@ class Figures:
         data, kept = own.data, self._kept
         if not data.nefc:
             return 0.0
-        counts = data.solver_niter[: max(1, data.nisland)].tolist()
+        if data.nisland <= 1:
+            used = int(data.solver_niter[0])
+            return float(own.gradients[min(used, kept) - 1]) if used else nan
+        counts = data.solver_niter[: data.nisland].tolist()
         last = [kept * island + min(n, kept) - 1 for island, n in enumerate(counts) if n]
         return max((float(own.gradients[place]) for place in last), default=nan)
 

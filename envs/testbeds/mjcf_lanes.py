@@ -30,9 +30,12 @@ _WORDS = np.array(STATUS_NAMES, dtype=object)
 
 CARRIED: Final = (
     "qpos", "qvel", "act", "qacc_warmstart", "ctrl", "mocap_pos", "mocap_quat", "userdata",
-    "eq_active", "qfrc_applied", "xfrc_applied",
+    "eq_active",
 )  # fmt: skip
 """Fields of `MjData` that are a lane's own from one step to the next, beside the time."""
+
+LOADS: Final = ("qfrc_applied", "xfrc_applied")
+"""Likewise, as they were when its episode began."""
 
 RAGGED: Final = ("contact", "efc_", "iefc_", "solver", "warning", "timer")
 """How names of fields begin that lanes have not of one size."""
@@ -42,17 +45,19 @@ class LaneData:
     """Fields of an `MjData` as several lanes have them, of shape (lanes, …), by their names.
 
     Args:
+        mujoco: the module.
+        model: compiled.
         data: holds the state of one lane after the other.
         lanes: how many.
-        place: puts a lane's state into ``data``, with all that `mj_forward` computes of it.
     """
 
-    def __init__(self, data: Any, lanes: int, place: Callable[[int], None]) -> None:
-        self._data, self._lanes, self._place = data, lanes, place
-        self._fields: list[tuple[Any, Array]] = []
-        self.rows: dict[str, Array] = {}
+    def __init__(self, mujoco: Any, model: Any, data: Any, lanes: int) -> None:
+        self._forward, self._model, self._data = mujoco.mj_forward, model, data
         self.time = np.zeros(lanes)
-        for name in CARRIED:
+        self.rows: dict[str, Array] = {}
+        self._kept: list[tuple[Any, Array]] = []
+        self._carried: list[tuple[Any, Array]] = []
+        for name in (*CARRIED, *LOADS):
             self._note(name)
 
     def __getattr__(self, name: str) -> Array:
@@ -60,27 +65,50 @@ class LaneData:
             raise AttributeError(name)
         if name not in self.rows:
             self._note(name)
-            for lane in range(self._lanes):
-                self._place(lane)
+            for lane in range(len(self.time)):
+                self.put(lane)
+                self._forward(self._model, self._data)
                 self.rows[name][lane] = getattr(self._data, name)
+            self._kept.append((getattr(self._data, name), self.rows[name]))
         shown = self.rows[name].view()
         shown.setflags(write=False)
         return shown
 
     def _note(self, name: str) -> None:
-        """Have a field kept from now on."""
+        """Make room for a field."""
         field = getattr(self._data, name, None)
         if not isinstance(field, np.ndarray) or name.startswith(RAGGED):
             raise InputError(
                 f"`robot.data.{name}` cannot be had of many robots at once; use what is an array "
                 "of one size, such as `xpos`, or leave out `together = True`"
             )
-        self.rows[name] = rows = np.zeros((self._lanes, *field.shape), field.dtype)
-        self._fields.append((field, rows))
+        self.rows[name] = np.zeros((len(self.time), *field.shape), field.dtype)
+
+    def begin(self, lane: int) -> None:
+        """Keep the state in which a lane's episode begins."""
+        for name, rows in self.rows.items():
+            rows[lane] = getattr(self._data, name)
+        self.time[lane] = self._data.time
+
+    def carry(self) -> None:
+        """Choose what is a lane's own: loads that all lanes are without are left out."""
+        for name in LOADS:
+            getattr(self._data, name)[:] = 0.0
+        own = [name for name in CARRIED if self.rows[name].size]
+        loaded = [name for name in LOADS if self.rows[name].any()]
+        self._carried = [(getattr(self._data, n), self.rows[n]) for n in (*own, *loaded)]
+        read = [name for name in self.rows if name in own or name not in (*CARRIED, *LOADS)]
+        self._kept = [(getattr(self._data, name), self.rows[name]) for name in read]
+
+    def put(self, lane: int) -> None:
+        """Put a lane's state into the data."""
+        for field, rows in self._carried:
+            field[:] = rows[lane]
+        self._data.time = self.time[lane]
 
     def keep(self, lane: int) -> None:
         """Keep the fields as they are for a lane."""
-        for field, rows in self._fields:
+        for field, rows in self._kept:
             rows[lane] = field
         self.time[lane] = self._data.time
 
@@ -125,7 +153,7 @@ class RobotLanes(SequentialVectorEnv):
         self._model, self._mujoco = self._env.model, self._env.mujoco
         data, timing = self._task.data, self._env.setup.timing
         self._data = data
-        self._lane_data = LaneData(data, n, self._place)
+        self._lane_data = LaneData(self._mujoco, self._model, data, n)
         self._readings = Readings(self._model, data, n, timing.substeps)
         self._period, self._horizon = timing.control_period, timing.horizon
         self._limit = time_limit(self._env) or math.inf
@@ -138,6 +166,7 @@ class RobotLanes(SequentialVectorEnv):
         self._commands = np.zeros((n, *self._task.command.shape))
         self._terminations, self._truncations = np.zeros(n, bool), np.zeros(n, bool)
         self._steps, self._diverged = np.zeros(n, np.int64), np.zeros(n, bool)
+        self._energies = np.zeros((n, 2))
         self._energy, self._least, self._earned = np.zeros(n), np.zeros(n), np.zeros(n)
         self._control = np.zeros((n, len(self._env.setup.plant.controls)))
         self._booked = _nothing(n)
@@ -189,7 +218,7 @@ class RobotLanes(SequentialVectorEnv):
             self._goals[lane].begin()
             self._commands[lane] = task.command
             self._energy[lane], self._control[lane] = self._env.start
-            self._lane_data.keep(lane)
+            self._lane_data.begin(lane)
             self._looks[lane] = self._env.figures.look(self._readings.contacts)
         for values in (self._steps, self._least, self._earned, self._diverged):
             values[begun] = 0
@@ -198,7 +227,7 @@ class RobotLanes(SequentialVectorEnv):
         commands = self._commands.copy()
         commands.setflags(write=False)
         self._acting = ActingTogether(task, self._lane_data, commands)
-        self._carry()
+        self._lane_data.carry()
         return self._seen.copy(), info
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
@@ -233,53 +262,27 @@ class RobotLanes(SequentialVectorEnv):
         ends = self._terminations.copy(), self._truncations.copy()
         return self._seen.copy(), rewards, *ends, self._info(live, told)
 
-    def _carry(self) -> None:
-        """Choose what is a lane's own: loads that all lanes are without are left out."""
-        rows = self._lane_data.rows
-        loads = ("qfrc_applied", "xfrc_applied")
-        own = [n for n in CARRIED if rows[n].size and (n not in loads or rows[n].any())]
-        self._carried = [(getattr(self._data, n), rows[n]) for n in own if n != "ctrl"]
-        for name in loads:
-            getattr(self._data, name)[:] = 0.0
-
-    def _place(self, lane: int) -> None:
-        """Put a lane's state, and all that is computed of it, into the data."""
-        for field, rows in (*self._carried, (self._data.ctrl, self._lane_data.rows["ctrl"])):
-            field[:] = rows[lane]
-        self._data.time = self._lane_data.time[lane]
-        self._mujoco.mj_forward(self._model, self._data)
-
     def _simulate(self, live: Array, controls: Array) -> Array:
         """One control period of the lanes that go on; the energy at its end, J."""
         mujoco, ledger, readings = self._mujoco, self._env.ledger, self._readings
-        model, data, lane_data, carried = self._model, self._data, self._lane_data, self._carried
-        forward, potential, kinetic = mujoco.mj_forward, mujoco.mj_energyPos, mujoco.mj_energyVel
-        look, contacts, options, energy = (
-            self._env.figures.look,
-            readings.contacts,
-            model.opt,
-            data.energy,
-        )
-        control, q, v, follow = data.ctrl, data.qpos, data.qvel, ledger.follow
-        energies, keep, times = np.zeros((len(live), 2)), lane_data.keep, lane_data.time.tolist()
+        model, data, flags, quiet = self._model, self._data, self._flags, self._quiet
+        put, keep, look = self._lane_data.put, self._lane_data.keep, self._env.figures.look
+        options, control, energy, energies = model.opt, data.ctrl, data.energy, self._energies
         self._env.silence()
-        readings.begin()
         for lane in np.flatnonzero(live).tolist():
-            for field, rows in carried:
-                field[:] = rows[lane]
+            put(lane)
             control[:] = controls[lane]
-            data.time = times[lane]
-            options.disableflags = self._quiet
-            is_whole = follow(readings, lane)
-            options.disableflags = self._flags
+            options.disableflags = quiet
+            is_whole = ledger.follow(readings, lane)
+            options.disableflags = flags
             if not is_whole:
-                q[:], v[:] = readings.q[lane, 0], readings.v[lane, 0]
-            forward(model, data)
-            potential(model, data)
-            kinetic(model, data)
+                data.qpos[:], data.qvel[:] = readings.start
+            mujoco.mj_forward(model, data)
+            mujoco.mj_energyPos(model, data)
+            mujoco.mj_energyVel(model, data)
             energies[lane] = energy
             keep(lane)
-            self._looks[lane] = look(contacts)
+            self._looks[lane] = look(readings.contacts)
         self._diverged = np.where(live, readings.lost, self._diverged)
         booked = ledger.book(readings)
         if self._diverged.any():
@@ -304,7 +307,8 @@ class RobotLanes(SequentialVectorEnv):
 
     def _hand_over(self, lane: int) -> None:
         """Have the one task be that of a lane, as what it achieves is asked of it."""
-        self._place(lane)
+        self._lane_data.put(lane)
+        self._mujoco.mj_forward(self._model, self._data)
         self._task.command = self._acting.command[lane]
         for name, value in vars(self._acting.memory).items():
             setattr(self._task.memory, name, value[lane] if np.ndim(value) else value)
@@ -331,7 +335,9 @@ class RobotLanes(SequentialVectorEnv):
             "solver_residual": np.zeros(n),
             "solver_status": _WORDS[self.status_codes],
             "command": acting.command.copy(),
-            FURTHER: self._env.figures.read(self._looks, acting.command, acting.measure()),
+            FURTHER: self._env.figures.read(
+                self._looks, self._lane_data, acting.command, acting.measure()
+            ),
         }
         if not live.all():
             for name, values in told.items():

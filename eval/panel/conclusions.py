@@ -22,7 +22,7 @@ from integ_gym.support.terminal import fixed, percent, plural, true_minus
 
 from ..contract import BoundaryCheck, Contract
 from ..power import WITHOUT_VERDICT, Verdict
-from ..statistics import Estimate
+from ..statistics import Estimate, highest_share
 from ..verdict import (
     ALPHA,
     EQUIVALENCE_MARGIN,
@@ -563,15 +563,18 @@ def limit_words(panel: Panel) -> str:
     cells = [panel.cell(name) for name in found.steps]
     steps = ", ".join(f"{cell.dt:g}" for cell in cells[:-1]) + f" and {cells[-1].dt:g} s"
     share = f"{found.not_converged} of {plural(found.episodes, 'episode')}"
+    fail = "does not converge" if found.episodes == 1 else "do not converge"
     told = f"{cells[-1].scheme} at {steps}"
     if not panel.given_alone:
         share += f" of {panel.in_words(found.row)}"
     if found.converges:
-        return f"The limit is extrapolated from {told}; {share} do not converge."
+        most = highest_share(found.not_converged, found.episodes)
+        more = f" (of all starts up to {percent(most)} may not)" if most > MOST_CHANGED else ""
+        return f"The limit is extrapolated from {told}; {share} {fail}{more}."
     why = f"more than {percent(MOST_CHANGED)}"
     if found.grows:
         why = "and more change as the step shrinks"
-    return f"No limit: from {told}, {share} do not converge, {why}."
+    return f"No limit: from {told}, {share} {fail}, {why}."
 
 
 def _range(panel: Panel, finding: Finding) -> str:
@@ -818,7 +821,7 @@ def _closed(panel: Panel) -> list[str]:
     for status, words in (
         ("unachievable", "no control that was found solves {}"),
         ("too_slow", "only twice the time solves {}"),
-        ("undecided", "nobody solves {}, and no search rules it out"),
+        ("undecided", "no policy succeeds in {}, and no search rules out that one could"),
     ):
         names = [cell.name for cell in panel.columns if cell.achievability == status]
         if names:
@@ -967,7 +970,7 @@ def comparison_reason(panel: Panel, compared: PolicyComparison) -> str:
         return f"Fewer than {MIN_SEEDS} seeds in {', '.join(thin)}, which decides."
     lost = [cell for cell in deciding if cell.status != "win"]
     cells = "; ".join(
-        f"on {panel.in_words(cell.name)}, which nobody solves"
+        f"on {panel.in_words(cell.name)}, in which no policy succeeds"
         if cell.status == "unsolved"
         else f"on {_difference_in(panel, cell, cell.p_win_adjusted)}"
         for cell in lost or deciding

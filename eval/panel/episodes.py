@@ -366,7 +366,7 @@ def _recorded(
             the latter.
         changed: arguments that differ from the cell's.
     """
-    lanes = len(subjects) * _together(spec, cell, episodes)
+    lanes = len(subjects) * _together(spec, cell, episodes, len(subjects))
     if not spec.testbed.batched:
         changed = {**changed, "autoreset_mode": AutoresetMode.DISABLED}
     recorder = RecordVectorEvidence(
@@ -381,7 +381,7 @@ def _recorded(
     return recorder, success
 
 
-def _together(spec: PanelSpec, cell: Cell, episodes: range) -> int:
+def _together(spec: PanelSpec, cell: Cell, episodes: range, policies: int) -> int:
     """How many starts of a policy have lanes at once: all, or as many as its testbed has room for.
 
     These are divided evenly.
@@ -389,7 +389,7 @@ def _together(spec: PanelSpec, cell: Cell, episodes: range) -> int:
     room, arguments = len(episodes), {**spec.environment, **cell.environment}
     if not spec.testbed.batched:
         own = getattr(spec.testbed, "room", None)
-        room = own(cell.discretization, arguments) if own else 1
+        room = own(cell.discretization, arguments, policies) if own else 1
     return math.ceil(len(episodes) / math.ceil(len(episodes) / room))
 
 

@@ -513,9 +513,24 @@ def check_variations(spec: PanelSpec, homes: Sequence[Discretization]) -> None:
     faults: dict[str, set[str | None]] = {}
     for cell, fault in spec.varied(homes):
         faults.setdefault(str(cell.variation), set()).add(fault)
-    for name, found in faults.items():
+    for one in spec.variations:
+        found = faults.get(one.name) or {_solver_fault(one, homes)}
         if None not in found:
-            raise SpecError(f"{name!r} can be had in no cell: {min(map(str, found))}")
+            raise SpecError(f"{one.name!r} can be had in no cell: {min(map(str, found))}")
+
+
+def _solver_fault(variation: Variation, homes: Sequence[Discretization]) -> str | None:
+    """What is wrong with settings of a solver where no integrator has one; None: nothing."""
+    named = {"home": homes, "truth": ()}
+    places = [
+        place for at in variation.at for place in (named[at] if isinstance(at, str) else (at,))
+    ]
+    if set(variation.changes) != {"solver"} or not places:
+        return None
+    if any(has_solver(place.engine, place.integrator) for place in places):
+        return None
+    names = ", ".join(sorted({place.integrator for place in places}))
+    return f"{names} has no solver; choose an integrator that `integ-gym engines` lists with one"
 
 
 def _check_looks(spec: PanelSpec) -> None:

@@ -289,7 +289,7 @@ def _remedy_line(panel: Panel, own: Entry, rivals: list[Entry], cell: RemedyCell
         less = f", {mixture} minus it {lost[rival.row]}" if rival.row in lost else ""
         words.append(f"{panel.in_words(rival.row)} {rival.success}{less}")
     rates = [fixed(rival.success.estimate) for rival in rivals]
-    notes = ("trained there" if cell.member else "", "" if cell.solved else "nobody solves it")
+    notes = ("trained there" if cell.member else "", "" if cell.solved else "no policy succeeds")
     return Line(
         "",
         own.cell,

@@ -18,7 +18,7 @@ from integ_gym.evidence.sealing import check_key, read_seal, sign
 from integ_gym.support import options
 from integ_gym.support.errors import InputError
 from integ_gym.support.storage import is_remote
-from integ_gym.support.terminal import hanging_indent, print_wrapped, width_of
+from integ_gym.support.terminal import hanging_indent, print_wrapped, true_minus, width_of
 
 from . import printed
 from .work_options import add_engine, add_work, page_location, resources_of, workers_of
@@ -179,7 +179,7 @@ def main(argv: Sequence[str]) -> int:
         resources=resources_of(arguments),
     )
     for doubt in panel.warnings:
-        print_wrapped(f"warning: {doubt}", sys.stderr)
+        print_wrapped(true_minus(f"warning: {doubt}"), sys.stderr)
     printed.print_headline(panel)
     if panel.verdicts:
         printed.print_verdicts(panel, sys.stdout)

@@ -115,7 +115,7 @@ def test_blocks_run_one_after_the_other(page, tmp_path):
     (tmp_path / "page.py").write_text(f'if __name__ == "__main__":\n{body}\n', encoding="utf-8")
     done = subprocess.run(
         [sys.executable, "page.py"], cwd=tmp_path, capture_output=True, text=True, check=False,
-        env={**os.environ, "PYTHONWARNINGS": "ignore"},
+        env={**os.environ, "PYTHONWARNINGS": "ignore", "PYTHONPATH": str(ROOT)},
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     if page == "tutorials/first_steps.md":

@@ -140,9 +140,9 @@ def test_a_command_needs_no_standard_streams(words, code, closed, tmp_path):
 def test_a_warning_is_a_sentence_without_a_line_of_source(monkeypatch, capsys):
     def run(*_):
         warnings.simplefilter("always")
-        warnings.warn("5 meshes are left out", stacklevel=1)
+        warnings.warn("a return of -5, and --seeds 2", stacklevel=1)
         return 0
 
     monkeypatch.setattr(cli, "_run", run)
     assert cli.main(["engines"]) == 0
-    assert capsys.readouterr().err == "warning: 5 meshes are left out\n"
+    assert capsys.readouterr().err == "warning: a return of −5, and --seeds 2\n"

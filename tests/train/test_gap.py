@@ -122,11 +122,15 @@ def test_what_says_nothing_is_refused(told, message):
         discretization_gap(still, "IntegPendulum-v0", "stock", **told)
 
 
-def test_environments_that_differ_are_no_home():
-    made = (lambda dt=dt: gym.make("IntegPendulum-v0", dt=dt, control_period=0.05)
-            for dt in (0.05, 0.025))  # fmt: skip
-    with pytest.raises(ValueError, match=r"differ \(symplectic_euler dt=0\.025, symplectic_euler"):
-        _learned(DummyVecEnv([*made]), DiscretizationCallback(64))
+STEPS = [{"dt": 0.025}, {"dt": 0.05}]
+
+
+@pytest.mark.parametrize("given", [STEPS, [{"mixture": STEPS}]])
+def test_several_discretizations_are_no_home(given):
+    made = [lambda own=own: gym.make("IntegPendulum-v0", control_period=0.05, **own)
+            for own in given]  # fmt: skip
+    with pytest.raises(ValueError, match=r"\(symplectic_euler dt=0\.025, symplectic"):
+        _learned(DummyVecEnv(made), DiscretizationCallback(64))
 
 
 def test_a_stated_home_takes_the_other_arguments_from_the_training(monkeypatch):

@@ -30,7 +30,7 @@ FORMAT = "integ-gym ONNX 1"
 MAX_BYTES = 512 * 2**20
 """Largest file that is read."""
 
-_PROBES = 32
+_PROBES = 64
 """Observations by which it is found out whether a batch of up to so many changes a bit."""
 
 

@@ -53,8 +53,9 @@ class Watch {
 
   words({ at: [r, c, s, e], kind }) {
     const { rows, cells } = this.carried;
-    const where = ["truth", "limit"].includes(cells[c].shown) ? `the ${cells[c].shown}` : cells[c].shown;
-    return `${this.seed(r, s)}start ${e}: ${KINDS[kind]} on ${where}`;
+    const shown = cells[c].shown;
+    const where = { truth: "on the truth", limit: "at the limit" }[shown] ?? `on ${shown}`;
+    return `${this.seed(r, s)}start ${e}: ${KINDS[kind]} ${where}`;
   }
 
   // Whether rest at the goal has an energy of its own, which bars mark.

@@ -339,7 +339,7 @@ def test_newton_copes_with_contact_with_and_without_a_jacobian(integrator):
     ],
 )
 def test_single_vector_and_compiled_forms_agree(env_id, integrator):
-    arguments = {"integrator": integrator}
+    arguments = {"integrator": integrator, "duration": 0.8}
     plain, compiled = (
         gym.make_vec(env_id, num_envs=3, compiled=c, **arguments) for c in (False, True)
     )

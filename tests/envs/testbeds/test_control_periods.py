@@ -93,7 +93,16 @@ def test_the_reward_that_ends_an_episode_counts_whole(rewards, paid):
     assert env.setups[0].timing.horizon == 5
 
 
+class StackedTestbed(BonusTestbed):
+    def build(self, discretization):
+        return FrameStackObservation(super().build(discretization), 2)
+
+
 def test_what_counts_decisions_is_refused_by_name():
+    testbed = StackedTestbed()
+    make_checked(testbed, testbed.home, 1).close()
+    with pytest.raises(ValueError, match="FrameStackObservation: it counts decisions"):
+        make_checked(testbed, replace(testbed.home, control_period=0.2), 1)
     stacked = FrameStackObservation(gym.make("InvertedPendulum-v5"), 2)
     with pytest.raises(ValueError, match="FrameStackObservation"):
         integ_gym.rediscretize(stacked, control_period=0.08)

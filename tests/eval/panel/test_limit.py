@@ -236,6 +236,13 @@ def test_it_is_not_called_a_limit_where_too_many_or_ever_more_episodes_change(ra
     assert limit_words(panel).startswith("No limit") is not called
 
 
+@pytest.mark.parametrize(("starts", "most"), [(1, "95 %"), (20, "14 %"), (50, None)])
+def test_few_starts_say_what_they_may_have_missed(starts: int, most: str | None):
+    told = limit_words(judged(at(1.0, 1.0, 1.0, 1.0), starts))
+    assert ("of all starts" in told) is (most is not None)
+    assert (most or "") in told
+
+
 def test_what_is_shown_at_the_limit_exceeds_what_still_changes():
     panel = judged(at(0.8, 0.75, 0.7, 0.6))
     lost = next(one for one in panel.paired if one.cell == STEPS[-1].name)

@@ -78,9 +78,13 @@ def test_what_cannot_be_is_left_out_and_said():
     assert "0.075" in said
 
 
-def test_what_can_be_nowhere_is_refused():
-    with pytest.raises(SpecError, match="in no cell"):
-        _spec({"at": "home", "action_latency": 0.02})
+@pytest.mark.parametrize(
+    ("changes", "fault"),
+    [({"action_latency": 0.02}, "multiple"), ({"solver": {"iterations": 2}}, "has no solver")],
+)
+def test_what_can_be_nowhere_is_refused(changes, fault):
+    with pytest.raises(SpecError, match=f"in no cell: .*{fault}"):
+        _spec({"at": "home", **changes})
 
 
 @pytest.mark.parametrize(

@@ -19,9 +19,10 @@ import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import suppress
 from fnmatch import fnmatchcase
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -471,9 +472,16 @@ def parts_of(leaves: Sequence[Leaf], workers: int) -> list[list[Leaf]]:
         kinds.setdefault(RECORDS if _is_record(leaf) else leaf.file, []).append(leaf)
     parts = []
     for kind, own in kinds.items():
-        count = workers if kind == RECORDS else math.ceil(len(own) / 150)
+        count = 2 * workers if kind == RECORDS else math.ceil(len(own) / 150)
         parts += [own[k::count] for k in range(count)]
     return sorted(filter(None, parts), key=lambda part: -len(part))
+
+
+def _tell(what: str, job: Future[tuple[list[Leaf], float]]) -> None:
+    """Say that a part is done, for who waits."""
+    if job.exception() is None:
+        found, seconds = job.result()
+        print(f"{what}: {len(found)} silent, {seconds:.0f} s", file=sys.stderr, flush=True)
 
 
 def main() -> int:
@@ -498,10 +506,10 @@ def main() -> int:
             found = first if name == "first" else others_of(runs / name, first, given.every)
             leaves = [leaf for leaf in found if fnmatchcase(leaf.file, given.only)]
             parts = parts_of(leaves, given.workers)
-            asked[name] = (
-                leaves,
-                [pool.submit(silent_of, runs / name, part, given.every) for part in parts],
-            )
+            jobs = [pool.submit(silent_of, runs / name, part, given.every) for part in parts]
+            asked[name] = leaves, jobs
+            for part, job in zip(parts, jobs, strict=True):
+                job.add_done_callback(partial(_tell, f"{name}: {len(part)} of {part[0].file}"))
         for name, kinds in {"first": KINDS, **WHOLE}.items():
             leaves, parts = asked[name]
             done = [part.result() for part in parts]
