@@ -472,12 +472,11 @@ def blank_info(setup: Setup) -> dict[str, Any]:
     return reset_info(setup, still)
 
 
-def effort_columns(plant: Any) -> Iterator[str]:
-    """Names in `info` of the efforts of a servo; none of a plant without one."""
-    if not hasattr(plant, "servo_of"):
-        return
-    for place in plant.actuated:
-        yield f"{plant.coordinates[place]}_effort"
+def effort_columns(plant: Any) -> Iterator[tuple[str, int]]:
+    """Name in `info` and coordinate of each effort of a servo; none of a plant without one."""
+    if hasattr(plant, "servo_of"):
+        for place in plant.actuated:
+            yield f"{plant.coordinates[place]}_effort", place
 
 
 def control_columns(plant: Any) -> Iterator[tuple[str, str]]:
@@ -513,7 +512,8 @@ def _contact_info(setup: Setup, outcome: Outcome) -> dict[str, Any]:
 def _info_dict(setup: Setup, time: Component, state: EnvState, outcome: Outcome) -> dict[str, Any]:
     names = list(control_columns(setup.plant))
     asked = {name: x for (name, _), x in zip(names, outcome.commanded, strict=True)}
-    efforts = dict(zip(effort_columns(setup.plant), outcome.efforts, strict=True))
+    columns = zip(effort_columns(setup.plant), outcome.efforts, strict=True)
+    efforts = {name: x for (name, _), x in columns}
     applied = {name: x for (_, name), x in zip(names, outcome.controls, strict=True)}
     return {
         "time": time,

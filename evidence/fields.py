@@ -516,7 +516,7 @@ def control_fields(plant: Any) -> Iterator[Field]:
         yield _column(f"{name}_commanded", "float64", unit, asked, "step", commanded, plant.frame)
         yield _column(f"{name}_applied", "float64", unit, given, "step", applied, plant.frame)
     told = "effort of the servo at the end of the control step"
-    for name, place in zip(effort_columns(plant), plant.actuated if own else (), strict=True):
+    for name, place in effort_columns(plant):
         unit = _FORCE_UNITS[plant.coordinate_units[place]]
         yield _column(name, "float64", unit, told, "step", frame=plant.frame)
 
