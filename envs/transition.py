@@ -254,17 +254,12 @@ def draw_arrival(
         used = used | (fallbacks[k] & (begin < end))
         end = begin
     at_end = partial(_newest, ops, arrivals, index=substeps - 1)
-    of_each = tuple(zip(*commands, strict=True))
-
-    def in_force(index: Component) -> Components:
-        return tuple([_newest(ops, arrivals, values, index) for values in of_each])
-
-    controls = in_force(substeps - 1)
+    controls = at_end(commands)
     return _Orders(
         (*commands[:memory], controls),
         (*fallbacks[:memory], at_end(fallbacks)),
         tuple([arrival - substeps for arrival in arrivals[:memory]]),
-        ((in_force, substeps),),
+        ((partial(_newest, ops, arrivals, commands), substeps),),
         tuple(reversed(acting)),
         controls,
         used,
@@ -275,11 +270,15 @@ def draw_arrival(
     )
 
 
-def _newest(ops: Ops, arrivals: Components, values: Components, index: Component) -> Component:
+def _newest(ops: Ops, arrivals: Components, values: tuple[Any, ...], index: Component) -> Any:
     """Of values, newest first and the one in force last, the first that has arrived by a step."""
     value = values[-1]
     for arrival, newer in zip(reversed(arrivals), values[-2::-1], strict=True):
-        value = ops.where(arrival <= index, newer, value)
+        arrived = arrival <= index
+        if isinstance(value, tuple):
+            value = _choose(ops, arrived, newer, value)
+        else:
+            value = ops.where(arrived, newer, value)
     return value
 
 
