@@ -342,7 +342,8 @@ class Playground(StatePassingTestbed):
                 mjx = load("mujoco.mjx", "mjx")
                 task.mj_model.opt.integrator = INTEGRATORS[integrator]
                 task._mjx_model = mjx.put_model(task.mj_model, impl=overrides["impl"])
-        length = self._registry.get_default_config(self.task).episode_length
+        default = self._registry.get_default_config(self.task).episode_length
+        length = arguments.get("episode_length", default)
         return TimeLimit(PlaygroundEnv(self.task, self._tasks[key]), length)
 
 

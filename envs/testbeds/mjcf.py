@@ -170,6 +170,8 @@ class MjcfTestbed(MujocoTestbed):
         commands: name of each number that an episode is commanded, to its least and most value.
         fall: what a fall is, in words.
         achievement: what else a success asks for, in words; see :meth:`achieves`.
+        largest_error: by how much a success may miss what is commanded, root mean square over the
+            episode of what :meth:`measure` tells less that, as a vector, SI units; None: by any.
         together: whether :meth:`observe`, :meth:`act`, :meth:`measure`, :meth:`remember`,
             :meth:`reward` and :meth:`falls` take many robots at once, as NumPy does: what they are
             given and give then has robots first, as of shape (robots, n). Many starts are several
@@ -205,6 +207,7 @@ class MjcfTestbed(MujocoTestbed):
     commands: Mapping[str, tuple[float, float]] = {}
     fall: str = ""
     achievement: str = ""
+    largest_error: float | None = None
     together: bool = False
 
     def __init__(self, **arguments: Any) -> None:

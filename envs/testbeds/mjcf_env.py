@@ -6,6 +6,7 @@ Imported where one is made: its base class needs MuJoCo.
 from __future__ import annotations
 
 import copy
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 from operator import attrgetter
@@ -48,6 +49,8 @@ class Acting:
         period: time between decisions, s.
         decisions: that have been taken in the episode.
         bounds: of actions.
+        squares: sum over the decisions of the squared error of what is commanded, where a success
+            asks for it.
     """
 
     testbed: MjcfTestbed
@@ -57,6 +60,7 @@ class Acting:
     period: float
     decisions: int
     bounds: tuple[Array, Array]
+    squares: Any
 
     def decide(self, action: Any) -> Array:
         """Take an action and remember it; the controls of the actuators."""
@@ -79,6 +83,9 @@ class Acting:
     def judge(self) -> tuple[Array, Any, Any]:
         """Observation, reward and falls where a control period has ended."""
         testbed, robot = self.testbed, self.robot
+        if testbed.largest_error is not None:
+            error = self.measure() - self.command
+            self.squares = self.squares + np.vecdot(error, error)
         fallen = testbed.falls(robot)
         reward = testbed.reward(robot, self.memory, self.command)
         return self.see(), self.period * np.asarray(reward, np.float64), fallen
@@ -157,7 +164,10 @@ class MjcfTask(Acting, MujocoEnv):
 
     def achieves(self) -> bool:
         """What the testbed says of an episode that lasts."""
-        return bool(self.testbed.achieves(self.robot, self.memory, self.command))
+        testbed = self.testbed
+        most = math.inf if testbed.largest_error is None else testbed.largest_error
+        follows = math.sqrt(self.squares / self.decisions) <= most
+        return follows and bool(testbed.achieves(self.robot, self.memory, self.command))
 
     def _begin(self, rng: np.random.Generator) -> None:
         testbed, robot = self.testbed, self.robot
@@ -165,7 +175,7 @@ class MjcfTask(Acting, MujocoEnv):
         testbed.start(robot, rng)
         self.command = read_only(np.asarray(testbed.draw_command(rng), dtype=np.float64))
         self.memory = Memory(last_action=read_only(np.zeros(self.action_space.shape)), time=0.0)
-        self.decisions = 0
+        self.decisions, self.squares = 0, 0.0
         self._forward()
 
     def _get_obs(self) -> Array:
@@ -265,6 +275,8 @@ class MjcfEnv(RediscretizedEnv):
             names = [f"action{index}" for index in range(size)]
         controls = tuple((f"{name}_action", "1") for name in names)
         testbed, is_measured = self._inner.testbed, self._inner.measure().size > 0
+        if testbed.largest_error is not None and not is_measured:
+            raise InputError(f"`largest_error` of {testbed.title} asks for its `measure`; give it")
         self._figures = Figures(self._mujoco, self._model, testbed.commands, is_measured, actuators)
         self._contacts, further = Contacts(self._data), self._figures.columns
         return replace(plant, name=testbed.title, controls=controls, further=further)
@@ -329,7 +341,10 @@ class RobotGoal(ReturnGoal):
             return super().words
         own = self._task.testbed
         lasting = f"no fall within `duration` ({own.fall})" if own.fall else super().words
-        return f"{lasting}, and {own.achievement}" if own.achievement else lasting
+        error = (
+            "" if own.largest_error is None else f"a command error of at most {own.largest_error:g}"
+        )
+        return ", and ".join(filter(None, (lasting, error, own.achievement)))
 
     def note(self, reward: float, terminated: bool, truncated: bool, time: float) -> bool:
         """Take in a step that ends at ``time``, s; whether the episode has ended in success."""

@@ -124,7 +124,8 @@ class ActingTogether(Acting):
 
     def __init__(self, task: Any, data: LaneData, commands: Array) -> None:
         self.testbed, self.period, self.bounds = task.testbed, task.period, task.bounds
-        self.robot, self.command, self.decisions = copy.copy(task.robot), commands, 0
+        self.robot, self.command = copy.copy(task.robot), commands
+        self.decisions, self.squares = 0, np.zeros(len(commands))
         self.robot.data = data
         idle = np.zeros((len(commands), *task.action_space.shape))
         self.memory = Memory(last_action=idle, time=np.zeros(len(commands)))
@@ -307,10 +308,12 @@ class RobotLanes(SequentialVectorEnv):
 
     def _hand_over(self, lane: int) -> None:
         """Have the one task be that of a lane, as what it achieves is asked of it."""
+        acting = self._acting
         self._lane_data.put(lane)
         self._mujoco.mj_forward(self._model, self._data)
-        self._task.command = self._acting.command[lane]
-        for name, value in vars(self._acting.memory).items():
+        self._task.command, self._task.squares = acting.command[lane], acting.squares[lane]
+        self._task.decisions = acting.decisions
+        for name, value in vars(acting.memory).items():
             setattr(self._task.memory, name, value[lane] if np.ndim(value) else value)
 
     def _applied(self, valid: Array, given: Array) -> dict[str, Array]:

@@ -18,6 +18,7 @@ class Go1(MjcfTestbed):
     together = True
     commands = {"v_x": (0.0, 1.5), "v_y": (-0.8, 0.8), "yaw_rate": (-1.2, 1.2)}
     fall = "the trunk tips by more than 60°"
+    largest_error = 0.4  # of m/s, m/s and rad/s
 
     def model(self, folder):
         return Path(folder) / "scene_mjx_feetonly_flat_terrain.xml"

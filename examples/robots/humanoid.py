@@ -14,6 +14,7 @@ class Humanoid(MjcfTestbed):
     together = True
     commands = {"v_x": (-1.0, 1.0), "v_y": (-0.5, 0.5), "yaw_rate": (-1.0, 1.0)}
     fall = "the body with the inertial unit tips by more than 60°"
+    largest_error = 0.7  # of m/s, m/s and rad/s
     velocimeter, gyro, unit = "local_linvel", "gyro", "imu"
     scale = 0.5
     unseen = 0

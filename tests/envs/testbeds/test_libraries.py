@@ -98,6 +98,8 @@ else:
                 gap = abs(lane._state.data.qvel - data.qvel).max()
                 told["split"].append(float(gap / abs(data.qvel).max()))
         kind.step, told["within"] = step, within
+        short = make_checked(find_testbed(sys.argv[1], {"episode_length": 20}), home, 1)
+        told["short"] = short.setups[0].timing.horizon
 mixture = [home.arguments(), other.arguments()]
 mixed = make_training_environments(sys.argv[1], {"mixture": mixture}, 2)
 alone = [make_checked(testbed, place, 1) for place in (home, other)]
@@ -144,5 +146,6 @@ def test_a_task_of_a_library_applies_what_was_asked(library: str, tmp_path: Path
     assert max(told.get("split", [0.0])) < 1e-4
     assert len(told.get("split", [])) == 16 * (library == "playground")
     assert told.get("within", 2) == 2
+    assert told.get("short", 20) == 20
     assert {member for member, _ in told["mixed"]} == {0, 1}
     assert all(same for _, same in told["mixed"])

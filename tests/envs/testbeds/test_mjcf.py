@@ -216,6 +216,7 @@ def changed(**members):
         ({"duration": -1.0}, "duration"),
         ({"control_period": property()}, "control_period"),
         ({"model": lambda self: "nowhere.xml"}, "nowhere.xml"),
+        ({"largest_error": 0.1}, "measure"),
     ],
 )
 def test_what_a_user_gets_wrong_is_told_in_a_sentence(testbed, named):
@@ -370,6 +371,26 @@ def test_robots_that_act_together_begin_together_and_show_arrays_alone():
             getattr(robot.data, name)
     with pytest.raises(IntegGymError, match="together"):
         lanes.reset(seed=1, options={"reset_mask": np.array([True, False, False])})
+
+
+@pytest.mark.parametrize("mode", ["NextStep", "Disabled"])
+def test_a_success_follows_its_command(mode, monkeypatch):
+    testbed = find_testbed(MONOPED, {"duration": 0.3})
+    monkeypatch.setattr(Monoped, "achieves", MjcfTestbed.achieves)
+    error = np.zeros(2)
+    for share, follows in ((None, [True, True]), (0.999, [False, False]), (1.001, [True, False])):
+        bound = None if share is None else share * error.min()
+        monkeypatch.setattr(Monoped, "largest_error", bound)
+        lanes, squares = testbed.make(testbed.home, 2, autoreset_mode=mode), 0.0
+        lanes.reset(seed=5)
+        names = [one.name for one in lanes.setup.plant.further]
+        for _ in range(15):
+            *_, fallen, _, info = lanes.step(np.zeros((2, 3), np.float32))
+            told = dict(zip(names, info["further"].T, strict=True))
+            squares += (told["measured_v_x"] - told["command_v_x"]) ** 2
+        error = np.sqrt(squares / 15)
+        assert not fallen.any()
+        assert info["success"][np.argsort(error)].tolist() == follows
 
 
 def test_the_example_of_the_page_takes_a_file(tmp_path, monkeypatch):
