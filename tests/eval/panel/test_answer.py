@@ -138,6 +138,9 @@ def test_the_next_command_checks_the_step_or_asks_for_what_is_missing() -> None:
             "integ-gym check --env IntegPendulum-v0 --integrator symplectic_euler "
             f"--dt {dt} --control-period 0.05 --env-arg max_torque=0.7"
         )
+    panel = judged({HOME.name: 1.0, TRUTH.name: 0.4})
+    others = msgspec.structs.replace(panel, spec={**panel.spec, "env_id": "Hopper-v5"})
+    assert "check" not in step_of(others).command, "which would train for long"
     few = {HOME.name: 1.0, TRUTH.name: 0.67}
     panel = judged(few, starts=3)
     assert step_of(panel).command == f"{panel.command} --episodes 12", "which counts its looks"
