@@ -180,7 +180,7 @@ class HandMade(Baseline, Generic[P]):
             The controls, float32 of shape (n, number of controls).
         """
         controls = self.control(np.asarray(observations, dtype=np.float64))
-        return controls.astype(np.float32).reshape(len(observations), -1)
+        return controls.astype(np.float32).reshape(-1, len(self.plant_class.controls))
 
     def control(self, observations: NDArray[np.float64]) -> NDArray[np.float64]:
         """Controls in N or N m of observations of shape (n, obs_dim).
