@@ -152,7 +152,7 @@ def test_slow_and_fast_growth_of_own_integrators_is_seen(plant, tmp_path):
 
 def test_commands_that_are_not_cut(tmp_path, monkeypatch):
     def uncut(self, ops, action):
-        return command(self, ops, action)._replace(control=action)
+        return command(self, ops, action)._replace(controls=action)
 
     command = open_loop.OpenLoop.command
     monkeypatch.setattr(open_loop.OpenLoop, "command", uncut)
