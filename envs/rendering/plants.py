@@ -111,10 +111,9 @@ def draw_quadrotor(
         rotor = polar(middle, side * 40.0, -theta - math.pi / 2)
         canvas.line(middle, rotor, 7.0, INK)
         _thrust(canvas, polar(rotor, 9.0, -theta), -theta, 62.0 * share)
-        blade = [
-            polar(polar(rotor, 7.0, -theta), end, -theta - math.pi / 2) for end in (-19.0, 19.0)
-        ]
-        canvas.line(*blade, 4.0, BLUE)
+        hub = polar(rotor, 7.0, -theta)
+        ends = (polar(hub, end, -theta - math.pi / 2) for end in (-19.0, 19.0))
+        canvas.line(next(ends), next(ends), 4.0, BLUE)
     canvas.disc(middle, 9.0, BLUE)
 
 

@@ -83,7 +83,8 @@ def describe_motors(setup: Setup) -> str:
 
 def _scene(setup: Setup) -> dict[str, Any] | None:
     """Links of a mechanism, a point below the pivot of its spring, or a body that flies."""
-    plant, task = setup.plant, setup.task
+    plant: Any = setup.plant
+    task = setup.task
     mechanism = getattr(plant, "mechanism", None)
     links = [
         {
