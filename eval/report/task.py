@@ -112,8 +112,9 @@ def _scene(setup: Setup) -> dict[str, Any] | None:
         room = _edge(lambda x: not task.terminated(SCALAR, (x, *rest[1:]), rest), _FARTHEST["m"])
         flyer = {"arm": float(np.max(plant.arm)), "room": room or 5.0}
         pose = [0.3 * (room or 0.0), 0.3 * (room or 0.0), -0.4, *pose[3:]]
+    moving = [name for name in plant.coordinates if f"{name}_dot" in plant.velocities]
     return {
-        "coordinates": list(plant.coordinates),
+        "coordinates": moving,
         "units": list(plant.coordinate_units),
         "links": links,
         "bob": {"pivot": float(np.max(plant.hanging_length))} if swings else None,
