@@ -106,6 +106,11 @@ def test_leaving_the_room_ends_the_episode_and_pays_nothing():
     assert setup.task.worst_return(None, 100, 0.02, 1e3) == 0.0
 
 
+def test_servos_on_its_rotors_are_refused():
+    with pytest.raises(ValueError, match="puts servos on driven coordinates"):
+        gym.make(QUADROTOR, actuator="position")
+
+
 def test_starts_are_thrown_with_idle_rotors():
     starts = []
     envs = gym.make(QUADROTOR)
