@@ -28,6 +28,7 @@ class Plant(Protocol):
       class attribute ``contact_names`` says the names;
     - ``lagging``, indices of coordinates that stand for a first-order lag of a control: they have
       neither mass nor energy, a generalized force on one is its acceleration and does no work;
+    - ``hands``, for play: what each of two hands adds to every control, in shares of its limits;
     - ``velocity_units``, where they are not those of the coordinates per second;
     - ``dry_friction``, a :class:`integ_gym.envs.mechanics.Friction` or None;
     - ``mechanism``, a :class:`integ_gym.envs.mechanics.Mechanism`: without it, engines

@@ -51,6 +51,7 @@ class Quadrotor:
     frame: ClassVar[str] = "target; x to the right, z upwards, theta = 0 level, positive towards +x"
     actuated: ClassVar[tuple[int, ...]] = (3, 4)
     lagging: ClassVar[tuple[int, ...]] = (3, 4)
+    hands: ClassVar[tuple[tuple[float, ...], ...]] = ((0.02, -0.02), (0.3, 0.3))
     constant_mass_matrix: ClassVar[bool] = True
 
     @cached_property
