@@ -18,7 +18,8 @@ from measuring import results
 from integ_gym.envs.engines.stepping import NativeEngine, PlantSystem
 from integ_gym.envs.ops.compiling import compile_trace
 from integ_gym.envs.ops.dialects import SCALARS
-from integ_gym.envs.ops.ops import Component, Components, Ops
+from integ_gym.envs.ops.ops import Components, Ops
+from integ_gym.envs.plants.interface import controls_of
 from integ_gym.envs.registries import PLANTS
 
 CASES: tuple[tuple[str, Components, Components, float], ...] = (
@@ -27,6 +28,7 @@ CASES: tuple[tuple[str, Components, Components, float], ...] = (
     ("pendulum", (2.0,), (1.0,), 0.05),
     ("pendulum", (2.0,), (8.0,), 0.05),
     ("elastic_pendulum", (0.1, 0.0), (0.2, 0.1), 0.02),
+    ("quadrotor", (0.5, 0.5, 0.3, 0.0, 0.0), (0.5, -0.5, 1.0, 3.0, 3.2), 0.02),
 )
 """Plant, configuration, velocities and control period, s."""
 
@@ -46,7 +48,7 @@ def _period(system: PlantSystem, integrator: str, period: float) -> Callable[...
     n = len(system.plant.coordinates)
 
     def advance(ops: Ops, q: Components, v: Components) -> tuple[Any, ...]:
-        segments: tuple[tuple[Component, int], ...] = ((CONTROL, 1),)
+        segments = ((controls_of(system.plant, CONTROL), 1),)
         motion = engine.advance(ops, q, v, segments, None)
         return tuple(motion.q), tuple(motion.v), motion.iterations
 

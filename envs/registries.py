@@ -19,6 +19,7 @@ PLANTS: Final = Registry(
         "cart_pole": "integ_gym.envs.plants.cart_pole:CartPole",
         "elastic_pendulum": "integ_gym.envs.plants.elastic_pendulum:ElasticPendulum",
         "pendulum": "integ_gym.envs.plants.pendulum:Pendulum",
+        "quadrotor": "integ_gym.envs.plants.quadrotor:Quadrotor",
     },
     group="integ_gym.plants",
 )
@@ -68,6 +69,7 @@ TASKS: Final = Registry(
         "cart_pole_swing_up": "integ_gym.envs.tasks:CartPoleSwingUp",
         "elastic_pendulum_quiet": "integ_gym.envs.tasks:ElasticPendulumQuiet",
         "pendulum_swing_up": "integ_gym.envs.tasks:PendulumSwingUp",
+        "quadrotor_hover": "integ_gym.envs.tasks:QuadrotorHover",
     },
     group="integ_gym.tasks",
 )
@@ -110,6 +112,7 @@ ENVIRONMENTS: Final = {
     "IntegCartPoleSwingUp-v0": "integ_gym.envs.catalogue.cart_pole_swing_up:IntegCartPoleSwingUp",
     "IntegElasticPendulum-v0": "integ_gym.envs.catalogue.elastic_pendulum:IntegElasticPendulum",
     "IntegPendulum-v0": "integ_gym.envs.catalogue.pendulum:IntegPendulum",
+    "IntegQuadrotor-v0": "integ_gym.envs.catalogue.quadrotor:IntegQuadrotor",
 }
 """Environment id to module and common stem of its `Env` and `VectorEnv` class."""
 
@@ -118,6 +121,7 @@ DEFAULT_DECISIONS: Final = {
     "IntegCartPoleSwingUp-v0": 500,
     "IntegElasticPendulum-v0": 500,
     "IntegPendulum-v0": 200,
+    "IntegQuadrotor-v0": 500,
 }
 """Decisions of an episode with the default arguments, which the registered specs say."""
 

@@ -496,6 +496,11 @@ def build_setup(
     if actuator not in ("effort", "position"):
         raise InputError(unknown_name("actuator", actuator, ("effort", "position")))
     if actuator == "position":
+        if getattr(plant, "input_forces", None) is not None:
+            raise InputError(
+                f"`actuator`='position' puts servos on driven coordinates, and controls of the "
+                f"plant {plant.name!r} act otherwise; leave it out"
+            )
         plant, task = with_servo(plant), with_targets(task)  # type: ignore[arg-type]
     names = {"actuator", *(f.name for part in (Settings, plant, task) for f in fields(part))}
     for name in arguments:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_left
 from collections.abc import Callable, Mapping
+from itertools import zip_longest
 from time import perf_counter
 from typing import Any
 
@@ -39,6 +40,7 @@ class Game:
 
     Attributes:
         push: of the hand, from −1 to 1 of the control's limit.
+        lift: of the other hand, where the plant's `hands` say what the two do to its controls.
         time: since the start, s.
         ended: why it does not go on; empty while it does.
 
@@ -84,7 +86,7 @@ class Game:
 
     def restart(self) -> None:
         """Begin again from another start, in the same discretization."""
-        self.push, self.time, self.ended = 0.0, 0.0, ""
+        self.push, self.lift, self.time, self.ended = 0.0, 0.0, 0.0, ""
         self._env = self._build(self._dt)
         self._info = self._env.reset(seed=self._seed)[1]
         self._seed += 1
@@ -166,7 +168,13 @@ class Game:
     def _action(self) -> Any:
         choices = self.setup.task.discrete
         if choices is None:
-            return [self.push * most for most in self.setup.largest_controls]
+            limits = self.setup.task.control_limits
+            first, other = getattr(self.setup.plant, "hands", ((1.0,) * len(limits), ()))
+            shares = [
+                self.push * x + self.lift * y for x, y in zip_longest(first, other, fillvalue=0)
+            ]
+            pairs = zip(limits, shares, strict=True)
+            return [0.5 * (high + low + (high - low) * share) for (low, high), share in pairs]
         return math.nan if not self.push else (choices - 1 if self.push > 0.0 else 0)
 
     def _change(self, integrator: str, dt: float) -> None:
@@ -197,8 +205,8 @@ def _words(integrator: str) -> str:
 
 
 HELP = (
-    "Left, Right: push      Up, Down: coarser, finer step      1 to 9, Tab: integrator      "
-    "Space: pause      R: again      Esc: leave",
+    "Left, Right: push      W, S: lift      Up, Down: coarser, finer step      "
+    "1 to 9, Tab: integrator      Space: pause      R: again      Esc: leave",
     "motor: what you gave.  numerics: what the integrator's error gave (above 0) or took.  "
     "energy: the sum, with what there was at the start.",
 )
@@ -237,6 +245,8 @@ class Window:
         self._pygame = load_pygame()
         self._game, self._clock = game, clock
         self._cockpit = Cockpit(game.setup, HELP)
+        pygame = self._pygame
+        self._hands = (pygame.K_LEFT, pygame.K_RIGHT, pygame.K_w, pygame.K_s)
         self._held: list[int] = []
         self._paused = False
         self._last = clock()
@@ -279,7 +289,7 @@ class Window:
             key = event.key
             if key in (pygame.K_ESCAPE, pygame.K_q):
                 return False
-            if key in (pygame.K_LEFT, pygame.K_RIGHT) and key not in self._held:
+            if key in self._hands and key not in self._held:
                 self._held.append(key)
             if key == pygame.K_TAB:
                 game.turn_integrator(-1 if getattr(event, "mod", 0) & pygame.KMOD_SHIFT else 1)
@@ -291,13 +301,12 @@ class Window:
                 self._paused = not self._paused
             if pygame.K_1 <= key <= pygame.K_9:
                 game.choose_integrator(key - pygame.K_1)
-        game.push = self._push()
+        turns = game.setup.plant.controls[0][0] == "torque"
+        game.push = self._held_of(pygame.K_LEFT, pygame.K_RIGHT) * (-1.0 if turns else 1.0)
+        game.lift = self._held_of(pygame.K_s, pygame.K_w)
         return True
 
-    def _push(self) -> float:
-        """Of the arrow that went down last: left is counter-clockwise, of a cart to the left."""
-        if not self._held:
-            return 0.0
-        left = self._held[-1] == self._pygame.K_LEFT
-        turns = self._game.setup.plant.controls[0][0] == "torque"
-        return 1.0 if left == turns else -1.0
+    def _held_of(self, less: int, more: int) -> float:
+        """−1 or 1, of the key of two that went down last; left turns counter-clockwise."""
+        pressed = [key for key in self._held if key in (less, more)]
+        return 0.0 if not pressed else 1.0 if pressed[-1] == more else -1.0

@@ -76,6 +76,9 @@ def _attribute(
             said = homes[case][1]
             course = {fact: values[episode] for fact, values in courses.items()}
             course["solver_status"] = STATUS_NAMES[course["solver_status"]]
+            if own[place]["control_period"] is not None:  # rows of a fleet are float32
+                decisions = int(episodes.summary["length"][episode])
+                course["time"] = decisions * own[place]["control_period"]
             facts = EpisodeFacts(
                 **course,
                 observation_noise=own[place]["observation_noise"],

@@ -185,6 +185,7 @@ HANDMADE = Registry(
         "cart_pole_swing_up": "integ_gym.train.controllers:CartPoleEnergyShaping",
         "elastic_pendulum_quiet": "integ_gym.train.controllers:SwingRegulator",
         "pendulum_swing_up": "integ_gym.train.controllers:EnergyShaping",
+        "quadrotor_hover": "integ_gym.train.quadrotor:HoverRegulator",
     },
 )
 """Controllers by the name of the task that they are for."""

@@ -34,11 +34,13 @@ _STEP = 1e-5
 """Half-width of the central differences: their error is below 1e-9 on our plants."""
 
 
-def linearize(plant: Plant) -> tuple[Matrix, Matrix]:
-    """ẋ = A x + B u of a plant near rest upright without control.
+def linearize(plant: Plant, about: Matrix | None = None) -> tuple[Matrix, Matrix]:
+    """ẋ = A x + B u of a plant near a point where it rests, of deviations from it.
 
     Args:
         plant: with numbers, not arrays, as parameters.
+        about: the point, state and controls, in state order and SI units, shape (n + controls,);
+            None: zeros, which is upright without control.
 
     Returns:
         A of shape (n, n) and B of shape (n, controls), in state order and SI units.
@@ -51,7 +53,8 @@ def linearize(plant: Plant) -> tuple[Matrix, Matrix]:
         return np.array(join_state(v, plant.acceleration(SCALAR, q, v, force)))
 
     directions = np.eye(n + len(plant.controls))
-    slopes = [(rate(_STEP * e) - rate(-_STEP * e)) / (2.0 * _STEP) for e in directions]
+    rest = np.zeros(len(directions)) if about is None else about
+    slopes = [(rate(rest + _STEP * e) - rate(rest - _STEP * e)) / (2.0 * _STEP) for e in directions]
     jacobian = np.column_stack(slopes)
     return jacobian[:, :n], jacobian[:, n:]
 
@@ -174,13 +177,16 @@ class HandMade(Baseline, Generic[P]):
             observations: shape (n, obs_dim), SI units.
 
         Returns:
-            The controls, float32 of shape (n, 1).
+            The controls, float32 of shape (n, number of controls).
         """
         controls = self.control(np.asarray(observations, dtype=np.float64))
-        return controls.astype(np.float32)[:, None]
+        return controls.astype(np.float32).reshape(-1, len(self.plant_class.controls))
 
     def control(self, observations: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Controls in N or N m, shape (n,), of observations of shape (n, obs_dim)."""
+        """Controls in N or N m of observations of shape (n, obs_dim).
+
+        Their shape is (n,), or (n, number of controls) of several.
+        """
         raise NotImplementedError
 
     def saturated(self, control: NDArray[np.float64]) -> NDArray[np.float64]:

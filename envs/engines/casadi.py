@@ -77,13 +77,16 @@ class CasadiEngine(MappedEngine):
             self.solver_cap = self.settings[cap]
 
     def acceleration(self, q: Components, v: Components, force: Components) -> Components:
-        """By the expression that the integrator is made of."""
-        system, casadi = self.system, load("casadi", "casadi")
-        equations = _equations(system)
-        rates = casadi.Function("rates", [equations["x"], equations["p"]], [equations["ode"]])
-        losses = (0.0,) * len(system.no_losses)
-        found = rates([*q, *v, *losses], [force[place] for place in system.plant.actuated])
-        return tuple(np.array(found).ravel()[len(q) : 2 * len(q)].tolist())
+        """By CasADi's expression of it, with the force of stops and friction."""
+        from .casadi_ops import CasadiOps, plain
+
+        system, casadi, n, ops = self.system, load("casadi", "casadi"), len(q), CasadiOps()
+        given = casadi.SX.sym("given", 3 * n)
+        own_q, own_v, acting = (_expressions(given, k, n) for k in (0, n, 2 * n))
+        total = system.with_resistance(ops, own_q, own_v, acting)
+        found = [plain(x) for x in system.plant.acceleration(ops, own_q, own_v, total)]
+        evaluate = casadi.Function("acceleration", [given], [casadi.vertcat(*found)])
+        return tuple(np.array(evaluate([*q, *v, *force])).ravel().tolist())
 
     def move(
         self, ops: Ops, q: Components, v: Components, losses: Components, control: Components
@@ -96,18 +99,24 @@ class CasadiEngine(MappedEngine):
 
 def _equations(system: PlantSystem) -> dict[str, Any]:
     """(q, v, losses)' as CasADi's expression of (q, v, losses) and the controls."""
-    from .casadi_ops import CasadiOps, Expression, plain
+    from .casadi_ops import CasadiOps, plain
 
     casadi = load("casadi", "casadi")
-
     n = len(system.plant.coordinates)
     state = casadi.SX.sym("state", 2 * n + len(system.no_losses))
     control = casadi.SX.sym("control", len(system.plant.controls))
-    q, v = (tuple([Expression(state[i]) for i in range(k, k + n)]) for k in (0, n))
-    controls = tuple([Expression(control[i]) for i in range(control.numel())])
+    q, v = (_expressions(state, k, n) for k in (0, n))
+    controls = _expressions(control, 0, control.numel())
     acceleration, losses = system.rates(CasadiOps(), q, v, controls)
     slopes = [plain(x) for x in (*v, *acceleration, *losses)]
     return {"x": state, "p": control, "ode": casadi.vertcat(*slopes)}
+
+
+def _expressions(vector: Any, first: int, count: int) -> Components:
+    """Entries of a vector of symbols, as our arithmetic takes them."""
+    from .casadi_ops import Expression
+
+    return tuple([Expression(vector[i]) for i in range(first, first + count)])
 
 
 def _stepper(dae: dict[str, Any], integrator: str, dt: float, settings: Mapping[str, Any]) -> Run:

@@ -80,6 +80,8 @@ class PlantSystem:
         self._unresisted = self.no_losses[1:]
         self.no_losses = (*self.no_losses, *(0.0,) * self._carried)
         self._jacobian = getattr(plant, "jacobian", None)
+        lagging = getattr(plant, "lagging", ())
+        self._moving = [i for i in range(len(plant.coordinates)) if i not in lagging]
 
     def generalized(self, controls: Components) -> Components:
         """Controls as a generalized force, one entry per coordinate, of a plant where they are."""
@@ -92,8 +94,10 @@ class PlantSystem:
 
     def power(self, ops: Ops, q: Components, v: Components, controls: Components) -> Component:
         """Of the controls, W."""
-        force = self.forces(ops, q, v, controls)
-        return reduce(add, [f * x for f, x in zip(force, v, strict=True)])
+        return self._power_of(self.forces(ops, q, v, controls), v)
+
+    def _power_of(self, force: Components, v: Components) -> Component:
+        return reduce(add, [force[i] * v[i] for i in self._moving])
 
     def work(self, controls: Components, before: Components, after: Components) -> Component:
         """Of held controls between two configurations, J, by the coordinates that they drive.
@@ -159,7 +163,7 @@ class PlantSystem:
         plant = self.plant
         if self._carried:
             force = self.forces(ops, q, v, control)
-            power = reduce(add, [f * x for f, x in zip(force, v, strict=True)])
+            power = self._power_of(force, v)
             squares = () if self.servo is None else [force[k] * force[k] for k in plant.actuated]
             force, losses = self._resisted(ops, q, v, force)
             return plant.acceleration(ops, q, v, force), (*losses, power, *squares)

@@ -26,6 +26,10 @@ class Plant(Protocol):
       through the integrator's stages like the losses;
     - ``contacts``, a tuple of :class:`integ_gym.envs.plants.contact.ContactPoint`, of which the
       class attribute ``contact_names`` says the names;
+    - ``lagging``, indices of coordinates that stand for a first-order lag of a control: they have
+      neither mass nor energy, a generalized force on one is its acceleration and does no work;
+    - ``hands``, for play: what each of two hands adds to every control, in shares of its limits;
+    - ``velocity_units``, where they are not those of the coordinates per second;
     - ``dry_friction``, a :class:`integ_gym.envs.mechanics.Friction` or None;
     - ``mechanism``, a :class:`integ_gym.envs.mechanics.Mechanism`: without it, engines
       that move rigid bodies refuse the plant.

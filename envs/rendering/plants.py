@@ -11,7 +11,7 @@ import numpy as np
 from ..ops.ops import SCALAR
 from ..plants.interface import state_names, state_units
 from ..settings import Setup
-from ..tasks import NEAR_PLUMB, NEAR_UPRIGHT, wrap_angle
+from ..tasks import NEAR_PLUMB, NEAR_TARGET, NEAR_UPRIGHT, ROOM, wrap_angle
 from .canvas import BLUE, FAINT, GREEN, INK, MUTED, VERMILION, WHITE, Canvas, Point, polar, tint
 from .skeletons import SIZE
 
@@ -95,6 +95,28 @@ def draw_elastic_pendulum(
     canvas.disc(bob, 18.0, BLUE)
 
 
+def draw_quadrotor(
+    canvas: Canvas, setup: Setup, state: Sequence[float], controls: Sequence[float]
+) -> None:
+    """Room and target to scale, the body larger than that, and arrows with commanded thrusts."""
+    x, z, theta = state[0], state[2], state[4]
+    scale = 62.0
+    middle = (300.0 + scale * x, 200.0 - scale * z)
+    canvas.box((300.0, 200.0), (2.0 * ROOM * scale, 2.0 * ROOM * scale), 4.0, FAINT)
+    canvas.box((300.0, 200.0), (2.0 * ROOM * scale - 4.0, 2.0 * ROOM * scale - 4.0), 4.0, WHITE)
+    near = math.hypot(x, z) < NEAR_TARGET and abs(wrap_angle(SCALAR, theta)) < NEAR_UPRIGHT
+    canvas.disc((300.0, 200.0), 3.0 * NEAR_TARGET * scale, tint(GREEN, 0.3 if near else 0.12))
+    canvas.disc((300.0, 200.0), NEAR_TARGET * scale, tint(GREEN, 0.6))
+    for side, share in zip((-1.0, 1.0), shares_of_limits(controls, setup), strict=True):
+        rotor = polar(middle, side * 40.0, -theta - math.pi / 2)
+        canvas.line(middle, rotor, 7.0, INK)
+        _thrust(canvas, polar(rotor, 9.0, -theta), -theta, 62.0 * share)
+        hub = polar(rotor, 7.0, -theta)
+        ends = (polar(hub, end, -theta - math.pi / 2) for end in (-19.0, 19.0))
+        canvas.line(next(ends), next(ends), 4.0, BLUE)
+    canvas.disc(middle, 9.0, BLUE)
+
+
 def draw_state_in_words(
     canvas: Canvas, setup: Setup, state: Sequence[float], controls: Sequence[float]
 ) -> None:
@@ -121,6 +143,7 @@ DRAWINGS: dict[str, Drawing] = {
     "pendulum": Drawing((500, 500), draw_pendulum),
     "cart_pole": Drawing((600, 400), draw_cart_pole),
     "elastic_pendulum": Drawing((600, 400), draw_elastic_pendulum),
+    "quadrotor": Drawing((600, 400), draw_quadrotor),
 }
 """Plant name to drawing."""
 
@@ -171,6 +194,15 @@ def _force(canvas: Canvas, hinge: Point, share: float) -> None:
     if share:
         x = hinge[0] + math.copysign(29.0, share)
         canvas.arrow((x, hinge[1]), x + 44.0 * share, 9.0, VERMILION)
+
+
+def _thrust(canvas: Canvas, root: Point, angle: float, length: float) -> None:
+    """An arrow of a length in pixels; angle from upright, rad, positive to the left."""
+    head = min(14.0, length)
+    neck, tip = polar(root, length - head, angle), polar(root, length, angle)
+    canvas.line(root, neck, 4.0, VERMILION, rounded=False)
+    sides = [polar(neck, side * 0.5 * head, angle - math.pi / 2) for side in (-1.0, 1.0)]
+    canvas.polygon([tip, *sides], VERMILION)
 
 
 def _rod(canvas: Canvas, hinge: Point, tip: Point, width: float, plant: Any) -> None:

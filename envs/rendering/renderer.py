@@ -92,7 +92,7 @@ def control_labels(setup: Setup, controls: Sequence[float]) -> list[str]:
     parts = zip(setup.plant.controls, controls, setup.largest_controls, strict=True)
     for (name, unit), value, most in parts:
         digits = max(2, 1 - math.floor(math.log10(most)))
-        labels.append(f"{name} {format_signed(float(value), digits)} {unit}")
+        labels.append(f"{name.replace('_', ' ')} {format_signed(float(value), digits)} {unit}")
     return labels
 
 

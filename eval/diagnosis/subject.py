@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import numbers
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, fields, is_dataclass
 from typing import Any
 
@@ -133,8 +134,12 @@ _COARSEST = 10.0
 """hω above which a step is refused: then the oscillation passes between two instants unseen."""
 
 
+class NoRestError(InputError):
+    """A plant has no stable equilibrium without control, about which it could be diagnosed."""
+
+
 def subjects(env_id: str | None, plant: str | None, steps: Sequence[float]) -> list[Subject]:
-    """The plants to diagnose: of an environment, one by name, or all.
+    """The plants to diagnose: of an environment, one by name, or all that come to rest.
 
     Raises:
         ValueError: for an unknown environment or plant.
@@ -144,10 +149,12 @@ def subjects(env_id: str | None, plant: str | None, steps: Sequence[float]) -> l
     if env_id is not None:
         return [_subject(environment_class(env_id).task_class().plant, (env_id,), steps)]
     owners = {i: environment_class(i).task_class().plant for i in ENVIRONMENTS}
-    return [
-        _subject(name, tuple(i for i, owner in owners.items() if owner == name), steps)
-        for name in ((plant,) if plant is not None else PLANTS.names())
-    ]
+    found = []
+    for name in (plant,) if plant is not None else PLANTS.names():
+        with suppress(*([NoRestError] if plant is None else [])):
+            environments = tuple(i for i, owner in owners.items() if owner == name)
+            found.append(_subject(name, environments, steps))
+    return found
 
 
 def _subject(name: str, environments: tuple[str, ...], steps: Sequence[float]) -> Subject:
@@ -164,7 +171,7 @@ def _subject(name: str, environments: tuple[str, ...], steps: Sequence[float]) -
         ) from error
     frequency = float(rates[-1])
     if not frequency > 0.0:
-        raise InputError(
+        raise NoRestError(
             f"the plant {name!r} has no restoring force at rest; a diagnosis needs a plant that "
             "oscillates about a stable equilibrium"
         )
@@ -311,7 +318,7 @@ def rest_state(plant: Plant) -> Array:
     they stay small, so that none is taken for rest on the top of a hill.
 
     Raises:
-        ValueError: if it does not come to rest.
+        NoRestError: if it does not come to rest.
 
     Source: Kelley and Keyes (1998), *Convergence analysis of pseudo-transient continuation*, SIAM
     Journal on Numerical Analysis 35.
@@ -341,7 +348,7 @@ def rest_state(plant: Plant) -> Array:
         if away > 0.0:
             step = min(step, _FIRST / away)
         q = q + np.linalg.solve(np.eye(n) / step - slopes, pull)
-    raise InputError(
+    raise NoRestError(
         f"the plant {type(plant).__name__} does not come to rest without control; a diagnosis "
         "needs a plant with a stable equilibrium"
     )

@@ -417,8 +417,11 @@ def _read_traces(
     wanted = {(panel.row(r).policies[s].id, c, e): (r, c, s, e) for r, c, s, e in keys}
     names = store.query("DESCRIBE records").column("column_name").to_pylist()
     after = names[names.index("time") + 1 :]
-    states = itertools.takewhile(lambda name: not name.startswith("sensed_"), after)
-    motion = [name for name in states if not name.endswith("_dot")][:4]
+    states = list(itertools.takewhile(lambda name: not name.startswith("sensed_"), after))
+    motion = [name for name in states if not name.endswith("_dot")]
+    if panel.spec.get("env_id") in ENVIRONMENTS:
+        motion = [name for name in motion if f"{name}_dot" in states]
+    motion = motion[:4]
     control = [name for name in after if name.endswith("_applied")][:2]
     commands: list[str] = []
     if skeleton is not None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import math
+from collections.abc import Callable
 from typing import Any, Final, NamedTuple
 
 import gymnasium as gym
@@ -81,8 +82,9 @@ def describe_motors(setup: Setup) -> str:
 
 
 def _scene(setup: Setup) -> dict[str, Any] | None:
-    """Links of a mechanism, or a point that moves in a plane below the pivot of its spring."""
-    plant, task = setup.plant, setup.task
+    """Links of a mechanism, a point below the pivot of its spring, or a body that flies."""
+    plant: Any = setup.plant
+    task = setup.task
     mechanism = getattr(plant, "mechanism", None)
     links = [
         {
@@ -94,7 +96,8 @@ def _scene(setup: Setup) -> dict[str, Any] | None:
         for link in (mechanism.links if mechanism else ())
     ]
     swings = tuple(plant.coordinate_units) == ("m", "m") and hasattr(plant, "hanging_length")
-    if not links and not swings:
+    flies = tuple(plant.coordinate_units[:3]) == ("m", "m", "rad") and hasattr(plant, "arm")
+    if not links and not swings and not flies:
         return None
     rest = (0.0,) * len(plant.coordinates)
     goal = [_half_goal(setup, place) for place in range(len(rest))]
@@ -104,11 +107,18 @@ def _scene(setup: Setup) -> dict[str, Any] | None:
         pose = [
             0.5 * (half or 0.2) if angle else 0.0 for half, angle in zip(goal, angles, strict=True)
         ]
+    flyer = None
+    if flies:
+        room = _edge(lambda x: not task.terminated(SCALAR, (x, *rest[1:]), rest), _FARTHEST["m"])
+        flyer = {"arm": float(np.max(plant.arm)), "room": room or 5.0}
+        pose = [0.3 * (room or 0.0), 0.3 * (room or 0.0), -0.4, *pose[3:]]
+    moving = [name for name in plant.coordinates if f"{name}_dot" in plant.velocities]
     return {
-        "coordinates": list(plant.coordinates),
+        "coordinates": moving,
         "units": list(plant.coordinate_units),
         "links": links,
-        "bob": None if links else {"pivot": float(np.max(getattr(plant, "hanging_length", 0.0)))},
+        "bob": {"pivot": float(np.max(plant.hanging_length))} if swings else None,
+        "flyer": flyer,
         "clockwise": "counter-clockwise" not in plant.frame,
         "goal": goal,
         "pose": pose,
@@ -127,10 +137,16 @@ def _half_goal(setup: Setup, place: int) -> float | None:
     def is_there(distance: float) -> bool:
         return bool(at_goal(SCALAR, (*rest[:place], distance, *rest[place + 1 :]), rest))
 
-    inside, outside = 0.0, _FARTHEST.get(setup.plant.coordinate_units[place], 10.0)
-    if at_goal is None or not is_there(inside) or is_there(outside):
+    farthest = _FARTHEST.get(setup.plant.coordinate_units[place], 10.0)
+    return None if at_goal is None else _edge(is_there, farthest)
+
+
+def _edge(is_inside: Callable[[float], bool], outside: float) -> float | None:
+    """Up to which distance from zero something holds; None where not at zero, or far out still."""
+    inside = 0.0
+    if not is_inside(inside) or is_inside(outside):
         return None
     while outside - inside > 1e-9:
         middle = 0.5 * (inside + outside)
-        inside, outside = (middle, outside) if is_there(middle) else (inside, middle)
+        inside, outside = (middle, outside) if is_inside(middle) else (inside, middle)
     return round(inside, 6)

@@ -9,10 +9,11 @@ import pygame
 import pytest
 
 from integ_gym.cli import main
+from integ_gym.envs.registries import ENVIRONMENTS
 from integ_gym.eval.play import Game, Window
 
 PENDULUM = "IntegPendulum-v0"
-IDS = (PENDULUM, "IntegCartPole-v0", "IntegCartPoleSwingUp-v0", "IntegElasticPendulum-v0")
+IDS = tuple(ENVIRONMENTS)
 
 
 def advance(game: Game, seconds: float) -> None:
@@ -187,6 +188,22 @@ def test_the_discretization_changes_while_it_moves(screen):
     screen.frames(0.1)
     assert game.setup.settings.integrator == game.integrators[1]
     assert game.setup.settings.dt == 0.05
+
+
+def test_two_hands_fly_a_quadrotor(monkeypatch):
+    """One tilts, the other lifts; at rest both rotors are at the middle of their limits."""
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    screen = Screen("IntegQuadrotor-v0")
+    screen.frames(0.04)
+    assert screen.game.view().moment.controls == (3.0, 3.0)
+    press(pygame.K_RIGHT, pygame.K_w)
+    screen.frames(0.04)
+    assert screen.game.view().moment.controls == pytest.approx((3.96, 3.84))
+    press(pygame.K_RIGHT, pygame.K_w, kind=pygame.KEYUP)
+    press(pygame.K_s)
+    screen.frames(0.04)
+    assert screen.game.view().moment.controls == pytest.approx((2.1, 2.1))
+    screen.window.close()
 
 
 def test_the_command_says_what_came_of_it(monkeypatch, capsys):

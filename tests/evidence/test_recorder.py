@@ -16,6 +16,7 @@ from recording import CONTEXT, PENDULUM, made, play, recorded, run_out
 from integ_gym.envs.catalogue.pendulum import IntegPendulumEnv
 from integ_gym.envs.environment import environment_setup
 from integ_gym.envs.registries import ENVIRONMENTS
+from integ_gym.envs.transition import control_columns
 from integ_gym.evidence import recorder as recorder_module
 from integ_gym.evidence.episodes import EpisodeHeads, EpisodeLog, Layout
 from integ_gym.evidence.fields import PHASES
@@ -45,7 +46,7 @@ def test_records_are_what_stepping_gave(env_id, kind, tmp_path):
     setup = env.unwrapped.setup
     played = play(env, range(2))
     env.close()
-    control = setup.plant.controls[0][0]
+    columns = list(zip(setup.plant.controls, control_columns(setup.plant), strict=True))
     names = [f"sensed_{name}" for name in setup.task.observation_names]
     states = [name for pair in zip(setup.plant.coordinates, setup.plant.velocities, strict=True)
               for name in pair]  # fmt: skip
@@ -62,8 +63,8 @@ def test_records_are_what_stepping_gave(env_id, kind, tmp_path):
             "sensor_time": sensed,
             "reward": rewards,
             "work": infos["actuator_work"],
-            f"{control}_commanded": infos["commanded"],
-            f"{control}_applied": infos["control"],
+            **{f"{name}_commanded": infos[asked] for (name, _), (asked, _) in columns},
+            **{f"{name}_applied": infos[applied] for (name, _), (_, applied) in columns},
             **{name: infos[name] for name in own},
             **dict(zip(states, state.T, strict=True)),
             **dict(zip(names, observed.T, strict=True)),

@@ -8,10 +8,12 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
+from integ_gym.envs.transition import control_columns
 from integ_gym.train.baselines import make_baseline
 
 PENDULUM, CART_POLE = "IntegPendulum-v0", "IntegCartPole-v0"
 SWING_UP, ELASTIC = "IntegCartPoleSwingUp-v0", "IntegElasticPendulum-v0"
+QUADROTOR = "IntegQuadrotor-v0"
 TIGHT = {"integrator": "reference", "dt": 0.05, "start": "hanging"}
 EPISODES = 50
 
@@ -24,7 +26,7 @@ class Result(NamedTuple):
     """When the final stay at the goal began, s, of the episodes that succeeded."""
     returns: NDArray[np.float64]
     controls: NDArray[np.float64]
-    """Applied, shape (steps, episodes)."""
+    """Applied, of several the first, shape (steps, episodes)."""
 
 
 def setup_of(env_id: str, **arguments: Any) -> Any:
@@ -42,10 +44,11 @@ def play(env_id: str, policy: Any, episodes: int = EPISODES, **arguments: Any) -
     running = np.ones(episodes, dtype=bool)
     success, since = np.zeros(episodes, dtype=bool), np.zeros(episodes)
     returns, controls = np.zeros(episodes), []
+    _, applied = next(control_columns(setup.plant))
     for _ in range(setup.timing.horizon):
         observations, rewards, terminated, truncated, info = envs.step(policy.act(observations))
         returns += np.where(running, rewards, 0.0)
-        controls.append(info["control"])
+        controls.append(info[applied])
         ended = running & (terminated | truncated)
         success[ended], since[ended] = info["success"][ended], info["goal_since"][ended]
         running &= ~ended

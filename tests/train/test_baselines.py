@@ -10,10 +10,11 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium import spaces
-from playing import CART_POLE, ELASTIC, PENDULUM, SWING_UP, TIGHT, play, setup_of
+from playing import CART_POLE, ELASTIC, PENDULUM, QUADROTOR, SWING_UP, TIGHT, play, setup_of
 
 import integ_gym
 from integ_gym.envs.registries import TASKS
+from integ_gym.envs.transition import control_columns
 from integ_gym.train.baselines import (
     BASELINES,
     HANDMADE,
@@ -45,7 +46,7 @@ def test_protocol(env_id):
         assert policy.act(observations[:0]).shape[0] == 0
         if env_id != CART_POLE or name != "zero":
             assert actions.dtype == (np.int64 if env_id == CART_POLE else np.float32)
-            assert actions.shape == ((6,) if env_id == CART_POLE else (6, 1))
+            assert actions.shape == ((6, *env.action_space.shape))
             assert all(action in env.action_space for action in actions)
     (name,) = (name for name in HANDMADE.names() if type(setup.task) is TASKS.load(name))
     assert type(make_baseline("handmade", setup)) is HANDMADE.load(name)
@@ -61,12 +62,16 @@ def test_content_hash_covers_what_decides_the_actions(env_id):
     def hash_of(name, seed=0, **arguments):
         return make_baseline(name, setup_of(env_id, **arguments), seed=seed).content_hash
 
-    limit = {PENDULUM: "max_torque", CART_POLE: "force_mag"}.get(env_id, "max_force")
+    limits = {PENDULUM: "max_torque", CART_POLE: "force_mag", QUADROTOR: "max_thrust"}
+    limit = limits.get(env_id, "max_force")
     hashes = {hash_of(name) for name in BASELINES}
     assert len(hashes) == len(BASELINES)
-    changes: list[dict[str, Any]] = [{limit: 1.5}, {"mass": 2.0}, {"damping": 0.1}]
-    changes += [{"gravity": 9.0}, {"length": 2.0}, {"control_period": 0.1}]
-    changes += [{"stiffness": 50.0}] if env_id == ELASTIC else [{"mass_distribution": "point"}]
+    changes: list[dict[str, Any]] = [{limit: 1.5}, {"mass": 2.0}, {"damping": 0.2}]
+    changes += [{"gravity": 9.0}, {"control_period": 0.1}]
+    changes += {
+        ELASTIC: [{"stiffness": 50.0}, {"length": 2.0}],
+        QUADROTOR: [{"arm": 0.3}, {"inertia": 0.01}, {"motor_time_constant": None}],
+    }.get(env_id, [{"mass_distribution": "point"}, {"length": 2.0}])
     assert len({hash_of("handmade", **change) for change in changes} | hashes) == 3 + len(changes)
     assert hash_of("random", seed=1) not in hashes
     assert hash_of("handmade", integrator="explicit_euler") in hashes
@@ -140,12 +145,13 @@ def test_zero_never_acts(env_id, fallback):
     latency = 0.04 if fallback == "hold" else 0.0
     arguments = {"integrator": "rk4", "dt": 0.02, "action_latency": latency, "fallback": fallback}
     env = gym.make(env_id, **arguments)
-    policy = make_baseline("zero", env.unwrapped.setup)
+    setup = env.unwrapped.setup
+    policy, columns = make_baseline("zero", setup), list(control_columns(setup.plant))
     observation, _ = env.reset(seed=0)
     for _ in range(20):
         action = policy.act(observation[None])[0]
         observation, _, terminated, _, info = env.step(action)
-        assert info["control"] == 0.0
+        assert {info[applied] for _, applied in columns} == {0.0}
         assert info["fallback_used"] is True or env_id != CART_POLE
         assert info["actuator_work"] == 0.0
         if terminated:
@@ -155,7 +161,7 @@ def test_zero_never_acts(env_id, fallback):
 @pytest.mark.parametrize("name", ["random", "zero"])
 def test_no_skill_does_not_succeed(name):
     assert play(PENDULUM, name, 20, **(TIGHT | {"integrator": "rk4"})).success == 0.0
-    for env_id in (CART_POLE, SWING_UP, ELASTIC):
+    for env_id in (CART_POLE, SWING_UP, ELASTIC, QUADROTOR):
         assert play(env_id, name, 10, integrator="rk4").success == 0.0
 
 

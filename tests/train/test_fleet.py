@@ -22,6 +22,7 @@ from stable_baselines3.common.logger import Logger
 from integ_gym.envs.environment import environment_setup
 from integ_gym.envs.registries import ENVIRONMENTS
 from integ_gym.evidence.labels import EpisodeContext
+from integ_gym.evidence.recomputing import recompute
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.support.executors import ClusterError
 from integ_gym.train.command import training_command as main
@@ -437,3 +438,15 @@ def test_safetensors_that_are_none_are_refused(tmp_path):
     damaged.write_bytes(save({"a": np.zeros(1)}, {"format": FORMAT, "activation": "Tanh"}))
     with pytest.raises(PolicyFileError, match="does not describe a policy"):
         read_safetensors(damaged)
+
+
+def test_training_episodes_that_end_early_come_out_again(tmp_path):
+    """Several controls, and times between the seconds that float32 holds."""
+    config = small_run("IntegQuadrotor-v0", total_steps=1024, trace_every=1)
+    context = EpisodeContext("run", "cell", phase="training", trace_every=1, training_seed=0)
+    train_chunk([config], [TrainingEvidence(tmp_path, "batch", context)])
+    named = list(EvidenceStore(tmp_path).named_records())
+    assert len({record["length"] for _, record in named}) > 3
+    for name, record in named:
+        assert {"left_thrust_commanded", "right_thrust_applied"} <= set(record.trace)
+        assert list(recompute(record, name)) == []

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from playing import CART_POLE, ELASTIC, PENDULUM, SWING_UP, TIGHT, play
+from playing import CART_POLE, ELASTIC, PENDULUM, QUADROTOR, SWING_UP, TIGHT, play
 
 pytest.importorskip("scipy")
 
@@ -43,6 +43,16 @@ SUCCEEDS: list[tuple[str, dict[str, Any]]] = [
             {"integrator": "implicit_euler", "dt": 0.05},
             {"stiffness": 100.0, "damping": 0.1},
             {"control_period": 0.1},
+        )
+    ),
+    *(
+        (QUADROTOR, {"integrator": "reference", "dt": 0.02} | given)
+        for given in (
+            {},
+            {"motor_time_constant": None},
+            {"integrator": "explicit_euler"},
+            {"integrator": "implicit_euler", "dt": 0.04},
+            {"mass": 0.5, "arm": 0.15, "inertia": 0.004, "damping": 0.0},
         )
     ),
     *(

@@ -459,10 +459,11 @@ class _Trainer:
 
     def _new(self) -> learning.Learner:
         configs = self._configs
-        task = self._mixtures[0].setups[0].task
-        noise = None if task.discrete else [config.log_std_init for config in configs]
+        setup = self._mixtures[0].setups[0]
+        outputs = setup.task.discrete or setup.action_size
+        noise = None if setup.task.discrete else [config.log_std_init for config in configs]
         seeds = [config.seed for config in configs]
-        stack = learning.initial_stack(seeds, self._kind.sizes, task.discrete or 1, noise)
+        stack = learning.initial_stack(seeds, self._kind.sizes, outputs, noise)
         lane_seeds = np.array([config.first_lane_seed for config in configs], dtype=np.uint32)
         return self._program.begin(stack, jax.vmap(jax.random.key)(lane_seeds), self._params)
 

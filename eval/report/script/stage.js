@@ -7,11 +7,11 @@ class Stage {
     Object.assign(this, { carried, scene, trace });
     const track = scene.links.some((link) => link.joint === "slide") ? this.trackHalf() : 0;
     this.reach = scene.bob ? scene.bob.pivot : scene.links.reduce((sum, l) => sum + l.length, 0);
-    const half = (scene.bob ? 0.75 : 1.22) * this.reach;
+    const half = scene.flyer ? 1.04 * scene.flyer.room : (scene.bob ? 0.75 : 1.22) * this.reach;
     const wide = Math.max(half, track + 0.35);
     const middle = scene.bob ? -0.5 * this.reach : 0;
     // What never hangs needs no room below.
-    const below = !scene.bob && scene.pose.every((x) => Math.abs(x) < 1) ? 0.3 * half : half;
+    const below = scene.links.length && scene.pose.every((x) => Math.abs(x) < 1) ? 0.3 * half : half;
     const box = [-wide, middle - half, 2 * wide, half + below];
     this.unit = 0.01 * half;
     this.svg = draw("svg", { class: "stage", viewBox: box.join(" "), "aria-hidden": "true" });
@@ -19,15 +19,16 @@ class Stage {
     this.trail = Array.from({ length: TRAIL }, (_, k) => draw("circle", {
       class: "trail", r: 2.4 * this.unit, opacity: (0.5 * (1 - k / TRAIL)).toFixed(2),
     }));
-    this.pushes = scene.controls.map(() => draw("path", { class: "push", "stroke-width": 4 * this.unit }));
+    this.pushes = scene.controls.map(() => draw("path", { class: "push", "stroke-width": (scene.flyer ? 2 : 4) * this.unit }));
     this.parts = scene.links.map((link) => this.part(link));
     if (scene.bob) {
       this.spring = draw("polyline", { class: "spring", "stroke-width": 2 * this.unit });
       this.bob = draw("circle", { class: "rod", r: 9 * this.unit, "stroke-width": 0 });
       this.parts = [this.spring, this.bob];
     }
+    if (scene.flyer) this.parts = [this.body()];
     this.svg.append(...(trace ? this.trail : []), ...this.parts, ...this.pushes);
-    this.svg.append(draw("circle", { class: "hinge", r: scene.bob ? 0 : 3.4 * this.unit }));
+    this.svg.append(draw("circle", { class: "hinge", r: scene.links.length ? 3.4 * this.unit : 0 }));
     this.hinge = this.svg.lastChild;
   }
 
@@ -36,8 +37,26 @@ class Stage {
     return this.scene.goal[place] || 2.4;
   }
 
+  // Larger than to scale, with a rotor at either end.
+  body() {
+    const { unit } = this;
+    const span = this.span = Math.max(2 * this.scene.flyer.arm, 14 * unit);
+    const blade = (x) => `M${x - 0.45 * span} ${-4 * unit}h${0.9 * span}`;
+    return draw("g", {},
+      draw("path", { class: "rod", "stroke-width": 3 * unit, d: `M${-span} 0H${span}` }),
+      draw("path", { class: "track", "stroke-width": 1.5 * unit, d: blade(-span) + blade(span) }),
+      draw("circle", { class: "rod", r: 4 * unit, "stroke-width": 0 }));
+  }
+
   ground(track, half) {
     const { scene, unit, svg } = this;
+    if (scene.flyer) {
+      const { room } = scene.flyer;
+      const frame = { x: -room, y: -room, width: 2 * room, height: 2 * room };
+      svg.append(draw("rect", { class: "ring", ...frame, "stroke-width": unit }));
+      svg.append(draw("circle", { class: "goal", r: scene.goal[0] }));
+      return;
+    }
     const hinge = scene.links.findIndex((link) => link.joint === "hinge");
     if (track) {
       svg.append(draw("path", { class: "track", d: `M${-track} 0H${track}`, "stroke-width": unit }));
@@ -99,13 +118,16 @@ class Stage {
   }
 
   tip(q) {
-    return this.scene.bob ? [q[0], -q[1]] : this.poses(q).at(-1).tip;
+    return this.scene.links.length ? this.poses(q).at(-1).tip : [q[0], -q[1]];
   }
 
   // A still picture at these coordinates, each control at a share of its limit.
   pose(q, shares) {
     if (this.scene.bob) {
       this.placeBob(q);
+    } else if (this.scene.flyer) {
+      this.parts[0].setAttribute("transform",
+        `translate(${q[0]} ${-q[1]}) rotate(${(q[2] * 180) / Math.PI})`);
     } else {
       const poses = this.poses(q);
       this.parts.forEach((part, place) => {
@@ -140,6 +162,7 @@ class Stage {
     const { scene } = this;
     const size = Math.max(-1, Math.min(1, share));
     if (Math.abs(size) < 0.02) return "";
+    if (scene.flyer) return this.thrust(q, place === scene.actuated[0] ? -1 : 1, size);
     if (scene.bob || scene.links[place].joint === "slide") {
       const [x, y] = scene.bob ? this.tip(q) : this.poses(q)[place].from;
       const tip = x + 0.6 * this.reach * size;
@@ -155,6 +178,16 @@ class Stage {
     const back = b - side * 0.16;
     return `M${on(a, r)}A${r} ${r} 0 0 ${side > 0 ? 1 : 0} ${on(b, r)}` +
       `M${on(back, 0.84 * r)}L${on(b, r)}L${on(back, 1.16 * r)}`;
+  }
+
+  // Of the rotor at one side of the body.
+  thrust([x, z, turn], side, size) {
+    const { unit, span } = this;
+    const on = (along, up) => [x + along * Math.cos(turn) + up * Math.sin(turn),
+      -z + along * Math.sin(turn) - up * Math.cos(turn)].join(" ");
+    const [foot, top, head] = [6 * unit, (6 + 30 * size) * unit, 4 * unit];
+    return `M${on(side * span, foot)}L${on(side * span, top)}` +
+      `M${on(side * span - head, top - head)}L${on(side * span, top)}L${on(side * span + head, top - head)}`;
   }
 
   show(time) {

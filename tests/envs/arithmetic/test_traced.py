@@ -42,7 +42,8 @@ def _given(setup, rng, action):
     """What a step takes beside its state."""
     drawn = rng.random((2, *np.shape(action)))
     numbers = tuple(drawn if np.ndim(action) else drawn.tolist())
-    return (*(numbers,) * setup.timing.drawn, (action,))
+    entries = tuple(action / (1 + k) for k in range(setup.action_size))
+    return (*(numbers,) * setup.timing.drawn, entries)
 
 
 def _actions(setup, rng, shape):

@@ -17,6 +17,7 @@ from integ_gym.envs.ops.compiling import compile_trace
 from integ_gym.envs.ops.dialects import SCALARS
 from integ_gym.envs.ops.jax_ops import JaxOps
 from integ_gym.envs.ops.ops import ARRAY, SCALAR, Ops
+from integ_gym.envs.plants.interface import controls_of
 from integ_gym.envs.registries import PLANTS
 
 LANES = 7
@@ -64,10 +65,10 @@ def _cases(owner, rough, count):
 def _advance(ops, owner, integrator, case):
     """Three steps of lanes that differ in parameters, state, control and dt."""
     parameters, q, v, control, dt = case
-    system = PlantSystem(owner(**parameters))
-    system.rates(ops, q, v, (control,))  # derived parameters are computed here, not inside a trace
+    system, controls = PlantSystem(owner(**parameters)), controls_of(owner, control)
+    system.rates(ops, q, v, controls)  # derived parameters are computed here, not inside a trace
     engine = NativeEngine(system, integrator, dt)
-    return engine.advance(ops, q, v, (((control,), 3),), None)
+    return engine.advance(ops, q, v, ((controls, 3),), None)
 
 
 def _flat(motion):

@@ -240,13 +240,14 @@ def test_balance_succeeds_only_by_lasting():
 @pytest.mark.parametrize("where", ["speed", "stiff step"])
 def test_divergence_ends_the_episode_and_never_pays(env_id, where):
     stiff = {"stiffness": 1e9} if env_id == "IntegElasticPendulum-v0" else {"gravity": 1e6}
-    arguments = {} if where == "speed" else stiff
+    flies, fast = env_id == "IntegQuadrotor-v0", where == "speed"
+    arguments = {"damping": 0.0} if fast else stiff
     env = gym.make(env_id, integrator="explicit_euler", dt=0.05, **arguments)
     n = env.unwrapped.setup.plant.coordinates
     state = np.zeros(2 * len(n))
     state[-2] = 1.0 if env_id == "IntegPendulum-v0" else 0.1
-    if where == "speed":
-        state[1] = DIVERGENCE_SPEED - 1e-9
+    if fast:
+        state[3 if flies else 1] = (1e-9 - DIVERGENCE_SPEED) * (1.0 if flies else -1.0)
     env.reset(options={"state": state})
     action = 1 if env_id == "IntegCartPole-v0" else env.action_space.high
     obs, reward, terminated, truncated, info = env.step(action)

@@ -46,7 +46,8 @@ def _parameters(owner, span, smooth=False):
 def _actions(space):
     if isinstance(space, gym.spaces.Discrete):
         return st.one_of(st.integers(0, int(space.n) - 1), st.sampled_from([np.nan, np.inf]))
-    return st.floats(allow_nan=True, allow_infinity=True).map(lambda x: np.array([x]))
+    entry, size = st.floats(allow_nan=True, allow_infinity=True), space.shape[0]
+    return st.lists(entry, min_size=size, max_size=size).map(np.array)
 
 
 def _finite(values):

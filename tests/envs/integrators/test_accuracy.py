@@ -16,6 +16,7 @@ import integ_gym
 from integ_gym.envs.engines.stepping import NativeEngine, PlantSystem
 from integ_gym.envs.numerics.energy import ledger
 from integ_gym.envs.ops.ops import SCALAR, join_state
+from integ_gym.envs.plants.interface import controls_of
 from integ_gym.envs.registries import PLANTS
 
 PERIOD = 0.05
@@ -65,7 +66,7 @@ def test_inner_steps_of_the_reference_are_as_stated():
         system = Counting(PLANTS.load(plant)())
         engine = NativeEngine(system, "reference", float(period))
         q, v = (tuple(float(x) for x in values.split(",")) for values in (q, v))
-        motion = engine.advance(SCALAR, q, v, (((0.5,), 1),), None)
+        motion = engine.advance(SCALAR, q, v, ((controls_of(system.plant, 0.5), 1),), None)
         assert motion.iterations == int(inner)
         assert system.evaluations == int(evaluations) == STAGES * int(inner)
 

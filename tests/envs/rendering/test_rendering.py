@@ -11,6 +11,7 @@ import pygame
 import pytest
 
 from integ_gym.envs.environment import environment_setup
+from integ_gym.envs.plants.interface import controls_of
 from integ_gym.envs.registries import ENVIRONMENTS
 from integ_gym.envs.rendering import renderer as rendering
 from integ_gym.envs.rendering.canvas import BLUE, VERMILION
@@ -18,12 +19,18 @@ from integ_gym.envs.rendering.plants import DRAWINGS
 from integ_gym.envs.rendering.renderer import Renderer
 
 PENDULUM, CART_POLE, ELASTIC = "IntegPendulum-v0", "IntegCartPole-v0", "IntegElasticPendulum-v0"
-STATES = dict.fromkeys(ENVIRONMENTS, (0.3, 0.1, 0.1, 1.0)) | {PENDULUM: (0.7, 2.0)}
+QUADROTOR = "IntegQuadrotor-v0"
+STATES = {
+    **dict.fromkeys(ENVIRONMENTS, (0.3, 0.1, 0.1, 1.0)),
+    PENDULUM: (0.7, 2.0),
+    QUADROTOR: (0.3, 0.1, 0.1, 1.0, 0.4, 0.0, 0.0, 1.0, 0.0, 2.0),
+}
 
 
 def _draw(env_id, state, control=0.0, **arguments):
-    renderer = Renderer(environment_setup(env_id, arguments), "rgb_array", 20)
-    return renderer.draw(np.array(state), (control,), 0.0)
+    setup = environment_setup(env_id, arguments)
+    renderer = Renderer(setup, "rgb_array", 20)
+    return renderer.draw(np.array(state), controls_of(setup.plant, control), 0.0)
 
 
 def _is_colour(frame, colour):
@@ -63,12 +70,13 @@ def test_pictures_repeat_exactly_whatever_was_drawn_before(env_id, monkeypatch):
     before, state = pygame.display.get_init(), np.array(STATES[env_id])
     setup = environment_setup(env_id, {})
     used, other = (Renderer(setup, "rgb_array", 20) for _ in range(2))
-    used.draw(-state, (-1.0,), 2.0)
-    first = other.draw(state, (1.0,), 0.5)
+    pushed = controls_of(setup.plant, 1.0)
+    used.draw(-state, controls_of(setup.plant, -1.0), 2.0)
+    first = other.draw(state, pushed, 0.5)
     other.close()
-    np.testing.assert_array_equal(first, used.draw(state, (1.0,), 0.5))
+    np.testing.assert_array_equal(first, used.draw(state, pushed, 0.5))
     assert pygame.display.get_init() == before
-    assert used.draw(np.full(len(state), -3e38), (1.0,), 0.0).shape == first.shape
+    assert used.draw(np.full(len(state), -3e38), pushed, 0.0).shape == first.shape
 
 
 @pytest.mark.parametrize("mass_distribution", ["uniform", "point"])
@@ -99,6 +107,14 @@ def test_bob_is_where_it_is():
     for x, y in ((0.0, 0.0), (0.6, 0.1), (-0.4, 0.5)):
         bob = _centroid(_draw(ELASTIC, (x, 0.0, y, 0.0)))
         assert bob == pytest.approx((300.0 + scale * x, 300.0 - scale * y), abs=1.0)
+
+
+@pytest.mark.parametrize("theta", [0.0, 0.5, -2.0])
+def test_quadrotor_is_where_it_is_and_thrusts_along_its_axis(theta):
+    frame = _draw(QUADROTOR, (1.0, 0.0, 0.5, 0.0, theta, 0.0, 0.0, 0.0, 0.0, 0.0), 4.0)
+    (x, y), (arrow_x, arrow_y) = (_centroid(frame, colour) for colour in (BLUE, VERMILION))
+    assert math.hypot(x - 362.0, y - 169.0) < 8.0
+    assert math.atan2(arrow_x - 362.0, 169.0 - arrow_y) == pytest.approx(theta, abs=0.05)
 
 
 def test_unknown_plant_gets_its_state_in_words(monkeypatch):

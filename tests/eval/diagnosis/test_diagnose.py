@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from examining import RESTING
 from house import ROOT, page_blocks
 from planted import Falling, Hill, Slider
 
@@ -18,7 +19,8 @@ from integ_gym.cli import main
 from integ_gym.envs.numerics.stepping import advance
 from integ_gym.envs.plants.elastic_pendulum import ElasticPendulum
 from integ_gym.envs.plants.pendulum import Pendulum
-from integ_gym.envs.registries import INTEGRATORS, PLANTS
+from integ_gym.envs.plants.quadrotor import Quadrotor
+from integ_gym.envs.registries import INTEGRATORS
 from integ_gym.eval.diagnosis import drift, identity, run
 from integ_gym.eval.diagnosis.bench import Bench
 from integ_gym.eval.diagnosis.contact import impact_of
@@ -193,7 +195,7 @@ def test_theory_is_what_the_class_itself_declares():
     assert theory_of("planted:Boaster") is theory_of("no_such_module:Class") is None
 
 
-@pytest.mark.parametrize("name", PLANTS.names())
+@pytest.mark.parametrize("name", RESTING)
 def test_rest_is_an_equilibrium(name):
     (subject,) = subjects(None, name, [])
     moved = advance("reference", subject.plant, subject.rest, 1.0)
@@ -215,13 +217,13 @@ def test_a_stiff_spring_does_not_hide_a_slow_swing(stiffness):
     np.testing.assert_allclose(rest, np.zeros(4), rtol=0.0, atol=1e-6)
 
 
-@pytest.mark.parametrize("plant", [Falling(), Hill()])
+@pytest.mark.parametrize("plant", [Falling(), Hill(), Quadrotor()])
 def test_what_never_rests_is_refused(plant):
     with pytest.raises(ValueError, match="does not come to rest without control"):
         rest_state(plant)
 
 
-@pytest.mark.parametrize("name", PLANTS.names())
+@pytest.mark.parametrize("name", RESTING)
 def test_analytic_impact_is_what_the_plant_does(name):
     """Penetration and rebound of one impact, against the motion followed to rounding."""
     (subject,) = subjects(None, name, [])

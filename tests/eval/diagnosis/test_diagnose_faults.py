@@ -8,7 +8,7 @@ import mutants
 import numpy as np
 import planted
 import pytest
-from examining import examine, verdicts
+from examining import RESTING, examine, verdicts
 from plant_checks import damped
 
 from integ_gym.envs import tasks as _box
@@ -22,7 +22,7 @@ from integ_gym.eval.diagnosis import control, identity
 from integ_gym.eval.diagnosis.subject import subjects
 
 
-@pytest.mark.parametrize("name", PLANTS.names())
+@pytest.mark.parametrize("name", RESTING)
 def test_any_wrong_sign_or_number_in_a_plant_is_seen(name):
     owner, rest = PLANTS.load(name), subjects(None, name, [])[0].rest
     states = identity.states_around(rest)
@@ -143,7 +143,7 @@ def test_an_oscillation_that_grows_where_one_step_says_it_does_not(tmp_path, mon
     assert verdicts(findings, "small oscillation, factor") == {False}
 
 
-@pytest.mark.parametrize("plant", PLANTS.names())
+@pytest.mark.parametrize("plant", RESTING)
 def test_slow_and_fast_growth_of_own_integrators_is_seen(plant, tmp_path):
     """Heun's method grows by (hω)⁴ / 8 per step alone."""
     findings = examine("stiffness", plant, "planted:Heun", "planted:Silent", store=tmp_path)
@@ -152,7 +152,7 @@ def test_slow_and_fast_growth_of_own_integrators_is_seen(plant, tmp_path):
 
 def test_commands_that_are_not_cut(tmp_path, monkeypatch):
     def uncut(self, ops, action):
-        return command(self, ops, action)._replace(control=action)
+        return command(self, ops, action)._replace(controls=action)
 
     command = open_loop.OpenLoop.command
     monkeypatch.setattr(open_loop.OpenLoop, "command", uncut)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from examining import examine, lines, verdicts
+from examining import RESTING, examine, lines, verdicts
 
 from integ_gym.envs.engines.stepping import NativeEngine
 from integ_gym.envs.numerics import stepping
 from integ_gym.envs.numerics.accuracy import independent_motion
 from integ_gym.envs.numerics.stepping import advance
-from integ_gym.envs.registries import INTEGRATORS, PLANTS, TRUTH
+from integ_gym.envs.registries import INTEGRATORS, TRUTH
 from integ_gym.eval.diagnosis import control
 from integ_gym.eval.diagnosis.subject import subjects
 from integ_gym.evidence.store import EvidenceStore
@@ -27,7 +27,7 @@ def test_the_order_of_every_integrator_is_judged_and_right(place, tmp_path, monk
     `test_accuracy.py`; here it is asked whether a section finds and judges them.
     """
     monkeypatch.setattr(control, "success", lambda *arguments: None)
-    section, plant = WITH_ORDERS[place % len(WITH_ORDERS)], PLANTS.names()[-1 - place % 3]
+    section, plant = WITH_ORDERS[place % len(WITH_ORDERS)], RESTING[-1 - place % 3]
     findings = examine(section, plant, NAMES[place], TRUTH, store=tmp_path)
     judged = [f for f in findings if f.order_steps]
     for finding in judged:
@@ -37,7 +37,7 @@ def test_the_order_of_every_integrator_is_judged_and_right(place, tmp_path, monk
     assert all(f.holds for f in findings if f.integrator == TRUTH)
 
 
-@pytest.mark.parametrize("plant", PLANTS.names())
+@pytest.mark.parametrize("plant", RESTING)
 def test_truth_is_known_to_the_same_digits_by_scipy(plant):
     (subject,) = subjects(None, plant, [])
     controls = np.sin(np.arange(30.0))

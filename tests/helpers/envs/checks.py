@@ -25,6 +25,7 @@ from integ_gym.envs.numerics.energy import ledger
 from integ_gym.envs.numerics.identity import declared
 from integ_gym.envs.numerics.stepping import fastest_rate, linear_map, probe_state
 from integ_gym.envs.ops.ops import SCALAR, join_state, split_state
+from integ_gym.envs.plants.interface import controls_of
 from integ_gym.envs.plants.pendulum import Pendulum
 from integ_gym.envs.registries import INTEGRATORS, PLANTS
 
@@ -68,7 +69,9 @@ def registered_plants(**arguments):
 
 
 def constant_mass_plants():
-    return [plant for plant in registered_plants() if plant.constant_mass_matrix]
+    """Of those whose motion without control is conservative."""
+    plants = [plant for plant in registered_plants() if not hasattr(plant, "input_forces")]
+    return [plant for plant in plants if plant.constant_mass_matrix]
 
 
 def elliptic_pendulum(amplitude: float, frequency: float, time: float) -> tuple[float, float]:
@@ -84,14 +87,15 @@ def elliptic_pendulum(amplitude: float, frequency: float, time: float) -> tuple[
 
 def solved(plant, state, duration, control=0.0):
     """State at the end and (work, dissipated) by scipy's DOP853 at rounding."""
-    n = len(plant.coordinates)
-    force = tuple(control if i == plant.actuated[0] else 0.0 for i in range(n))
+    n, system = len(plant.coordinates), PlantSystem(plant)
+    controls = controls_of(plant, control)
 
     def rates(_, y):
         q, v = tuple(y[:n]), tuple(y[n : 2 * n])
+        force = system.forces(SCALAR, q, v, controls)
         return (
             *v, *plant.acceleration(SCALAR, q, v, force),
-            control * v[plant.actuated[0]], plant.dissipation(SCALAR, q, v),
+            system.power(SCALAR, q, v, controls), plant.dissipation(SCALAR, q, v),
         )  # fmt: skip
 
     q, v = split_state(tuple(state))
@@ -161,7 +165,8 @@ def check_solver(integrator: str) -> None:
             start = probe_state(plant) + 0.3 * rng.standard_normal(2 * n)
             q, v = split_state(tuple(start.tolist()))
             h, u = float(rng.uniform(0.1, 0.6)) / rate, float(rng.uniform(-2.0, 2.0))
-            step = stepper.step(SCALAR, system, q, v, (0.0,), (u,), h)
+            controls = controls_of(plant, u)
+            step = stepper.step(SCALAR, system, q, v, system.no_losses, controls, h)
             assert step.converged, plant.name
             assert step.residual <= TOLERANCE
             assert 1 <= step.iterations <= CAP
@@ -174,8 +179,10 @@ def implicit_defect(integrator: str, system, q, v, step, u, h):
     """v₁ minus what the method's equation gives for it from (q₀, v₀), written out by hand."""
     q0, v0, q1, v1 = (np.array(x) for x in (q, v, step.q, step.v))
 
+    controls = controls_of(system.plant, u)
+
     def acceleration(q, v):
-        return np.array(system.rates(SCALAR, tuple(q.tolist()), tuple(v.tolist()), (u,))[0])
+        return np.array(system.rates(SCALAR, tuple(q.tolist()), tuple(v.tolist()), controls)[0])
 
     name = next(
         n for n in NEWTON if isinstance(INTEGRATORS.load(integrator)(), INTEGRATORS.load(n))

@@ -67,7 +67,8 @@ def _compare(env_id, arguments, steps, lanes):
         if isinstance(space, gym.spaces.Discrete):
             action = rng.integers(space.n, size=lanes)
         else:
-            action = rng.uniform(1.5 * space.low, 1.5 * space.high, (lanes, 1)).astype(np.float32)
+            beyond, shape = 0.25 * (space.high - space.low), (lanes, *space.shape)
+            action = rng.uniform(space.low - beyond, space.high + beyond, shape).astype(np.float32)
             action[0, 0] = np.nan
         observation, reward, terminated, truncated, info = vector.step(action)
         state = advance(state, action, jax.random.key(step), env.default_params)

@@ -41,10 +41,17 @@ def _elastic_pendulum(p, q, v):
     return [[p.mass, 0.0], [0.0, p.mass]], forces, p.damping * (v[0] ** 2 + v[1] ** 2)
 
 
+def _quadrotor(p, q, v):
+    mass = np.diag([p.mass, p.mass, p.inertia, 0.0, 0.0])
+    forces = [0.0, -p.mass * p.gravity, 0.0, 0.0, 0.0]
+    return mass, forces, p.damping * (v[0] ** 2 + v[1] ** 2)
+
+
 CLOSED_FORMS = {
     "pendulum": _pendulum,
     "cart_pole": _cart_pole,
     "elastic_pendulum": _elastic_pendulum,
+    "quadrotor": _quadrotor,
 }
 """Mass matrix, generalized forces at rest and dissipated power of every plant, by hand."""
 
@@ -97,15 +104,19 @@ def check_equations_of_motion(plant) -> None:
 
     d/dt ∂L/∂v − ∂L/∂q = F − ½ ∂D/∂v, all derivatives taken numerically from energy(q, v) and
     dissipation(q, v); the mass matrix is the energy's second derivative, and the Jacobian, where
-    given, is the acceleration's. The energy is zero at rest at the bottom, unless the plant needs
-    the ground for one; then the gaps' slopes are the contacts' normal rows.
+    given, is the acceleration's. The energy is zero at rest at the bottom, or of a plant that
+    flies, at its frame's origin, unless it needs the ground; then the gaps' slopes are the
+    contacts' normal rows. A force on a lagging coordinate is its acceleration.
     """
     n, contacts = len(plant.coordinates), getattr(plant, "contacts", ())
+
+    def at_rest(q):
+        return plant.energy(SCALAR, tuple(q), (0.0,) * n)
+
     if not contacts:
-        bottom = minimize(
-            lambda q: plant.energy(SCALAR, tuple(q), (0.0,) * n), probe_state(plant)[0::2]
-        )
-        assert abs(bottom.fun) < 1e-9, bottom.fun
+        flies = hasattr(plant, "lagging")
+        bottom = (0.0,) * n if flies else minimize(at_rest, probe_state(plant)[0::2]).x
+        assert abs(at_rest(bottom)) < 1e-9
     assert len(contacts) == len(getattr(plant, "contact_names", ()))
     rng = np.random.default_rng(2)
     for _ in range(8):
@@ -132,7 +143,8 @@ def _lagrange(plant, q, v, force):
     by_q = _gradient(plant, here[None])[0, :n]
     drag = 0.5 * jacobian(lambda z: _along(plant.dissipation, z)[:, None], here)[0, n:]
     # L = T - V with E = T + V, so ∂L/∂q = ∂E/∂q - 2 ∂V/∂q
-    return mass, np.linalg.solve(mass, force - drag + (by_q - 2.0 * rest) - twist @ v)
+    massless = np.diag([float(i in getattr(plant, "lagging", ())) for i in range(n)])
+    return mass, np.linalg.solve(mass + massless, force - drag + (by_q - 2.0 * rest) - twist @ v)
 
 
 def _gap(contact, points):

@@ -10,6 +10,9 @@ from integ_gym.eval.diagnosis.run import SECTIONS
 from integ_gym.eval.diagnosis.subject import subjects
 from integ_gym.evidence.store import EvidenceStore
 
+RESTING = tuple(subject.name for subject in subjects(None, None, []))
+"""Plants that come to rest without control, which can be diagnosed."""
+
 
 def examine(section: str, plant: str, *integrators: str, steps=(), store: Path) -> list[Finding]:
     """Findings of a section; its records are committed to a store."""

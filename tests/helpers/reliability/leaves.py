@@ -414,7 +414,9 @@ def zip_leaves(run: Path) -> list[Leaf]:
         place = f"data:{_place(keys, ())}"
         if keys[-1] == _SERIALIZED:
             leaves.append(Leaf(kind, f"pickle in {place}", "pickle", path, ("data", *keys)))
-        leaves += [Leaf(kind, place, x, path, ("data", *keys)) for x in changes_of(value, keys)]
+        for x in changes_of(value, keys):  # what is added describes a value, and is none
+            told = f"{place}.*" if x == "key added" else place
+            leaves.append(Leaf(kind, told, x, path, ("data", *keys)))
     return leaves
 
 
