@@ -493,8 +493,10 @@ def box_action(action: Any, count: int) -> tuple[float, ...]:
     Raises:
         ValueError: if the action does not have shape (count,).
     """
+    if type(action) is np.ndarray and action.dtype.kind == "f" and action.shape == (count,):
+        return tuple(action.tolist())
     try:
-        values = action.tolist() if type(action) is np.ndarray else [*action]
+        values = [*action]
         if len(values) != count or isinstance(action, _NO_ACTIONS):
             raise TypeError
         for value in values:

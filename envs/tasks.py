@@ -96,13 +96,20 @@ FLOAT32_ROUNDING = 1e-6
 
 def saturate(ops: Ops, action: Components, limits: Limits) -> Command:
     """``action`` within limits; one at a limit counts, as policies clip to it in float32."""
-    share, pairs = 1.0 - FLOAT32_ROUNDING, list(zip(action, limits, strict=True))
+    pairs = list(zip(action, limits, strict=True))
     finite = [ops.isfinite(value) for value in action]
-    at_limits = [(value <= low * share) | (value >= high * share) for value, (low, high) in pairs]
+    at_limits = [_is_at_limit(value, *ends) for value, ends in pairs]
     valid = ops.assume_true(reduce(and_, finite))
     within = [ops.maximum(low, ops.minimum(value, high)) for value, (low, high) in pairs]
     controls = tuple([ops.where(valid, value, 0.0) for value in within])
     return Command(controls, valid, valid & reduce(or_, at_limits))
+
+
+def _is_at_limit(value: Component, low: Component, high: Component) -> Component:
+    share = 1.0 - FLOAT32_ROUNDING
+    if isinstance(high, float) and low == -high:  # one comparison in place of two
+        return abs(value) >= high * share
+    return (value <= low * share) | (value >= high * share)
 
 
 class BoxTask:

@@ -406,7 +406,7 @@ class IntegVectorEnv(DiscretizedVectorEnv):
             values[ignored] = 0.0
         count = self.setup.task.discrete
         if count is None:
-            return tuple(values.T)
+            return (values[:, 0],) if values.shape[1] == 1 else tuple(values.T)
         if getattr(actions, "dtype", _FLOATS).kind in "biu":
             known = actions.astype(np.uint64) < count  # what is negative becomes large
             known[ignored] = True
