@@ -51,7 +51,7 @@ class CommandQueue:
             self._episode += 1
         self._stream = stream_of_episode(self._seeded, ARRIVAL, self._episode)
         memory = self._timing.memory
-        self._commands = (self._idle,) * (memory + 1)
+        self._commands = ((self._idle,),) * (memory + 1)
         self._arrivals = (0.0,) * memory
         self.info = dict(OF_COMMANDS) if self._timing.drawn else {}
 
@@ -63,14 +63,14 @@ class CommandQueue:
         """
         timing = self._timing
         numbers = tuple(self._stream.random(2).tolist()) if timing.drawn else NOT_LATE
-        commands = (command, *self._commands)
+        commands = ((command,), *self._commands)
         under_way = commands, (False,) * len(commands), self._arrivals
-        asked = Command(command, True, False)
+        asked = Command((command,), True, False)
         orders = draw_arrival(SCALAR, timing, under_way, asked, None, numbers)
         self._commands, self._arrivals = orders.commands, orders.arrivals
         if timing.drawn:
             self.info = {"command_held": orders.held, "command_latency": orders.latency}
-        return [(acting, int(steps)) for acting, steps in orders.acting if steps]
+        return [(acting, int(steps)) for (acting,), steps in orders.acting if steps]
 
 
 class Delayed(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs):

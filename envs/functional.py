@@ -22,7 +22,7 @@ from .settings import WEIGHT, Mixture, Setup
 from .starts import ARRIVAL, GivenNumbers
 from .transition import EnvState, Outcome, initial_state, sensed_state, step_info, transition
 
-OPTIONAL = ("stops", "dry_friction")
+OPTIONAL = ("stops", "dry_friction", "speed_limits")
 """Parts of a plant that it may lack, which decides the program."""
 
 __all__ = ["FunctionalEnv", "Params", "make", "start_range"]

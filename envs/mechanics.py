@@ -125,10 +125,12 @@ class Link:
         coordinate: name of the joint's coordinate.
         joint: ``"slide"`` along +x, or ``"hinge"`` about +y, which turns +z towards +x.
         mass: kg.
-        centre: from the joint to the centre of mass along the link's own z axis, m.
+        centre: from the joint to the centre of mass along the link's own z axis, m; below zero of
+            a link that hangs where its coordinate is 0.
         inertia: about the centre of mass and y, kg m^2; 0 for a point mass.
         damping: viscous, at the joint, N s/m or N m s/rad.
         limit: where the joint has stops by an engine's own law, m or rad to either side; or None.
+        length: from the joint to the next along the link's own z axis, or to its end, m.
     """
 
     coordinate: str
@@ -138,13 +140,14 @@ class Link:
     inertia: Component
     damping: Component
     limit: Component | None = None
+    length: Component = 0.0
 
 
 @dataclass(frozen=True)
 class Mechanism:
     """Links from the ground up, each hung on the joint of the one before; the first on the ground.
 
-    Joint coordinates are the plant's, in its order: a hinge at 0 has its link upright.
+    Joint coordinates are the plant's, in its order: where all hinges are at 0, all z axes point up.
 
     Attributes:
         links: in the order of the plant's coordinates.
@@ -153,6 +156,11 @@ class Mechanism:
 
     links: tuple[Link, ...]
     gravity: Component
+
+    @property
+    def offsets(self) -> Components:
+        """Where each joint is on the link before, or on the ground, along its z axis, m."""
+        return (0.0, *[link.length for link in self.links[:-1]])
 
     def stopped(self, coordinate: int, limit: Component) -> Mechanism:
         """The same with stops on the joint of a coordinate, at ±``limit``."""

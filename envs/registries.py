@@ -16,6 +16,7 @@ PLANTS: Final = Registry(
     "plant",
     "acceleration",
     {
+        "acrobot": "integ_gym.envs.plants.double_pendulum:Acrobot",
         "cart_pole": "integ_gym.envs.plants.cart_pole:CartPole",
         "elastic_pendulum": "integ_gym.envs.plants.elastic_pendulum:ElasticPendulum",
         "pendulum": "integ_gym.envs.plants.pendulum:Pendulum",
@@ -65,6 +66,8 @@ TASKS: Final = Registry(
     "task",
     "reward",
     {
+        "acrobot_reach": "integ_gym.envs.catalogue.acrobot:AcrobotReach",
+        "acrobot_swing_up": "integ_gym.envs.catalogue.acrobot_swing_up:AcrobotSwingUp",
         "cart_pole_balance": "integ_gym.envs.tasks:CartPoleBalance",
         "cart_pole_swing_up": "integ_gym.envs.tasks:CartPoleSwingUp",
         "elastic_pendulum_quiet": "integ_gym.envs.tasks:ElasticPendulumQuiet",
@@ -108,6 +111,8 @@ TESTBEDS: Final = Registry(
 """Testbeds of other libraries' tasks, ``"library:task"``; each is made from the task's name."""
 
 ENVIRONMENTS: Final = {
+    "IntegAcrobot-v0": "integ_gym.envs.catalogue.acrobot:IntegAcrobot",
+    "IntegAcrobotSwingUp-v0": "integ_gym.envs.catalogue.acrobot_swing_up:IntegAcrobotSwingUp",
     "IntegCartPole-v0": "integ_gym.envs.catalogue.cart_pole:IntegCartPole",
     "IntegCartPoleSwingUp-v0": "integ_gym.envs.catalogue.cart_pole_swing_up:IntegCartPoleSwingUp",
     "IntegElasticPendulum-v0": "integ_gym.envs.catalogue.elastic_pendulum:IntegElasticPendulum",
@@ -117,6 +122,8 @@ ENVIRONMENTS: Final = {
 """Environment id to module and common stem of its `Env` and `VectorEnv` class."""
 
 DEFAULT_DECISIONS: Final = {
+    "IntegAcrobot-v0": 500,
+    "IntegAcrobotSwingUp-v0": 1000,
     "IntegCartPole-v0": 500,
     "IntegCartPoleSwingUp-v0": 500,
     "IntegElasticPendulum-v0": 500,

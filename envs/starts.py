@@ -13,10 +13,11 @@ import numpy.typing as npt
 from integ_gym.support.errors import InputError
 from integ_gym.support.parameters import unknown_name
 
+from .engines.stepping import DIVERGENCE_SPEED
 from .ops.ops import ARRAY, FLOAT32_MAX, Component, Components, leaves_of, rows_of, split_state
 from .plants.interface import state_names
 from .settings import Setup
-from .transition import EnvState, initial_state, top_speed
+from .transition import EnvState, initial_state
 
 Array = npt.NDArray[Any]
 
@@ -102,13 +103,18 @@ def parse_members(members: Any, shape: tuple[int, ...], count: int) -> Array:
 
 def is_possible(setup: Setup, start: Components) -> Component:
     """Whether a start is finite and not faster than a motion may be; components in state order."""
-    fastest = top_speed(setup)
     fine: Component = True
     for x in start[0::2]:
         fine = fine & (abs(x) <= FLOAT32_MAX)
-    for v in start[1::2]:
-        fine = fine & (abs(v) <= fastest)
+    for v, most in zip(start[1::2], _fastest(setup), strict=True):
+        fine = fine & (abs(v) <= most)
     return fine
+
+
+def _fastest(setup: Setup) -> Components:
+    """Largest magnitude of each velocity that a start may have."""
+    limits = setup.system.speed_limits or (DIVERGENCE_SPEED,) * len(setup.plant.velocities)
+    return tuple([np.minimum(limit, DIVERGENCE_SPEED) for limit in limits])
 
 
 def parse_state(setup: Setup, state: Any) -> Components:
@@ -134,8 +140,9 @@ def parse_state(setup: Setup, state: Any) -> Components:
 
 def _checked_size(setup: Setup, start: Components) -> Components:
     if not is_possible(setup, start):
+        speeds = " and ".join(dict.fromkeys(f"{np.max(x):g}" for x in _fastest(setup)))
         raise InputError(
-            f"a start state must be finite, with speeds up to {top_speed(setup):g}, got {start}; "
+            f"a start state must be finite, with speeds up to {speeds}, got {start}; "
             "mend the reset option `state` or the start's bounds"
         )
     return start

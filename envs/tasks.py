@@ -43,7 +43,10 @@ class Task(Protocol):
     goal: ClassVar[str]
     """Success in words, with numbers and units."""
     goal_stay: ClassVar[float]
-    """How long the goal must have held, without a break, when the episode ends, s."""
+    """How long the goal must have held, without a break, when the episode ends, s.
+
+    Where a class attribute ``ends_at_goal`` is true, it is the goal that terminates the episode.
+    """
     observation_names: ClassVar[tuple[str, ...]]
     observation_units: ClassVar[tuple[str, ...]]
 

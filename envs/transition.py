@@ -360,6 +360,10 @@ def _outcome(
     stayed = after.steps * timing.control_period - after.goal_since
     rounding = max(1e-9, 64.0 * ops.epsilon)
     reached = (after.goal_since >= 0.0) & (stayed >= task.goal_stay * (1.0 - rounding))
+    if getattr(task, "ends_at_goal", False):
+        success = ops.assume_false(failed) & reached
+    else:
+        success = ops.assume_false(truncated) & (reached & _negated(terminated))
     period, squares = timing.control_period, _mean_squares(orders.acting, timing.substeps)
     if motion.efforts:
         squares = tuple([ops.where(ok, x, 0.0) / period for x in motion.squares])
@@ -372,7 +376,7 @@ def _outcome(
         reward=ops.where(ok, earned, worst),
         terminated=terminated,
         truncated=truncated,
-        success=ops.assume_false(truncated) & (reached & _negated(terminated)),
+        success=success,
         sampled=newer if timing.sight[0] else _sampled(orders, ok),
         work=work,
         dissipated=dissipated,

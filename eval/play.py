@@ -127,7 +127,8 @@ class Game:
         self._amounts["energy"].append(info["energy"])
         if terminated:
             blown = info["solver_status"] == "diverged"
-            self.ended = "the numbers blew up" if blown else "the task is lost"
+            ended = "the goal is reached" if info["success"] else "the task is lost"
+            self.ended = "the numbers blew up" if blown else ended
         elif truncated:
             self.ended = "a day is over"
 

@@ -466,14 +466,19 @@ def course_of(record: EvidenceRecord) -> Course | None:
     if there[-1]:
         since = float(time[away[-1] + 1]) if away.size else float(time[0])
     over = setup.task.terminated(ARRAY, tuple(x[-1:] for x in q), tuple(x[-1:] for x in v))
-    terminated = bool(np.any(over)) or fields["solver_status"] == "diverged"
+    ended, diverged = bool(np.any(over)), fields["solver_status"] == "diverged"
+    terminated = ended or diverged
     truncated = fields["length"] >= setup.timing.horizon
+    if getattr(setup.task, "ends_at_goal", False):
+        lasted = ended and not diverged
+    else:
+        lasted = truncated and not terminated
     stayed = since is not None and time[-1] - since >= setup.task.goal_stay * (1.0 - 1e-4)
     return Course(
         reached=float(time[arrived[0]]) if arrived.size else None,
         left=float(time[left[-1]]) if left.size else None,
         since=since,
-        success=truncated and stayed and not terminated,
+        success=lasted and stayed,
         terminated=terminated,
         truncated=truncated,
     )

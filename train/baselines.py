@@ -181,6 +181,8 @@ HANDMADE = Registry(
     "hand-made controller",
     "act",
     {
+        "acrobot_reach": "integ_gym.train.acrobot:AcrobotPump",
+        "acrobot_swing_up": "integ_gym.train.acrobot:AcrobotEnergyShaping",
         "cart_pole_balance": "integ_gym.train.controllers:BangBangRegulator",
         "cart_pole_swing_up": "integ_gym.train.controllers:CartPoleEnergyShaping",
         "elastic_pendulum_quiet": "integ_gym.train.controllers:SwingRegulator",

@@ -32,7 +32,7 @@ API = {
         ),
     ),
     "catalogue": (
-        "The four environments",
+        "The environments",
         "Each one's contract: state, observation, action, rates, units, reward, arguments, `info`.",
         (),
     ),

@@ -37,8 +37,8 @@ class DartEngine(RigidBodyEngine):
         dart = load("dartpy", "dart")
         self._skeleton = dart.dynamics.Skeleton(self.system.plant.name)
         body = None
-        for link in self.mechanism.links:
-            body = self._hang(dart.dynamics, body, link)
+        for link, offset in zip(self.mechanism.links, self.mechanism.offsets, strict=True):
+            body = self._hang(dart, body, link, offset)
         self._world = dart.simulation.World()
         self._world.setTimeStep(self.dt)
         self._world.setGravity((0.0, 0.0, -self.mechanism.gravity))
@@ -101,15 +101,18 @@ class DartEngine(RigidBodyEngine):
 
         return run
 
-    def _hang(self, dynamics: Any, parent: Any, link: Link) -> Any:
+    def _hang(self, dart: Any, parent: Any, link: Link, offset: float) -> Any:
         """Hang a link on a body, or on the ground where that is None; its own body."""
         kind, axis = _JOINTS[link.joint]
         create = getattr(self._skeleton, f"create{kind}JointAndBodyNodePair")
         joint, body = create() if parent is None else create(parent)
+        place = dart.math.Isometry3()
+        place.set_translation((0.0, 0.0, offset))
+        joint.setTransformFromParentBodyNode(place)
         joint.setAxis(axis)
         joint.setDampingCoefficient(0, link.damping)
         moments = moment(link) * np.eye(3)
-        body.setInertia(dynamics.Inertia(link.mass, (0.0, 0.0, link.centre), moments))
+        body.setInertia(dart.dynamics.Inertia(link.mass, (0.0, 0.0, link.centre), moments))
         if link.limit is not None:
             joint.setPositionLowerLimit(0, -link.limit)
             joint.setPositionUpperLimit(0, link.limit)

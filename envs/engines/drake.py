@@ -397,8 +397,8 @@ class DrakeEngine(RigidBodyEngine):
             plant.set_sap_near_rigid_threshold(self.settings["sap_near_rigid_threshold"])
             self.settings = {"sap_near_rigid_threshold": plant.get_sap_near_rigid_threshold()}
         parent = plant.world_frame()
-        for link in self.mechanism.links:
-            parent = _hang(plant, parent, link)
+        for link, offset in zip(self.mechanism.links, self.mechanism.offsets, strict=True):
+            parent = _hang(plant, parent, link, offset)
         plant.mutable_gravity_field().set_gravity_vector((0.0, 0.0, -self.mechanism.gravity))
         plant.Finalize()
 
@@ -448,9 +448,12 @@ class DrakeEngine(RigidBodyEngine):
         return rest_serves(self._plant, self.integrator, self.dt, self.settings["accuracy"])
 
 
-def _hang(plant: Any, parent: Any, link: Link) -> Any:
-    """Hang a link on a frame; its own frame."""
+def _hang(plant: Any, parent: Any, link: Link, offset: float) -> Any:
+    """Hang a link on a frame, so far along its z axis; its own frame."""
     tree = load("pydrake.multibody.tree", "drake")
+    if offset:
+        place = load("pydrake.math", "drake").RigidTransform((0.0, 0.0, offset))
+        parent = plant.AddFrame(tree.FixedOffsetFrame(f"{link.coordinate}_joint", parent, place))
     inertia = tree.RotationalInertia(link.inertia, link.inertia, link.inertia)
     body = plant.AddRigidBody(
         link.coordinate,

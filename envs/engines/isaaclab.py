@@ -14,7 +14,7 @@ import numpy as np
 from integ_gym.support.isolated import ISOLATED, Worker
 
 from ..mechanics import Link, Mechanism
-from ..ops.ops import Components
+from ..ops.ops import Component, Components
 from .rigid import Array, LanesEngine, moment
 from .simulator import Run
 
@@ -37,10 +37,11 @@ def usd(mechanism: Mechanism) -> str:
     """
     parts = [_body("ground", 1.0, 0.0, 1.0), _joint("Fixed", "ground_joint", None, "ground")]
     parent = "ground"
-    for link in mechanism.links:
+    for link, offset in zip(mechanism.links, mechanism.offsets, strict=True):
         turns = link.joint == "hinge"
         inertia = max(moment(link), LEAST_INERTIA) if turns else link.mass  # which never turns
-        parts += [_body(link.coordinate, link.mass, link.centre, inertia), _moving(link, parent)]
+        parts += [_body(link.coordinate, link.mass, link.centre, inertia)]
+        parts += [_moving(link, parent, offset)]
         parent = link.coordinate
     return (
         f'#usda 1.0\n(\n    defaultPrim = "{ROOT}"\n    kilogramsPerUnit = 1\n'
@@ -60,15 +61,17 @@ def _body(name: str, mass: object, centre: object, inertia: object) -> str:
     )
 
 
-def _moving(link: Link, parent: str) -> str:
+def _moving(link: Link, parent: str, offset: Component) -> str:
     kind, axis = _JOINTS[link.joint]
     per_degree = pi / 180.0 if link.joint == "hinge" else 1.0
+    place = f"        point3f physics:localPos0 = (0, 0, {offset!r})\n" if offset else ""
     return _joint(
         kind,
         f"{link.coordinate}_joint",
         parent,
         link.coordinate,
         f'        uniform token physics:axis = "{axis}"\n'
+        f"{place}"
         f"        float newton:damping = {link.damping * per_degree!r}\n",
     )
 

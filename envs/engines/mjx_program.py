@@ -29,11 +29,11 @@ def numbers(mechanism: Mechanism, dt: Component, stop: Sequence[Component]) -> l
     """What a program's model is made of.
 
     Args:
-        mechanism: four numbers for each link are taken from it.
+        mechanism: five numbers for each link are taken from it.
         dt: step, s.
         stop: of a limited joint, the limit and the inverse of its inertia at 0; else empty.
     """
-    links = [(x.mass, x.centre, x.inertia, x.damping) for x in mechanism.links]
+    links = [(x.mass, x.centre, x.inertia, x.damping, x.length) for x in mechanism.links]
     return [dt, mechanism.gravity, *(number for link in links for number in link), *stop]
 
 
@@ -53,7 +53,7 @@ def program_of(
     """
     ones = (1.0,) * 4
     links = tuple(
-        Link(x.coordinate, x.joint, *ones, None if x.limit is None else 1.0)
+        Link(x.coordinate, x.joint, *ones, None if x.limit is None else 1.0, 1.0)
         for x in mechanism.links
     )
     settings = tuple(sorted(solver.items()))
@@ -133,12 +133,13 @@ class Program:
 
     def _model_of(self, values: Array) -> Any:
         model, joint = jax.tree.map(_own, self._model), self._stopped
-        end = 2 + 4 * self.dof
-        mass, centre, inertia, damping = values[2:end].reshape(-1, 4).T
+        end = 2 + 5 * self.dof
+        mass, centre, inertia, damping, length = values[2:end].reshape(-1, 5).T
         inertia = jnp.maximum(inertia, LEAST_SHARE * mass * centre**2)
         down = jnp.array([0.0, 0.0, -1.0])
         model = model.replace(
             opt=model.opt.replace(timestep=values[0], gravity=values[1] * down),
+            body_pos=model.body_pos.at[2:, 2].set(length[:-1]),
             body_mass=model.body_mass.at[1:].set(mass),
             body_ipos=model.body_ipos.at[1:, 2].set(centre),
             body_inertia=model.body_inertia.at[1:].set(inertia[:, None]),

@@ -115,7 +115,7 @@ class NewtonEngine(MujocoSettings, WarpEngine):
         """As many equal worlds; inertias are kept as they are given."""
         one, all_of_them = self._builder(), self._builder()
         axes, parent, joints = self._newton.Axis, -1, []
-        for link in mechanism.links:
+        for link, offset in zip(mechanism.links, mechanism.offsets, strict=True):
             body = one.add_link(
                 mass=link.mass,
                 com=self._warp.vec3(0.0, 0.0, link.centre),
@@ -126,6 +126,7 @@ class NewtonEngine(MujocoSettings, WarpEngine):
             joint = add(
                 parent,
                 body,
+                parent_xform=self._warp.transform((0.0, 0.0, offset), self._warp.quat_identity()),
                 axis=axes.X if slides else axes.Y,
                 damping=link.damping,
                 armature=0.0,

@@ -83,9 +83,10 @@ class ArticulatedBodies:
         self._model = pin.Model()
         self._model.gravity.linear = np.array([0.0, 0.0, -mechanism.gravity])
         joint = 0
-        for link in mechanism.links:
+        for link, offset in zip(mechanism.links, mechanism.offsets, strict=True):
             kind = getattr(pin, _JOINTS[link.joint])()
-            joint = self._model.addJoint(joint, kind, pin.SE3.Identity(), link.coordinate)
+            place = pin.SE3(np.eye(3), np.array([0.0, 0.0, offset]))
+            joint = self._model.addJoint(joint, kind, place, link.coordinate)
             centre = np.array([0.0, 0.0, link.centre])
             body = pin.Inertia(link.mass, centre, link.inertia * np.eye(3))
             self._model.appendBodyToJoint(joint, body, pin.SE3.Identity())

@@ -164,7 +164,8 @@ class RigidBodyEngine(ForeignEngine):
     def straight(self) -> bool:
         """Whether nothing is booked between steps but work, and damping that is told with them."""
         system = self.system
-        if system.steep or system.max_speed is not None or system.engine_stops is not None:
+        limited = system.speed_limits is not None or system.engine_stops is not None
+        if system.steep or limited:
             return False
         return not self._damped or (self.tells_speeds and self._map_losses_of is not None)
 
@@ -325,7 +326,7 @@ def mjcf(mechanism: Mechanism, dt: float, integrator: str, history: int = 0) -> 
         integrator: MuJoCo's name.
         history: of so many steps, the last, the data keeps the velocities of the start.
     """
-    bodies = "".join(map(_opening, mechanism.links))
+    bodies = "".join(map(_opening, mechanism.links, mechanism.offsets))
     sensors = "".join(
         f'<jointvel joint="{link.coordinate}" nsample="{history}"/>'
         for link in mechanism.links
@@ -340,11 +341,11 @@ def mjcf(mechanism: Mechanism, dt: float, integrator: str, history: int = 0) -> 
     )
 
 
-def _opening(link: Link) -> str:
+def _opening(link: Link, offset: Component) -> str:
     inertia, limit = max(moment(link), LEAST_INERTIA), link.limit
     ends = "" if limit is None else f'limited="true" range="{-limit!r} {limit!r}" '
     return (
-        f'<body name="{link.coordinate}">'
+        f'<body name="{link.coordinate}" pos="0 0 {offset!r}">'
         f'<joint name="{link.coordinate}" type="{link.joint}" axis="{_AXES[link.joint]}" '
         f'{ends}damping="{link.damping!r}"/>'
         f'<inertial pos="0 0 {link.centre!r}" mass="{link.mass!r}" '
@@ -378,9 +379,9 @@ def urdf(mechanism: Mechanism) -> str:
         mechanism: with numbers as parameters.
     """
     parts, parent = [_body("ground", 0.0, 0.0, 0.0)], "ground"
-    for link in mechanism.links:
+    for link, offset in zip(mechanism.links, mechanism.offsets, strict=True):
         parts += [_body(link.coordinate, link.mass, link.centre, link.inertia)]
-        parts += [_joint(link, parent)]
+        parts += [_joint(link, parent, offset)]
         parent = link.coordinate
     return f'<robot name="mechanism">{"".join(parts)}</robot>'
 
@@ -393,12 +394,13 @@ def _body(name: str, mass: float, centre: float, inertia: float) -> str:
     )
 
 
-def _joint(link: Link, parent: str) -> str:
+def _joint(link: Link, parent: str, offset: Component) -> str:
     kinds, ends = {"slide": "prismatic", "hinge": "continuous"}, 'lower="0" upper="-1"'
     if link.limit is not None:
         kinds["hinge"], ends = "revolute", f'lower="{-link.limit!r}" upper="{link.limit!r}"'
     return (
         f'<joint name="{link.coordinate}_joint" type="{kinds[link.joint]}">'
+        f'<origin xyz="0 0 {offset!r}"/>'
         f'<parent link="{parent}"/><child link="{link.coordinate}"/>'
         f'<axis xyz="{_AXES[link.joint]}"/><limit {ends} effort="0" velocity="0"/>'
         f'<dynamics damping="{link.damping!r}" friction="0"/></joint>'

@@ -108,15 +108,16 @@ class SapienEngine(RigidBodyEngine):
         builder = scene.create_articulation_builder()
         body = builder.create_link_builder()
         body.set_mass_and_inertia(1.0, sapien.Pose(), [1.0, 1.0, 1.0])
-        for link in mechanism.links:
+        for link, offset in zip(mechanism.links, mechanism.offsets, strict=True):
             body = builder.create_link_builder(body)
             inertia = max(link.inertia, SMALLEST_INERTIA * link.mass)
             centre = sapien.Pose([0.0, 0.0, link.centre])
             body.set_mass_and_inertia(link.mass, centre, [inertia] * 3)
             axis = sapien.Pose(q=_AXES[link.joint])
+            place = sapien.Pose([0.0, 0.0, offset], _AXES[link.joint])
             limit = inf if link.limit is None else link.limit
             body.set_joint_properties(
-                _KINDS[link.joint], [[-limit, limit]], axis, axis, friction=0.0,
+                _KINDS[link.joint], [[-limit, limit]], place, axis, friction=0.0,
                 damping=link.damping,
             )  # fmt: skip
         articulation = builder.build(fix_root_link=True)

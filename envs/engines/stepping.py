@@ -6,7 +6,7 @@ import copy
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Mapping
 from functools import reduce
-from math import isfinite
+from math import inf, isfinite
 from operator import add
 from types import MappingProxyType
 from typing import Any, ClassVar, NamedTuple, Protocol, Self
@@ -32,11 +32,13 @@ class PlantSystem:
 
     Args:
         plant: the continuous-time plant.
-        max_speed: largest magnitude of each velocity component, rad/s or m/s, or None.
+        max_speed: largest magnitude of each velocity component, rad/s or m/s, or None: the plant's
+            own limits, where it has some.
         engine_stops: whether the stops are left to the engine.
         servo: where the controls are its targets, else None.
 
     Attributes:
+        speed_limits: largest magnitude of each velocity, or None.
         stops: the plant's stops, or None where there are none of ours.
         engine_stops: the plant's stops where the engine has them act by its own law, else None.
         contacts: the plant's contact points, with the names of its `contact_names`.
@@ -59,6 +61,11 @@ class PlantSystem:
     ) -> None:
         self.plant = plant
         self.max_speed = max_speed
+        own = getattr(plant, "speed_limits", None)
+        limits = own if max_speed is None else (max_speed,) * len(plant.velocities)
+        self.speed_limits: Components | None = limits and tuple(
+            [inf if limit is None else limit for limit in limits]
+        )
         stops: Stops | None = getattr(plant, "stops", None)
         self.stops = None if engine_stops else stops
         self.engine_stops = stops if engine_stops else None
@@ -204,10 +211,11 @@ class PlantSystem:
         return by_q, by_v
 
     def limit(self, ops: Ops, v: Components) -> Components:
-        """``v`` with each component within ±max_speed."""
-        if self.max_speed is None:
+        """``v`` with each component within its limit."""
+        if self.speed_limits is None:
             return v
-        return tuple([ops.maximum(-self.max_speed, ops.minimum(x, self.max_speed)) for x in v])
+        pairs = zip(v, self.speed_limits, strict=True)
+        return tuple([ops.maximum(-most, ops.minimum(x, most)) for x, most in pairs])
 
     def kinks(self, ops: Ops, q: Components, v: Components, control: Component) -> tuple[Kink, ...]:
         """Where the accelerations have a kink: at the nearer stop, and at contact points."""
@@ -622,7 +630,7 @@ class SteppedEngine(ABC):
             ) = motion  # fmt: skip
             q, raw, losses, iterations, residual, solved, bump = move(ops, q0, v0, losses, control)
             v = raw
-            if system.max_speed is not None:
+            if system.speed_limits is not None:
                 v = system.limit(ops, raw)
                 clipped = clipped + (system.energy(ops, q, raw) - system.energy(ops, q, v))
             if stops is not None:

@@ -30,6 +30,8 @@ class Plant(Protocol):
       neither mass nor energy, a generalized force on one is its acceleration and does no work;
     - ``hands``, for play: what each of two hands adds to every control, in shares of its limits;
     - ``velocity_units``, where they are not those of the coordinates per second;
+    - ``speed_limits``, the largest magnitude of each velocity or None, where no ``max_speed`` is
+      given; or None;
     - ``dry_friction``, a :class:`integ_gym.envs.mechanics.Friction` or None;
     - ``mechanism``, a :class:`integ_gym.envs.mechanics.Mechanism`: without it, engines
       that move rigid bodies refuse the plant.

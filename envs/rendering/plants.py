@@ -117,6 +117,28 @@ def draw_quadrotor(
     canvas.disc(middle, 9.0, BLUE)
 
 
+def draw_double_pendulum(
+    canvas: Canvas, setup: Setup, state: Sequence[float], controls: Sequence[float]
+) -> None:
+    """Both links to scale, the line that the tip is to pass, and an arc arrow with each torque."""
+    upper, lower = math.pi + state[0], math.pi + state[0] + state[2]
+    lengths = [float(np.max(getattr(setup.plant, name))) for name in ("length_1", "length_2")]
+    hinge, scale = (250.0, 250.0), 200.0 / sum(lengths)
+    elbow = polar(hinge, scale * lengths[0], upper)
+    if getattr(setup.task, "ends_at_goal", False):
+        height = hinge[1] - scale * lengths[0]
+        canvas.line((20.0, height), (480.0, height), 2.0, GREEN)
+    shares = shares_of_limits(controls, setup)
+    joints = ((hinge, upper), (elbow, lower))
+    for place, share in zip(setup.plant.actuated, shares, strict=True):
+        _torque(canvas, *joints[place], share)
+    canvas.line(hinge, elbow, 18.0, MUTED)
+    canvas.line(elbow, polar(elbow, scale * lengths[1], lower), 18.0, BLUE)
+    for joint in (hinge, elbow):
+        canvas.disc(joint, 7.0, WHITE)
+        canvas.disc(joint, 4.0, INK)
+
+
 def draw_state_in_words(
     canvas: Canvas, setup: Setup, state: Sequence[float], controls: Sequence[float]
 ) -> None:
@@ -140,6 +162,8 @@ ROBOT = "robot's skeleton"
 
 DRAWINGS: dict[str, Drawing] = {
     ROBOT: Drawing(SIZE, draw_robot),
+    "acrobot": Drawing((500, 500), draw_double_pendulum),
+    "two_joint_arm": Drawing((500, 500), draw_double_pendulum),
     "pendulum": Drawing((500, 500), draw_pendulum),
     "cart_pole": Drawing((600, 400), draw_cart_pole),
     "elastic_pendulum": Drawing((600, 400), draw_elastic_pendulum),

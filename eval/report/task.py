@@ -90,8 +90,10 @@ def _scene(setup: Setup) -> dict[str, Any] | None:
         {
             "joint": link.joint,
             "point": float(np.max(link.inertia)) == 0.0,
-            # A uniform link is twice as long as its centre is far.
-            "length": float(np.max(link.centre)) * (2.0 if np.max(link.inertia) else 1.0),
+            # Below zero of one that hangs at zero. A uniform link is twice as long as its centre is
+            # far.
+            "length": float(np.max(link.length))
+            or float(np.max(link.centre)) * (2.0 if np.max(link.inertia) else 1.0),
         }
         for link in (mechanism.links if mechanism else ())
     ]

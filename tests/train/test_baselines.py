@@ -10,7 +10,18 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium import spaces
-from playing import CART_POLE, ELASTIC, PENDULUM, QUADROTOR, SWING_UP, TIGHT, play, setup_of
+from playing import (
+    ACROBOT,
+    ACROBOT_UP,
+    CART_POLE,
+    ELASTIC,
+    PENDULUM,
+    QUADROTOR,
+    SWING_UP,
+    TIGHT,
+    play,
+    setup_of,
+)
 
 import integ_gym
 from integ_gym.envs.registries import TASKS
@@ -36,7 +47,7 @@ class Idle:
 def test_protocol(env_id):
     env = gym.make(env_id)
     setup = env.unwrapped.setup
-    size = len(setup.task.observation_names)
+    size, discrete = len(setup.task.observation_names), setup.task.discrete is not None
     observations = np.random.default_rng(0).normal(size=(6, size)).astype(np.float32)
     for name in BASELINES:
         policy = make_baseline(name, setup)
@@ -44,9 +55,9 @@ def test_protocol(env_id):
         assert policy.policy_id == name
         actions = policy.act(observations)
         assert policy.act(observations[:0]).shape[0] == 0
-        if env_id != CART_POLE or name != "zero":
-            assert actions.dtype == (np.int64 if env_id == CART_POLE else np.float32)
-            assert actions.shape == ((6, *env.action_space.shape))
+        if not discrete or name != "zero":
+            assert actions.dtype == (np.int64 if discrete else np.float32)
+            assert actions.shape == (6, *env.action_space.shape)
             assert all(action in env.action_space for action in actions)
     (name,) = (name for name in HANDMADE.names() if type(setup.task) is TASKS.load(name))
     assert type(make_baseline("handmade", setup)) is HANDMADE.load(name)
@@ -63,13 +74,17 @@ def test_content_hash_covers_what_decides_the_actions(env_id):
         return make_baseline(name, setup_of(env_id, **arguments), seed=seed).content_hash
 
     limits = {PENDULUM: "max_torque", CART_POLE: "force_mag", QUADROTOR: "max_thrust"}
+    limits |= {ACROBOT: "torque", ACROBOT_UP: "max_torque"}
     limit = limits.get(env_id, "max_force")
     hashes = {hash_of(name) for name in BASELINES}
     assert len(hashes) == len(BASELINES)
-    changes: list[dict[str, Any]] = [{limit: 1.5}, {"mass": 2.0}, {"damping": 0.2}]
-    changes += [{"gravity": 9.0}, {"control_period": 0.1}]
+    changes: list[dict[str, Any]] = [{limit: 1.5}, {"damping": 0.2}]
+    links = env_id in (ACROBOT, ACROBOT_UP)
+    changes += [{"gravity": 9.0}, {"control_period": 0.4 if links else 0.1}]
+    changes += [{"mass_1" if links else "mass": 2.0}]
     changes += {
         ELASTIC: [{"stiffness": 50.0}, {"length": 2.0}],
+        **{name: [{"length_2": 1.5}, {"mass_2": 2.0}] for name in (ACROBOT, ACROBOT_UP)},
         QUADROTOR: [{"arm": 0.3}, {"inertia": 0.01}, {"motor_time_constant": None}],
     }.get(env_id, [{"mass_distribution": "point"}, {"length": 2.0}])
     assert len({hash_of("handmade", **change) for change in changes} | hashes) == 3 + len(changes)

@@ -117,7 +117,7 @@ def test_an_update_is_that_of_sb3(env_id, kind):
     config = small_run(env_id, learning_rate=3e-3, n_epochs=4, **overrides)
     model = _sb3_model(config)
     before = _numpy_weights(model)
-    discrete = env_id == "IntegCartPole-v0"
+    discrete = env_id in DISCRETE
     stack = jax.tree.map(jnp.asarray, _stack_of(before, discrete))
     for name, value in state_dict(jax.tree.map(np.asarray, stack), 0).items():
         np.testing.assert_array_equal(value, before[name], err_msg=name)

@@ -48,6 +48,7 @@ UNKNOWN = "unknown"
 STOCK_ARGUMENTS: Mapping[str, Mapping[str, Any]] = {
     "IntegPendulum-v0": {"max_speed": 8.0},
     "IntegCartPole-v0": {},
+    "IntegAcrobot-v0": {},
 }
 """What makes an environment Gymnasium's own at its default discretization."""
 

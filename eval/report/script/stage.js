@@ -6,7 +6,7 @@ class Stage {
   constructor(carried, scene, trace) {
     Object.assign(this, { carried, scene, trace });
     const track = scene.links.some((link) => link.joint === "slide") ? this.trackHalf() : 0;
-    this.reach = scene.bob ? scene.bob.pivot : scene.links.reduce((sum, l) => sum + l.length, 0);
+    this.reach = scene.bob ? scene.bob.pivot : scene.links.reduce((sum, l) => sum + Math.abs(l.length), 0);
     const half = scene.flyer ? 1.04 * scene.flyer.room : (scene.bob ? 0.75 : 1.22) * this.reach;
     const wide = Math.max(half, track + 0.35);
     const middle = scene.bob ? -0.5 * this.reach : 0;
@@ -172,7 +172,8 @@ class Stage {
     const pose = this.poses(q)[place];
     const side = (scene.clockwise ? 1 : -1) * Math.sign(size);
     const r = 0.42 * this.reach;
-    const [a, b] = [pose.turn + side * 0.16, pose.turn + side * (0.16 + 2.1 * Math.abs(size))];
+    const rod = pose.turn + (scene.links[place].length < 0 ? Math.PI : 0);
+    const [a, b] = [rod + side * 0.16, rod + side * (0.16 + 2.1 * Math.abs(size))];
     const on = (angle, radius) =>
       `${pose.from[0] + radius * Math.sin(angle)} ${pose.from[1] - radius * Math.cos(angle)}`;
     const back = b - side * 0.16;

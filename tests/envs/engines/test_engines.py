@@ -65,7 +65,7 @@ def test_no_speed_is_clipped_below_divergence(engine, integrator):
 def test_no_other_map_would_do(engine, integrator, env_id):
     """With damping and control, every map but the declared one is further away."""
     setup = setup_of(engine, integrator, env_id, dt=0.1, **DAMPING[env_id])
-    own, cases = setup.engine.map, solved(setup, states(setup, 8))[:4]
+    own, cases = setup.engine.map, solved(setup, states(setup, 16))[:4]
     assert len(cases) == 4
     gaps = {}
     for name in {own, *map_names()}:

@@ -186,7 +186,7 @@ def test_is_gymnasiums_functional_environment():
 
 
 def test_refusals():
-    with pytest.raises(ValueError, match=r"does not give its equations .* give IntegCartPole-v0"):
+    with pytest.raises(ValueError, match=r"does not give its equations .* give IntegAcrobot-v0"):
         functional.make("Pendulum-v1")
     with pytest.raises(ValueError, match="`dtype` must be one of float32, float64"):
         functional.make("IntegPendulum-v0", dtype="float16")

@@ -7,13 +7,17 @@ import warnings
 import gymnasium as gym
 import numpy as np
 import pytest
+from gymnasium.envs.classic_control.acrobot import AcrobotEnv
 from gymnasium.envs.classic_control.cartpole import CartPoleEnv
 from gymnasium.envs.classic_control.pendulum import PendulumEnv
 
+from integ_gym.envs.catalogue.acrobot import IntegAcrobotEnv
 from integ_gym.envs.catalogue.cart_pole import IntegCartPoleEnv
 from integ_gym.envs.catalogue.pendulum import IntegPendulumEnv
 
 STEPS = 300
+STOCK_ORDER = [0, 2, 1, 3]
+"""The acrobot's state, θ₁, θ̇₁, θ₂, θ̇₂, in Gymnasium's order."""
 ULP_BELOW_8 = float(np.spacing(np.nextafter(np.float32(8), np.float32(0))))
 """One float32 ulp of an angular velocity at the stock speed limit."""
 
@@ -46,6 +50,27 @@ def test_pendulum_step(dtype, state_tolerance, reward_tolerance):
         np.testing.assert_allclose(obs, stock_obs, rtol=0, atol=ULP_BELOW_8)
         assert reward == pytest.approx(float(stock_reward), abs=reward_tolerance)
         assert (terminated, truncated) == (stock_terminated, False)
+
+
+def test_acrobot_step():
+    """From states up to the speed limits, which some steps pass; angles to whole turns."""
+    far = np.pi * np.array([1.0, 4.0, 1.0, 9.0])
+    ours, stock, ended = IntegAcrobotEnv(), AcrobotEnv(), 0
+    stock.reset(seed=0)
+    for state in np.random.default_rng(0).uniform(-far, far, (STEPS, 4)):
+        for action in range(3):
+            ours.reset(options={"state": state})
+            stock.state = state[STOCK_ORDER]
+            obs, reward, terminated, _, info = ours.step(action)
+            stock_obs, stock_reward, stock_terminated, _, _ = stock.step(action)
+            error = ours.state[STOCK_ORDER] - stock.state
+            error[:2] = (error[:2] + np.pi) % (2.0 * np.pi) - np.pi
+            assert (np.abs(error) < 1e-12 * (1.0 + np.abs(stock.state))).all()
+            np.testing.assert_allclose(obs, stock_obs, rtol=1e-6, atol=1e-6)
+            assert (reward, terminated) == (stock_reward, stock_terminated)
+            assert info["success"] == terminated
+            ended += terminated
+    assert 0 < ended < 3 * STEPS
 
 
 @pytest.mark.parametrize("sutton_barto", [False, True])
@@ -93,6 +118,8 @@ def test_cart_pole_step(sutton_barto):
         ("IntegPendulum-v0", "Pendulum-v1", {"x_init": 0.4, "y_init": 0.1}),
         ("IntegCartPole-v0", "CartPole-v1", None),
         ("IntegCartPole-v0", "CartPole-v1", {"low": -0.2, "high": 0.1}),
+        ("IntegAcrobot-v0", "Acrobot-v1", None),
+        ("IntegAcrobot-v0", "Acrobot-v1", {"low": -0.2, "high": 0.1}),
     ],
 )
 def test_same_seed_same_start_and_rollout_length(ours, stock, options):
@@ -101,8 +128,10 @@ def test_same_seed_same_start_and_rollout_length(ours, stock, options):
         for env_seed in (seed, None):
             obs, _ = ours.reset(seed=env_seed, options=options)
             stock_obs, _ = stock.reset(seed=env_seed, options=options)
-            np.testing.assert_array_equal(obs, stock_obs)
-            np.testing.assert_array_equal(ours.unwrapped.state, stock.unwrapped.state)
+            np.testing.assert_array_max_ulp(obs, stock_obs, maxulp=1)
+            state = ours.unwrapped.state
+            order = STOCK_ORDER if stock.spec.id == "Acrobot-v1" else slice(None)
+            np.testing.assert_array_equal(state[order], stock.unwrapped.state)
     ours.action_space.seed(3)
     steps = 0
     while steps < 600:
@@ -119,6 +148,7 @@ def test_speed_limit_gives_the_stock_spaces():
     ours, stock = gym.make("IntegPendulum-v0", max_speed=8.0), gym.make("Pendulum-v1")
     assert ours.observation_space == stock.observation_space
     assert ours.action_space == stock.action_space
-    ours, stock = gym.make("IntegCartPole-v0"), gym.make("CartPole-v1")
-    assert ours.observation_space == stock.observation_space
-    assert ours.action_space == stock.action_space
+    for ours, stock in (("IntegCartPole-v0", "CartPole-v1"), ("IntegAcrobot-v0", "Acrobot-v1")):
+        ours, stock = gym.make(ours), gym.make(stock)
+        assert ours.observation_space == stock.observation_space
+        assert ours.action_space == stock.action_space

@@ -77,8 +77,9 @@ def test_no_nan_leaves_step_and_the_ledger_is_what_it_says(env_id, integrator):
             disable_env_checker=True, **parameters,
         )  # fmt: skip
         start = np.array(state)
-        if max_speed is not None:
-            start[1::2] = np.clip(start[1::2], -max_speed, max_speed)
+        limits = env.unwrapped.setup.system.speed_limits
+        if limits is not None:
+            start[1::2] = np.clip(start[1::2], np.negative(limits), limits)
         _, info = env.reset(options={"state": start})
         for action in actions:
             before = info["energy"]

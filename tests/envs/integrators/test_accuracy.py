@@ -10,7 +10,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from checks import ROD, solved
-from motions import DRIVEN_PLANTS, STARTS
+from motions import DRIVEN_PLANTS, STARTS, UNLIMITED
 
 import integ_gym
 from integ_gym.envs.engines.stepping import NativeEngine, PlantSystem
@@ -74,7 +74,8 @@ def test_inner_steps_of_the_reference_are_as_stated():
 @pytest.mark.filterwarnings("ignore:.*the episode has terminated")  # its motion goes on
 @pytest.mark.parametrize("env_id", integ_gym.ENVIRONMENTS)
 def test_reference_residual_with_damping_drive_and_fast_spin(env_id):
-    env = gym.make(env_id, integrator="reference", dt=0.05, damping=0.05).unwrapped
+    limits = UNLIMITED.get(env_id, {})
+    env = gym.make(env_id, integrator="reference", dt=0.05, damping=0.05, **limits).unwrapped
     env.action_space.seed(1)
     env.reset(seed=1)
     state = np.zeros_like(env.state)

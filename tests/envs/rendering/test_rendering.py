@@ -19,6 +19,7 @@ from integ_gym.envs.rendering.plants import DRAWINGS
 from integ_gym.envs.rendering.renderer import Renderer
 
 PENDULUM, CART_POLE, ELASTIC = "IntegPendulum-v0", "IntegCartPole-v0", "IntegElasticPendulum-v0"
+SQUARE = (PENDULUM, "IntegAcrobot-v0", "IntegAcrobotSwingUp-v0")
 QUADROTOR = "IntegQuadrotor-v0"
 STATES = {
     **dict.fromkeys(ENVIRONMENTS, (0.3, 0.1, 0.1, 1.0)),
@@ -55,7 +56,7 @@ def test_frames_before_and_after_steps(env_id):
         frames.append(env.render())
     env.close()
     for frame in frames:
-        assert frame.shape == ((500, 500, 3) if env_id == PENDULUM else (400, 600, 3))
+        assert frame.shape == ((500, 500, 3) if env_id in SQUARE else (400, 600, 3))
         assert frame.dtype == np.uint8
         assert frame.flags.c_contiguous
         assert frame.flags.writeable
@@ -117,6 +118,15 @@ def test_quadrotor_is_where_it_is_and_thrusts_along_its_axis(theta):
     assert math.atan2(arrow_x - 362.0, 169.0 - arrow_y) == pytest.approx(theta, abs=0.05)
 
 
+@pytest.mark.parametrize(("theta_1", "theta_2"), [(0.0, 0.0), (0.5, 0.4), (2.0, -1.0)])
+def test_the_acrobots_second_link_is_where_it_is(theta_1, theta_2):
+    """Hanging at zero, counter-clockwise positive; its middle half a metre beyond the elbow."""
+    x, y = _centroid(_draw("IntegAcrobot-v0", (theta_1, 0.0, theta_2, 0.0)), BLUE)
+    across = math.sin(theta_1) + 0.5 * math.sin(theta_1 + theta_2)
+    down = math.cos(theta_1) + 0.5 * math.cos(theta_1 + theta_2)
+    assert (x, y) == pytest.approx((250.0 + 100.0 * across, 250.0 + 100.0 * down), abs=5.0)
+
+
 def test_unknown_plant_gets_its_state_in_words(monkeypatch):
     monkeypatch.delitem(DRAWINGS, "cart_pole")
     one, other = (_draw(CART_POLE, (x, 0.0, 0.0, 0.0)) for x in (0.1, 0.2))
@@ -169,7 +179,7 @@ def test_window_opens_and_closes(env_id, clock):
     for _ in range(3):
         env.step(env.action_space.sample())
     assert env.render() is None
-    size = (500, 500) if env_id == PENDULUM else (600, 400)
+    size = (500, 500) if env_id in SQUARE else (600, 400)
     assert pygame.display.get_surface().get_size() == size
     env.close()
     assert not pygame.display.get_init()

@@ -14,7 +14,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from engine_cases import DAMPING, IDS, native_name, states
+from engine_cases import DAMPING, RECORDED_IDS, native_name, states
 from engine_checks import defect, new_setup
 from exchanges import record
 
@@ -31,7 +31,7 @@ def isaaclab_engine() -> dict[str, float]:
     """
     found = {}
     for integrator in ENGINES.load("isaaclab").maps:
-        for env_id in IDS:
+        for env_id in RECORDED_IDS:
             for damped in (False, True):
                 setup = new_setup(
                     "isaaclab", integrator, env_id, **DAMPING[env_id] if damped else {}

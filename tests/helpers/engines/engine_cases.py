@@ -23,10 +23,13 @@ from integ_gym.support.isolated import ISOLATED
 ELSEWHERE = tuple(name for name in ENGINES.names() if name in ISOLATED)
 """Engines that run in an environment of their own, and so not here."""
 FOREIGN = tuple(name for name in ENGINES.names() if name not in ("native", *ELSEWHERE))
-IDS = ("IntegPendulum-v0", "IntegCartPole-v0")
+RECORDED_IDS = ("IntegPendulum-v0", "IntegCartPole-v0")
+"""Environments of the recorded exchanges with engines that run elsewhere."""
+IDS = (*RECORDED_IDS, "IntegAcrobot-v0")
 DAMPING = {
     "IntegPendulum-v0": {"damping": 0.3},
     "IntegCartPole-v0": {"damping": 0.02, "cart_damping": 0.4},
+    "IntegAcrobot-v0": {"damping": 0.3},
 }
 TOLERANCE = {64: 1e-9, 32: 2e-6}
 """Of the one-step identity, by the width of the engine's floats."""

@@ -6,11 +6,16 @@ from integ_gym.envs.registries import INTEGRATORS, PLANTS
 
 ALL = INTEGRATORS.names()
 DAMPED: dict[str, dict[str, float]] = {
+    "acrobot": {"damping": 0.1},
     "pendulum": {"damping": 0.3},
     "cart_pole": {"damping": 0.02, "cart_damping": 0.4},
     "elastic_pendulum": {"damping": 0.2, "stiffness": 50.0},
 }
 DRIVEN_PLANTS = {name: PLANTS.load(name)(**DAMPED.get(name, {})) for name in PLANTS.names()}
+UNLIMITED: dict[str, dict[str, None]] = {
+    "IntegAcrobot-v0": {"max_speed_1": None, "max_speed_2": None}
+}
+"""What lifts the limits on speeds that an environment has by default."""
 STARTS = {
     name: ((0.3,) * len(plant.coordinates), (1.0,) * len(plant.coordinates))
     for name, plant in DRIVEN_PLANTS.items()

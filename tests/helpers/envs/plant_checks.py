@@ -47,7 +47,20 @@ def _quadrotor(p, q, v):
     return mass, forces, p.damping * (v[0] ** 2 + v[1] ** 2)
 
 
+def _double_pendulum(p, q, v):
+    """By the centres' Jacobians: M = Σ m JᵀJ + I, and the weights' work along each coordinate."""
+    upper, lower = q[0], q[0] + q[1]
+    first = p.centre_1 * np.array([[math.cos(upper), 0.0], [math.sin(upper), 0.0]])
+    arm = p.length_1 * np.array([[math.cos(upper), 0.0], [math.sin(upper), 0.0]])
+    second = arm + p.centre_2 * np.array([[math.cos(lower)] * 2, [math.sin(lower)] * 2])
+    mass = p.mass_1 * first.T @ first + p.mass_2 * second.T @ second
+    mass += p.inertia_1 * np.diag([1.0, 0.0]) + p.inertia_2
+    weight = -p.gravity * (p.mass_1 * first[1] + p.mass_2 * second[1])
+    return mass, weight, p.damping * (v[0] ** 2 + v[1] ** 2)
+
+
 CLOSED_FORMS = {
+    "acrobot": _double_pendulum,
     "pendulum": _pendulum,
     "cart_pole": _cart_pole,
     "elastic_pendulum": _elastic_pendulum,

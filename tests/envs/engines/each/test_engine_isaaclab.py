@@ -8,7 +8,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from apart_scenarios import SCENARIOS
-from engine_cases import IDS, TOLERANCE
+from engine_cases import RECORDED_IDS, TOLERANCE
 from engine_checks import new_setup
 from exchanges import replayed
 
@@ -36,7 +36,7 @@ def test_every_integrator_is_the_map_that_it_is_said_to_be():
     """Of both plants, damped and undamped, in what Isaac Lab answered when it was recorded."""
     with replayed(RECORDED):
         found = SCENARIOS[RECORDED]()
-    assert len(found) == len(MAPS) * len(IDS) * 2
+    assert len(found) == len(MAPS) * len(RECORDED_IDS) * 2
     assert max(found.values()) <= TOLERANCE[32]
 
 
