@@ -213,7 +213,7 @@ def check_ledger(integrator: str, plant) -> None:
         [abs(r.work_j - booked[0]) for r in runs],
         [abs(r.losses_j - booked[1]) for r in runs],
     ):
-        _check_falls(errors, declared(integrator).order, 1e-12 * size)
+        _check_falls(errors, declared(integrator).order, 3e-13 * size)
 
 
 def _check_falls(errors, order, rounding) -> None:
@@ -222,5 +222,5 @@ def _check_falls(errors, order, rounding) -> None:
     if len(usable) > 1:
         over_all = math.log2(usable[0] / usable[-1]) / (len(usable) - 1)
         found = max(over_all, math.log2(usable[-2] / usable[-1]))
-        # RK4's on the acrobot are 3.72, 3.88 and 3.95: its coarser steps are not in the limit yet.
-        assert found > order - 3 * ORDER, (found, errors)
+        # The finest halving counts where coarse steps are not in the limit yet: RK4's on the acrobot.
+        assert found > order - 2 * ORDER, (found, errors)
