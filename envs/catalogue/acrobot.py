@@ -148,7 +148,7 @@ class IntegAcrobotEnv(IntegEnv, Env[Any, Any]):
     | Uncertainty | start distribution; Gaussian `observation_noise` on each sample of θ₁, θ̇₁, θ₂ and θ̇₂; when commands arrive, under `latency_jitter` and `hold_probability` |
     | Fallback | `hold` or `zero` (0 N m), before the first command arrives and on non-finite actions; counted |
     | Metric | success: the tip is above the line within `duration`; return in physical time |
-    | Likeliest failure | at 0.2 s the clip on speeds and RK4's error move more energy than the motor |
+    | Likeliest failure | at 0.2 s RK4's error moves almost half as much energy as a motor that swings up well |
 
     ## Action Space
 

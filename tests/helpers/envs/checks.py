@@ -222,5 +222,5 @@ def _check_falls(errors, order, rounding) -> None:
     if len(usable) > 1:
         over_all = math.log2(usable[0] / usable[-1]) / (len(usable) - 1)
         found = max(over_all, math.log2(usable[-2] / usable[-1]))
-        # The finest halving counts where coarse steps are not in the limit yet: RK4's on the acrobot.
+        # The finest counts where coarse steps are not in the limit yet: RK4 on the acrobot.
         assert found > order - 2 * ORDER, (found, errors)
