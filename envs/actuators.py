@@ -14,6 +14,11 @@ from .mechanics import WHEN, Servo
 from .ops.ops import Components, Ops
 from .tasks import Command, Limits, saturate
 
+SERVO_ARGUMENTS = (
+    "servo", "servo_stiffness", "servo_damping", "servo_period", "target_limit",
+)  # fmt: skip
+"""Constructor arguments of environments with servos alone."""
+
 
 class ServoPlant:
     """What a plant has besides where its controls are targets of a :class:`Servo`."""

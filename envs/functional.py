@@ -54,6 +54,12 @@ def structure_of(env_id: str, setup: Setup, dtype: str) -> Structure:
         "observation_noise": setup.settings.observation_noise > 0.0,
         "solver": tuple((setup.settings.solver or {}).items()),
         **{part: getattr(setup.plant, part, None) is not None for part in OPTIONAL},
+        "absent": tuple(
+            f.name
+            for part in (setup.plant, setup.task)
+            for f in fields(part)  # type: ignore[arg-type]
+            if getattr(part, f.name) is None
+        ),
     }
     timing = setup.timing
     drawn = (timing.jitter, timing.hold, timing.memory) if timing.drawn else ()

@@ -29,7 +29,7 @@ from integ_gym.support.parameters import (
     unknown_name,
 )
 
-from .actuators import ServoPlant, with_servo, with_targets
+from .actuators import SERVO_ARGUMENTS, ServoPlant, with_servo, with_targets
 from .engines.stepping import DIVERGENCE_SPEED, Engine, NativeEngine, PlantSystem, make_engine
 from .mechanics import Servo
 from .ops.ops import Component
@@ -509,6 +509,8 @@ def build_setup(
                 "the environment got an unexpected keyword argument 'max_episode_steps', which "
                 "gym.make and gym.make_vec take; here give `duration`, s"
             )
+        if name in SERVO_ARGUMENTS and actuator == "effort":
+            raise InputTypeError(f"`{name}` is of servos; give `actuator`='position' with it")
         if name not in names:
             raise InputTypeError(
                 f"the environment got an unexpected keyword argument {name!r}. "
@@ -537,8 +539,9 @@ def build_setup(
         )
     the_task = _parse(task, values)
     system = _system(settings, the_plant, the_task, settings.max_speed)
-    if system.sampler is not None:
-        _check_servo(system.sampler, timing)
+    servo = system.servo or system.sampler
+    if servo is not None:
+        _check_servo(servo, timing)
     engine = _engine(settings, system, timing.dt)
     return Setup(settings, timing, the_plant, the_task, system, engine)
 
@@ -550,6 +553,8 @@ def _system(settings: Settings, plant: Any, task: Any, max_speed: Component | No
 
 def _check_servo(servo: Servo, timing: Timing) -> None:
     """Refuse a period of a sampled servo that is missing, or that rates do not divide."""
+    if isinstance(servo.period, np.ndarray):
+        raise InputError("`servo_period` must be one value for all environments, got an array")
     if (servo.period is None) == (servo.when == "period"):
         raise InputError(
             "`servo_period` is for `servo`='period', and needed there: the time between two "

@@ -12,6 +12,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from integ_gym.envs.actuators import ServoPlant
 from integ_gym.envs.registries import TASKS
 from integ_gym.envs.settings import Setup
 from integ_gym.support.errors import InputError
@@ -236,14 +237,21 @@ def possible_baselines(setup: Any, controller: str | None = None) -> tuple[str, 
 
 
 def has_handmade(setup: Setup) -> bool:
-    """Whether there is a hand-made controller for the environment's task."""
-    return any(isinstance(setup.task, TASKS.load(name)) for name in HANDMADE.parts)
+    """Whether there is a hand-made controller for the environment's task; they give efforts."""
+    return not isinstance(setup.plant, ServoPlant) and any(
+        isinstance(setup.task, TASKS.load(name)) for name in HANDMADE.parts
+    )
 
 
 def _handmade(setup: Any, controller: str | None) -> Policy:
     """The hand-made controller of that name, or of the environment's task."""
     if setup.arguments().get("gravity") == 0.0:
         raise InputError("without gravity there is nothing to balance; leave `handmade` out")
+    if controller is None and isinstance(setup.plant, ServoPlant):
+        raise InputError(
+            "hand-made controllers give efforts, and `actuator`='position' takes targets; leave "
+            "`handmade` out, or give a `controller` of your own"
+        )
     tasks = {name: TASKS.load(name) for name in HANDMADE.parts}
     fitting = (name for name, task in tasks.items() if isinstance(setup.task, task))
     chosen = controller or next(fitting, None)

@@ -35,7 +35,7 @@ class AcrobotSwingUp(BoxTask):
         "|theta_1 - pi| < 0.2 rad and |theta_2| < 0.2 rad (wrapped) throughout the last 2 s"
     )
     goal_stay: ClassVar[float] = 2.0
-    goal_edge: ClassVar[tuple[float, ...]] = (pi - NEAR_UPRIGHT, 0.0)
+    goal_edge: ClassVar[tuple[float, ...]] = (pi - NEAR_UPRIGHT, -NEAR_UPRIGHT)
     observation_names: ClassVar[tuple[str, ...]] = LINK_NAMES
     observation_units: ClassVar[tuple[str, ...]] = LINK_UNITS
 

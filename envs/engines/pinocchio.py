@@ -54,8 +54,9 @@ class PinocchioEngine(NativeEngine):
         self._bodies = bodies = ArticulatedBodies(mechanism_of(self.name, system.plant))
         moved = copy(system.plant)
         vars(moved).update(acceleration=bodies.accelerations, jacobian=bodies.slopes)
-        stopped = system.engine_stops is not None
-        super().__init__(PlantSystem(moved, system.max_speed, stopped), integrator, dt, solver)
+        stopped, servo = system.engine_stops is not None, system.servo or system.sampler
+        moved_system = PlantSystem(moved, system.max_speed, stopped, servo)
+        super().__init__(moved_system, integrator, dt, solver)
         self.map = integrator
         check_agreement(self, system.plant)
 

@@ -111,6 +111,11 @@ class RigidBodyEngine(ForeignEngine):
                 f"engine {self.name!r} applies forces along joints, and controls of the plant "
                 f"{self.system.plant.name!r} act otherwise; use engine 'native' or 'casadi'"
             )
+        if self.system.servo is not None:
+            raise InputError(
+                f"engine {self.name!r} holds forces over a step, and a continuous servo changes "
+                "within it; give `servo`='step' or 'period', or use engine 'native' or 'casadi'"
+            )
         self.free = mechanism_of(self.name, self.system.plant)
         self.mechanism, stops = self.free, self.system.engine_stops
         if stops is not None:

@@ -180,7 +180,8 @@ class ForeignEngine(MappedEngine):
         A motion that is fast at either end of a call is done again step by step, so that a step at
         which it diverges is seen.
         """
-        if self.straight and sample_at is None and not callable(segments[0][0]):
+        held = self.system.sampler is None and not callable(segments[0][0])
+        if self.straight and sample_at is None and held:
             motion, hurried = self._in_strides(ops, q, v, cast(Held, segments))
             if ops.assume_true(ops.any(hurried) == False):  # noqa: E712
                 return motion

@@ -42,14 +42,16 @@ class PlantSystem:
         stops: the plant's stops, or None where there are none of ours.
         engine_stops: the plant's stops where the engine has them act by its own law, else None.
         contacts: the plant's contact points, with the names of its `contact_names`.
-        steep: whether there are stops, contact points, friction or a servo within the field.
+        resisted: whether there are stops, contact points or friction.
+        steep: whether there are those, or a servo within the field.
         kinked: whether there are stops or contact points.
         servo: that acts within the vector field, or None.
         sampler: the servo that is computed at the start of steps, or None.
         no_losses: zero of every loss component: (damping,), (damping, contact) with stops of either
             kind, or with contact points (damping, contact, friction in contact); then of what is
             carried with them: the controls' work, J, where they are no forces along coordinates,
-            and of a servo within the field each squared effort, s.
+            and of a servo within the field the
+            integral of each squared effort.
     """
 
     def __init__(
@@ -77,7 +79,8 @@ class PlantSystem:
         continuous = servo is not None and servo.when == "continuous"
         self.servo = servo if continuous else None
         self.sampler = None if continuous else servo
-        self.steep = self.kinked or self._friction is not None or continuous
+        self.resisted = self.kinked or self._friction is not None
+        self.steep = self.resisted or continuous
         self._before = (0.0,) * plant.actuated[0]
         self._after = (0.0,) * (len(plant.coordinates) - plant.actuated[0] - 1)
         self.input_forces = getattr(plant, "input_forces", None)
@@ -86,8 +89,11 @@ class PlantSystem:
             self._carried += len(plant.controls)
         self._unresisted = self.no_losses[1:]
         self.no_losses = (*self.no_losses, *(0.0,) * self._carried)
-        self._jacobian = getattr(plant, "jacobian", None)
+        self._jacobian = None if self.input_forces else getattr(plant, "jacobian", None)
         lagging = getattr(plant, "lagging", ())
+        if self.speed_limits is not None:  # a thrust is no speed
+            held = enumerate(self.speed_limits)
+            self.speed_limits = tuple([inf if i in lagging else limit for i, limit in held])
         self._moving = [i for i in range(len(plant.coordinates)) if i not in lagging]
 
     def generalized(self, controls: Components) -> Components:
@@ -586,7 +592,7 @@ class SteppedEngine(ABC):
             **({"solver": dict(self.settings)} if self.settings else {}),
             "width": self.width,
             "constraint_violation": CONSTRAINT_VIOLATION,
-            "resistance": acts if self.system.steep else None,
+            "resistance": acts if self.system.resisted else None,
         }
 
     def advance(

@@ -11,6 +11,7 @@ import numpy as np
 
 from integ_gym.support.errors import InputError
 
+from ..actuators import ServoPlant
 from ..engines.stepping import Motion, NativeEngine, PlantSystem
 from ..ops.ops import ARRAY, SCALAR, join_state, split_state
 from ..plants.interface import Plant, controls_of
@@ -224,10 +225,11 @@ class Reach:
 def goal_energy(setup: Setup) -> float | None:
     """Least energy of rest at the goal, J; None where the task names no such place.
 
-    It is necessary for success, and not sufficient.
+    It is necessary for success, and not sufficient. None, too, where actions are targets of servos,
+    over which no search is made.
     """
     edge = getattr(setup.task, "goal_edge", None)
-    if edge is None:
+    if edge is None or isinstance(setup.plant, ServoPlant):
         return None
     return float(setup.system.energy(ARRAY, edge, (0.0,) * len(edge)))
 

@@ -182,6 +182,8 @@ class IntegBoundaries(Boundaries):
     def force(self, state: Array, command: Array) -> Named:
         """Of the controls, along the coordinates."""
         system, controls = self._setup.system, tuple(command.tolist())
+        if system.sampler is not None:
+            controls = system.sampler.efforts(SCALAR, *self._parts(state), controls)
         force = system.forces(SCALAR, *self._parts(state), controls)
         return name_components(self.coordinates, force)
 

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from integ_gym.envs import numerics
+from integ_gym.envs.actuators import ServoPlant
 from integ_gym.envs.environment import environment_setup
 from integ_gym.envs.settings import Discretization
 
@@ -35,6 +36,8 @@ def control_argument(setup: Any) -> tuple[str, float]:
         SpecError: where no single one does.
     """
     task: Any = setup.task
+    if isinstance(setup.plant, ServoPlant):
+        raise SpecError("an atlas varies the limit of an effort; leave `actuator` out")
     limit = setup.largest_controls[0]
     for one in fields(task):
         value = getattr(task, one.name)

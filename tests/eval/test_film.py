@@ -106,7 +106,7 @@ def test_what_is_no_discretization_is_refused(asked):
     ("integrator", "env_id", "told"),
     [
         ("rk4", None, "give env_id as well"),
-        ("rk4", "Hopper-v5", "films show IntegCartPole-v0"),
+        ("rk4", "Hopper-v5", "films show IntegAcrobot-v0"),
         ("no_such", PENDULUM, "unknown integrator"),
     ],
 )

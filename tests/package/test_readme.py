@@ -33,7 +33,7 @@ def test_python_blocks_run_and_print_what_is_shown_below_them():
         assert done.stdout == shown.get(block, done.stdout)
 
 
-MIXTURE, PERIODS, LANES, INTEGRATOR = page_blocks("docs/reference/environments.md", "python")
+MIXTURE, PERIODS, LANES, SERVO, INTEGRATOR = page_blocks("docs/reference/environments.md", "python")
 
 
 def test_the_documented_mixture_and_lanes_run(capsys):
@@ -46,6 +46,9 @@ def test_the_documented_mixture_and_lanes_run(capsys):
     exec(LANES, names)
     assert names["observations"].shape == (64, 3)
     assert names["info"]["time"] == pytest.approx(100 * 0.05)
+    exec(SERVO, names)
+    names["env"].reset(seed=0)
+    assert "theta_effort" in names["env"].step(names["env"].action_space.sample())[4]
 
 
 def test_the_documented_integrator_has_its_order():

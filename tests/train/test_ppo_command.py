@@ -53,7 +53,7 @@ def test_flags_reach_the_run():
 @pytest.mark.parametrize(
     ("flags", "message"),
     [
-        (["--env", "MountainCar-v0"], "is no MuJoCo task; give IntegCartPole-v0"),
+        (["--env", "MountainCar-v0"], "is no MuJoCo task; give IntegAcrobot-v0"),
         (["--integrator", "rk5"], "unknown integrator 'rk5'. Did you mean 'rk4'? Valid choices"),
         (["--engine", "unreal"], "unknown engine 'unreal'. Valid choices: casadi, dart"),
         (["--control-period", "0.07"], "`control_period`=0.07 s is not a whole multiple of `dt`"),

@@ -7,13 +7,17 @@ import pickle
 import gymnasium as gym
 import numpy as np
 import pytest
+from engine_cases import needs
 from functional_checks import compare
 from recording import CONTEXT, made, play
 from scipy.integrate import solve_ivp
 
+from integ_gym.envs import functional
 from integ_gym.envs.environment import environment_setup
+from integ_gym.envs.numerics import goal_energy
 from integ_gym.envs.registries import INTEGRATORS
 from integ_gym.evidence.store import EvidenceStore
+from integ_gym.train.baselines import has_handmade, possible_baselines
 
 STIFFNESS, DAMPING, TARGETS = 40.0, 2.0, (0.4, -0.6, 0.2)
 SERVO = {
@@ -139,14 +143,47 @@ def test_what_cannot_be_is_refused():
         environment_setup("IntegPendulum-v0", pendulum)
     with pytest.raises(ValueError, match="whole multiple"):
         environment_setup("IntegPendulum-v0", {**pendulum, "servo_period": 0.007})
+    with pytest.raises(ValueError, match="`servo_period` is for"):
+        environment_setup("IntegPendulum-v0", {**SERVO, "servo_period": 0.01})
     with pytest.raises(ValueError, match="needs a `Box` of targets"):
         environment_setup("IntegCartPole-v0", {"actuator": "position"})
     with pytest.raises(ValueError, match="unknown actuator 'muscle'"):
         environment_setup("IntegPendulum-v0", {"actuator": "muscle"})
-    with pytest.raises(TypeError, match="servo_stiffness"):
+    with pytest.raises(TypeError, match="give `actuator`='position'"):
         environment_setup("IntegPendulum-v0", {"servo_stiffness": 3.0})
 
 
 def test_a_setup_with_a_servo_can_be_sent_to_another_process():
     setup = environment_setup("IntegPendulum-v0", SERVO)
     assert pickle.loads(pickle.dumps(setup)).arguments() == setup.arguments()
+
+
+@pytest.mark.parametrize("engine", ["casadi", "mujoco", "pinocchio"])
+def test_other_engines_take_sampled_servos(engine):
+    """The same motion as our own map's, to rounding; continuous ones, or a sentence."""
+    needs(engine)
+    own = {"casadi": "rk", "mujoco": "Euler", "pinocchio": "rk4"}[engine]
+    known = {"Euler": "symplectic_euler"}.get(own, "rk4")
+    for servo in MODES:
+        given = {"engine": engine, "integrator": own, **servo}
+        if engine == "mujoco" and not servo:
+            with pytest.raises(ValueError, match="holds forces over a step"):
+                environment_setup("IntegPendulum-v0", {**SERVO, **given})
+            continue
+        pairs = zip(_driven(**given), _driven(integrator=known, **servo), strict=True)
+        for (state, info), (expected, told) in pairs:
+            np.testing.assert_allclose(state, expected, rtol=0, atol=1e-9)
+            assert info["theta_effort"] == pytest.approx(told["theta_effort"], abs=1e-7)
+
+
+def test_what_gives_efforts_is_left_out():
+    setup = environment_setup("IntegPendulum-v0", {**SERVO, "start": "hanging"})
+    assert not has_handmade(setup)
+    assert possible_baselines(setup) == ("random", "zero")
+    assert goal_energy(setup) is None
+
+
+def test_a_program_with_a_limit_is_not_one_without():
+    with_lag = functional.make("IntegQuadrotor-v0")
+    with pytest.raises(ValueError, match="another program"):
+        with_lag.params(motor_time_constant=None)

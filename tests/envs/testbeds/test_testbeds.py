@@ -172,7 +172,7 @@ def test_sub_steps_that_do_not_fill_the_control_period_are_refused():
     ("env_id", "message"),
     [
         ("IntegPendulun-v0", "unknown environment: .*Did you mean 'IntegPendulum-v0'"),
-        ("MountainCar-v0", "'MountainCar-v0' is no MuJoCo task; give IntegCartPole-v0, "),
+        ("MountainCar-v0", "'MountainCar-v0' is no MuJoCo task; give IntegAcrobot-v0, "),
         ("no_such_module:Class", "cannot load testbed 'no_such_module:Class'"),
     ],
 )

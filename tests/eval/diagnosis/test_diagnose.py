@@ -125,7 +125,7 @@ def test_the_documented_table_is_what_is_printed(diagnosis):
         (["--integrator", "rk4", "planted:Raising"], "the integrator 'planted:Raising' cannot"),
         (["--integrator", "rk4", "planted:Wordy"], "`order` of the integrator 'planted:Wordy'"),
         (["--integrator", "planted:Unsure"], "`reversible` of the integrator 'planted:Unsure'"),
-        (["--integrator", "planted:Pair"], "cannot take a step on cart_pole"),
+        (["--integrator", "planted:Pair"], "cannot take a step on acrobot"),
         (
             ["--plant", "pendulum", "--integrator", "rk4", "planted:Late"],
             "with planted:Late failed",

@@ -133,7 +133,7 @@ def test_says_where_survival_tells_nothing(running, tmp_path, capsys):
 
 WRONG = {
     "another's spaces": ("CartPole-v1", [], "expects observations of shape (17,)"),
-    "another's": ("MountainCar-v0", [], "is no MuJoCo task; give IntegCartPole-v0, "),
+    "another's": ("MountainCar-v0", [], "is no MuJoCo task; give IntegAcrobot-v0, "),
     "other spaces": ("Hopper-v5", [], "expects observations of shape (17,)"),
     "does not divide": ("HalfCheetah-v5", ["--dt", "0.03"], "with `dt` 0.025 or 0.05 s"),
     "not a number": ("HalfCheetah-v5", ["--dt", "nan"], "`dt` must be a finite number above 0"),
