@@ -17,7 +17,7 @@ from integ_gym.envs.environment import environment_setup
 from integ_gym.envs.ops.ops import SCALAR
 from integ_gym.envs.registries import ENVIRONMENTS, INTEGRATORS
 from integ_gym.envs.steps import script_of
-from integ_gym.envs.transition import EnvState, initial_state, scalar_step
+from integ_gym.envs.transition import EnvState, control_columns, initial_state, scalar_step
 
 SECONDS = 10.0
 SMALL = 1e-5
@@ -27,11 +27,11 @@ PLAYED = """((start, step) => {
   let [state, observation] = start(...%s);
   const told = [];
   for (const action of %s) {
-    const after = step(state, [action]);
+    const after = step(state, action);
     if (after === null) return [...told, null];
     [state, observation] = after;
-    const { controls: [control], motor, numerics, losses, ended, success } = after[2];
-    told.push([...state[0], ...state[1], ...observation, control, motor, numerics, losses, +ended, +success]);
+    const { controls, motor, numerics, losses, ended, success } = after[2];
+    told.push([...state[0], ...state[1], ...observation, ...controls, motor, numerics, losses, +ended, +success]);
   }
   return told;
 })(%s,
@@ -49,10 +49,11 @@ def _played(setup, q, v, actions):
     state = initial_state(SCALAR, setup, q, v)
     step, told = partial(scalar_step, setup, SCALAR), []
     for action in actions:
-        after, observation, _, terminated, truncated, info, _ = step(state, (action,))
+        after, observation, _, terminated, truncated, info, _ = step(state, tuple(action))
         state = EnvState._make(after)
         losses = info["dissipated"] + info["contact_loss"] + info["clip_loss"]
-        ledger = (info["control"], info["actuator_work"], info["energy_residual"], losses)
+        controls = [info[applied] for _, applied in control_columns(setup.plant)]
+        ledger = (*controls, info["actuator_work"], info["energy_residual"], losses)
         if info["solver_status"] == 2:
             return [*told, None]
         ended = float(terminated or truncated)
@@ -72,10 +73,10 @@ def test_a_browser_gets_where_python_gets(env_id, variant, browser):
         q, v = (tuple(rng.normal(0.0, 0.1, count).tolist()) for _ in range(2))
         steps = math.ceil(SECONDS / setup.timing.control_period)
         if setup.task.discrete is None:
-            limit = 1.2 * setup.largest_controls[0]
-            actions = rng.uniform(-limit, limit, steps).tolist()
+            limits = 1.2 * np.array(setup.largest_controls)
+            actions = rng.uniform(-limits, limits, (steps, len(limits))).tolist()
         else:
-            actions = rng.integers(setup.task.discrete, size=steps).astype(float).tolist()
+            actions = rng.integers(setup.task.discrete, size=(steps, 1)).astype(float).tolist()
         expected = _played(setup, q, v, actions)
         found = browser.value(PLAYED % (json.dumps([q, v]), json.dumps(actions), *script))
         assert (None in found, len(found)) == (None in expected, len(expected)), integrator
