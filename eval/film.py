@@ -282,7 +282,8 @@ def episode_of_robot(record: EvidenceRecord, described: Mapping[str, Any]) -> Ro
         SimpleNamespace(plant=SimpleNamespace(name=ROBOT), skeleton=skeleton),  # type: ignore[arg-type]
         trace["time"],
         np.hstack([q, headings, shares]),
-        *(nothing, nothing, nothing, nothing, nothing),
+        nothing[:, None],
+        *(nothing, nothing, nothing, nothing),
         success=bool(record["success"]),
         cell=cell,
     )
