@@ -92,7 +92,7 @@ def with_servo(plant: type[Any]) -> type[Any]:
         ("servo", str, when),
         ("servo_period", float | None, period),
     )
-    own = {"controls": controls, "base": plant, "input_forces": None}
+    own = {"controls": controls, "base": plant, "input_forces": None, "__doc__": plant.__doc__}
     return make_dataclass(
         f"Servo{plant.__name__}", given, bases=(ServoPlant, plant), namespace=own, frozen=True
     )
@@ -111,7 +111,7 @@ def with_targets(task: type[Any]) -> type[Any]:
             "choices; leave it out"
         )
     limit = parameter(pi, "rad, m", "targets are within ±`target_limit`", positive)
-    own = {"base": task, "effort_limits": task.control_limits}
+    own = {"base": task, "effort_limits": task.control_limits, "__doc__": task.__doc__}
     return make_dataclass(
         f"Target{task.__name__}",
         [("target_limit", float, limit)],

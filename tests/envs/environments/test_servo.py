@@ -156,6 +156,7 @@ def test_what_cannot_be_is_refused():
 def test_a_setup_with_a_servo_can_be_sent_to_another_process():
     setup = environment_setup("IntegPendulum-v0", SERVO)
     assert pickle.loads(pickle.dumps(setup)).arguments() == setup.arguments()
+    assert type(setup.task).__doc__ == environment_setup("IntegPendulum-v0", {}).task.__doc__
 
 
 @pytest.mark.parametrize("engine", ["casadi", "mujoco", "pinocchio"])
