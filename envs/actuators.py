@@ -20,12 +20,26 @@ SERVO_ARGUMENTS = (
 """Constructor arguments of environments with servos alone."""
 
 
-class ServoPlant:
+class _Derived:
+    """Of a class that `make` makes of `base`; pickled as that, for no module holds it."""
+
+    base: ClassVar[type[Any]]
+    make: ClassVar[Any]
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        values = {f.name: getattr(self, f.name) for f in fields(cast(Any, self))}
+        return _remake, (self.make, self.base, values)
+
+
+def _remake(make: Any, base: type[Any], values: dict[str, Any]) -> Any:
+    return make(base)(**values)
+
+
+class ServoPlant(_Derived):
     """What a plant has besides where its controls are targets of a :class:`Servo`."""
 
     controls: ClassVar[tuple[tuple[str, str], ...]]
     actuated: ClassVar[tuple[int, ...]]
-    base: ClassVar[type[Any]]
     servo_stiffness: float
     servo_damping: float
     servo: str
@@ -42,16 +56,10 @@ class ServoPlant:
             self.servo_period,
         )
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        """By the plant's own class, as this one is made."""
-        values = {f.name: getattr(self, f.name) for f in fields(cast(Any, self))}
-        return _remake, (with_servo, self.base, values)
 
-
-class TargetTask:
+class TargetTask(_Derived):
     """What a task has besides where its actions are targets of a :class:`Servo`."""
 
-    base: ClassVar[type[Any]]
     target_limit: float
     effort_limits: Limits
 
@@ -65,14 +73,9 @@ class TargetTask:
         """The targets, saturated."""
         return saturate(ops, action, self.control_limits)
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        """By the task's own class, as this one is made."""
-        values = {f.name: getattr(self, f.name) for f in fields(cast(Any, self))}
-        return _remake, (with_targets, self.base, values)
 
-
-def _remake(maker: Any, base: type[Any], values: dict[str, Any]) -> Any:
-    return maker(base)(**values)
+def _origin_of(make: Any, base: type[Any]) -> dict[str, Any]:
+    return {"base": base, "make": staticmethod(make), "__doc__": base.__doc__}
 
 
 @cache
@@ -92,7 +95,7 @@ def with_servo(plant: type[Any]) -> type[Any]:
         ("servo", str, when),
         ("servo_period", float | None, period),
     )
-    own = {"controls": controls, "base": plant, "input_forces": None, "__doc__": plant.__doc__}
+    own = {**_origin_of(with_servo, plant), "controls": controls, "input_forces": None}
     return make_dataclass(
         f"Servo{plant.__name__}", given, bases=(ServoPlant, plant), namespace=own, frozen=True
     )
@@ -111,7 +114,7 @@ def with_targets(task: type[Any]) -> type[Any]:
             "choices; leave it out"
         )
     limit = parameter(pi, "rad, m", "targets are within ±`target_limit`", positive)
-    own = {"base": task, "effort_limits": task.control_limits, "__doc__": task.__doc__}
+    own = {**_origin_of(with_targets, task), "effort_limits": task.control_limits}
     return make_dataclass(
         f"Target{task.__name__}",
         [("target_limit", float, limit)],
