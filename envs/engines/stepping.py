@@ -49,9 +49,8 @@ class PlantSystem:
         sampler: the servo that is computed at the start of steps, or None.
         no_losses: zero of every loss component: (damping,), (damping, contact) with stops of either
             kind, or with contact points (damping, contact, friction in contact); then of what is
-            carried with them: the controls' work, J, where they are no forces along coordinates,
-            and of a servo within the field the
-            integral of each squared effort.
+            carried with them: where controls are more than forces along coordinates their work, J,
+            and of a servo within the field the integral of each squared effort.
     """
 
     def __init__(
@@ -63,10 +62,10 @@ class PlantSystem:
     ) -> None:
         self.plant = plant
         self.max_speed = max_speed
-        own = getattr(plant, "speed_limits", None)
+        own, lagging = getattr(plant, "speed_limits", None), getattr(plant, "lagging", ())
         limits = own if max_speed is None else (max_speed,) * len(plant.velocities)
-        self.speed_limits: Components | None = limits and tuple(
-            [inf if limit is None else limit for limit in limits]
+        self.speed_limits: Components | None = limits and tuple(  # a thrust is no speed
+            [inf if x is None or i in lagging else x for i, x in enumerate(limits)]
         )
         stops: Stops | None = getattr(plant, "stops", None)
         self.stops = None if engine_stops else stops
@@ -90,10 +89,6 @@ class PlantSystem:
         self._unresisted = self.no_losses[1:]
         self.no_losses = (*self.no_losses, *(0.0,) * self._carried)
         self._jacobian = None if self.input_forces else getattr(plant, "jacobian", None)
-        lagging = getattr(plant, "lagging", ())
-        if self.speed_limits is not None:  # a thrust is no speed
-            held = enumerate(self.speed_limits)
-            self.speed_limits = tuple([inf if i in lagging else limit for i, limit in held])
         self._moving = [i for i in range(len(plant.coordinates)) if i not in lagging]
 
     def generalized(self, controls: Components) -> Components:

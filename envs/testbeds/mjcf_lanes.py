@@ -303,8 +303,7 @@ class RobotLanes(SequentialVectorEnv):
                     self._hand_over(lane)
                 success[lane] = goal.note(*outcome) and not self._diverged[lane]
                 since[lane] = goal.since
-        late = np.maximum(0.0, time)
-        return {"time": time, "sensor_time": late, "goal_since": since, "success": success}
+        return {"time": time, "sensor_time": time.copy(), "goal_since": since, "success": success}
 
     def _hand_over(self, lane: int) -> None:
         """Have the one task be that of a lane, as what it achieves is asked of it."""
