@@ -37,7 +37,7 @@ max_torque = 1.0
 duration = 1.0
 
 [training]
-total_steps = 2048
+total_steps = 163840
 n_envs = 4
 n_steps = 128
 batch_size = 128
@@ -138,8 +138,8 @@ def until(holds: Callable[[], Any], process: Any) -> Any:
     return found
 
 
-BUSY_SECONDS = 2.0
-"""Processor time after which a process is in the middle of its work, s."""
+BUSY_SECONDS = 1.5
+"""Processor time after which a worker trains: half of what its first units take in all, s."""
 
 
 def kill_a_worker(parent: int, named: str, driver: Any) -> None:
