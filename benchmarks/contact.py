@@ -19,8 +19,9 @@ from pathlib import Path
 import numpy as np
 from measuring import results
 
-from integ_gym.envs.engines.stepping import NativeEngine, PlantSystem
+from integ_gym.envs.engines.stepping import NativeEngine
 from integ_gym.envs.ops.ops import ARRAY
+from integ_gym.envs.plants.system import PlantSystem
 from integ_gym.envs.registries import INTEGRATORS, TRUTH
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers" / "envs"))

@@ -23,9 +23,10 @@ from measuring import results
 from scipy.special import ellipj, ellipk
 from tqdm import tqdm
 
-from integ_gym.envs.engines.stepping import Engine, PlantSystem, integrators_of, missing_modules
+from integ_gym.envs.engines.stepping import Engine, integrators_of, missing_modules
 from integ_gym.envs.numerics.stepping import engine_of
 from integ_gym.envs.ops.ops import SCALAR
+from integ_gym.envs.plants.system import PlantSystem
 from integ_gym.envs.registries import ENGINES, INTEGRATORS, PLANTS
 from integ_gym.envs.settings import NATIVE
 

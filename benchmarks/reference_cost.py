@@ -15,11 +15,12 @@ from typing import Any
 from bounds import print_judged
 from measuring import results
 
-from integ_gym.envs.engines.stepping import NativeEngine, PlantSystem
+from integ_gym.envs.engines.stepping import NativeEngine
 from integ_gym.envs.ops.compiling import compile_trace
 from integ_gym.envs.ops.dialects import SCALARS
 from integ_gym.envs.ops.ops import Components, Ops
 from integ_gym.envs.plants.interface import controls_of
+from integ_gym.envs.plants.system import PlantSystem
 from integ_gym.envs.registries import PLANTS
 
 CASES: tuple[tuple[str, Components, Components, float], ...] = (

@@ -12,7 +12,7 @@ from integ_gym.support.parameters import nonnegative, one_of, optional, paramete
 
 from .mechanics import WHEN, Servo
 from .ops.ops import Components, Ops
-from .tasks import Command, Limits, saturate
+from .tasks.interface import Command, Limits, saturate
 
 SERVO_ARGUMENTS = (
     "servo", "servo_stiffness", "servo_damping", "servo_period", "target_limit",

@@ -12,7 +12,7 @@ from gymnasium import spaces
 from .ops.ops import SCALAR
 from .settings import Timing
 from .starts import ARRIVAL, stream_of_episode
-from .tasks import Command
+from .tasks.interface import Command
 from .transition import OF_COMMANDS, draw_arrival
 
 NOT_LATE = (1.0, 0.0)

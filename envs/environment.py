@@ -39,7 +39,7 @@ from .starts import (
     stream_of_episode,
 )
 from .steps import WARM_UP, trace_function
-from .tasks import FLOAT32_ROUNDING
+from .tasks.interface import FLOAT32_ROUNDING
 from .transition import (
     STATUS_NAMES,
     EnvState,

@@ -30,11 +30,12 @@ from integ_gym.support.parameters import (
 )
 
 from .actuators import SERVO_ARGUMENTS, ServoPlant, with_servo, with_targets
-from .engines.stepping import DIVERGENCE_SPEED, Engine, NativeEngine, PlantSystem, make_engine
+from .engines.stepping import DIVERGENCE_SPEED, Engine, NativeEngine, make_engine
 from .mechanics import Servo
 from .ops.ops import Component
 from .plants.interface import Plant
-from .tasks import Task
+from .plants.system import PlantSystem
+from .tasks.interface import Task
 
 NATIVE = NativeEngine.name
 """Name of integ-gym's own engine."""

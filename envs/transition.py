@@ -9,11 +9,12 @@ from collections.abc import Iterator
 from functools import partial
 from typing import Any, NamedTuple
 
-from .engines.stepping import DIVERGENCE_SPEED, Held, Motion, Segments
+from .engines.stepping import DIVERGENCE_SPEED, Held, Segments
 from .ops.ops import Component, Components, Ops, map_leaves, split_state
 from .plants.contact import Touch
+from .plants.system import Motion
 from .settings import Setup, Timing
-from .tasks import Command
+from .tasks.interface import Command
 
 OK, NOT_CONVERGED, DIVERGED, NOT_REPORTED = 0, 1, 2, -1
 STATUS_NAMES: tuple[str, ...] = ("ok", "not_converged", "diverged", "not_reported")

@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from integ_gym.envs.engines.stepping import NativeEngine, PlantSystem
+from integ_gym.envs.engines.stepping import NativeEngine
 from integ_gym.envs.ops.ops import ARRAY, SCALAR
 from integ_gym.envs.plants.double_pendulum import Acrobot
+from integ_gym.envs.plants.system import PlantSystem
 from integ_gym.envs.settings import Setup
-from integ_gym.envs.tasks import wrap_angle
+from integ_gym.envs.tasks.interface import wrap_angle
 
 from .controllers import HandMade, Matrix, discretize_zoh, lqr
 from .policy import ActionArray

@@ -13,7 +13,7 @@ from typing import Any
 from integ_gym.envs.environment import OTHER_TESTBEDS, is_integ_environment
 from integ_gym.envs.registries import ENVIRONMENTS
 from integ_gym.envs.settings import Settings
-from integ_gym.envs.tasks import PendulumSwingUp
+from integ_gym.envs.tasks.pendulum import PendulumSwingUp
 from integ_gym.support.errors import InputError
 from integ_gym.support.options import CommandParser, add_named_values, by_name, whole_number
 from integ_gym.support.terminal import report_errors

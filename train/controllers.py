@@ -10,14 +10,17 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from integ_gym.envs.engines.stepping import NativeEngine, PlantSystem
+from integ_gym.envs.engines.stepping import NativeEngine
 from integ_gym.envs.ops.ops import ARRAY, SCALAR, join_state, split_state
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.plants.elastic_pendulum import ElasticPendulum
 from integ_gym.envs.plants.interface import Plant
 from integ_gym.envs.plants.pendulum import Pendulum
+from integ_gym.envs.plants.system import PlantSystem
 from integ_gym.envs.settings import Setup
-from integ_gym.envs.tasks import NEAR_PLUMB, CartPoleBalance, CartPoleSwingUp, wrap_angle
+from integ_gym.envs.tasks.cart_pole import CartPoleBalance, CartPoleSwingUp
+from integ_gym.envs.tasks.elastic_pendulum import NEAR_PLUMB
+from integ_gym.envs.tasks.interface import wrap_angle
 from integ_gym.support.errors import InputError
 from integ_gym.support.optional import load
 

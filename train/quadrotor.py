@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from integ_gym.envs.plants.quadrotor import Quadrotor
 from integ_gym.envs.settings import Setup
-from integ_gym.envs.tasks import NEAR_UPRIGHT
+from integ_gym.envs.tasks.interface import NEAR_UPRIGHT
 
 from .controllers import HandMade, discretize_zoh, linearize, lqr_gain
 

@@ -1,1 +1,1 @@
-"""The registered ids: a task and its environment in each file, with its contract."""
+"""The registered ids: an environment in each file, with its contract."""

@@ -2,79 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from math import inf, pi
 from typing import Any, ClassVar
 
 from gymnasium import Env
 from gymnasium.vector import VectorEnv
 
-from integ_gym.support.parameters import parameter, positive
-
 from ..environment import IntegEnv
-from ..ops.ops import Component, Components, Ops
-from ..tasks import NEAR_UPRIGHT, REWARD_STEP, BoxTask, draw_uniform, wrap_angle
 from ..vector import IntegVectorEnv
-from .acrobot import LINK_NAMES, LINK_UNITS, observe_links
-
-
-@dataclass(frozen=True)
-class AcrobotSwingUp(BoxTask):
-    """Swing a torque-limited acrobot up and keep it there.
-
-    Reward rate up to 1 / 0.02 s, the more the higher both links point and the smaller the torque.
-    """
-
-    max_torque: float = parameter(20.0, "N m", "torque limit of the motor", positive)
-
-    plant: ClassVar[str] = "acrobot"
-    starts: ClassVar[tuple[str, ...]] = ("hanging",)
-    start_options: ClassVar[tuple[str, ...]] = ("low", "high")
-    goal: ClassVar[str] = (
-        "|theta_1 - pi| < 0.2 rad and |theta_2| < 0.2 rad (wrapped) throughout the last 2 s"
-    )
-    goal_stay: ClassVar[float] = 2.0
-    goal_edge: ClassVar[tuple[float, ...]] = (pi - NEAR_UPRIGHT, -NEAR_UPRIGHT)
-    observation_names: ClassVar[tuple[str, ...]] = LINK_NAMES
-    observation_units: ClassVar[tuple[str, ...]] = LINK_UNITS
-
-    @property
-    def control_limit(self) -> Component:
-        """Torque limit, N m."""
-        return self.max_torque
-
-    def observation_limits(self, max_speed: float | None) -> tuple[float, ...]:
-        """1 four times, and the speed limit or infinity."""
-        speed = inf if max_speed is None else max_speed
-        return 1.0, 1.0, 1.0, 1.0, speed, speed
-
-    def observe(self, ops: Ops, q: Components, v: Components) -> Components:
-        """(cos θ₁, sin θ₁, cos θ₂, sin θ₂, θ̇₁, θ̇₂)."""
-        return observe_links(ops, q, v)
-
-    def reward(
-        self,
-        ops: Ops,
-        q: Components,
-        v: Components,
-        mean_squares: Components,
-        terminated: Component,
-        control_period: float,
-    ) -> Component:
-        """Product of both links' heights at the start of the period and gentleness in it."""
-        height = 0.25 * (1.0 - ops.cos(q[0])) * (1.0 - ops.cos(q[0] + q[1]))
-        effort = mean_squares[0] / (self.max_torque * self.max_torque)
-        return height * (1.0 - 0.1 * effort) * (control_period / REWARD_STEP)
-
-    def at_goal(self, ops: Ops, q: Components, v: Components) -> Component:
-        """Both links near upright."""
-        straight = abs(wrap_angle(ops, q[1])) < NEAR_UPRIGHT
-        return (abs(wrap_angle(ops, q[0] + pi)) < NEAR_UPRIGHT) & straight
-
-    def draw_start(self, rng: Any, start: str, options: Mapping[str, Any]) -> Components:
-        """Every component uniform in [low, high], by default ±0.1, around rest hanging."""
-        return draw_uniform(rng, options, 4, 0.1)
 
 
 class IntegAcrobotSwingUpEnv(IntegEnv, Env[Any, Any]):

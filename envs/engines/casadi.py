@@ -14,10 +14,10 @@ from integ_gym.support.optional import load
 
 from ..integrators.interface import Step
 from ..ops.ops import Components, Ops
+from ..plants.system import PlantSystem
 from ..registries import TRUTH
 from .rigid import Array
 from .simulator import MappedEngine, Run, guard
-from .stepping import PlantSystem
 
 NEWTON = {"abstol": 1e-12, "max_iter": 50}
 """Of Newton's defect and correction, and most iterations per step."""

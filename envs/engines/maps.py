@@ -9,8 +9,8 @@ from ..integrators.implicit import ImplicitEuler
 from ..integrators.interface import State, Step, System
 from ..integrators.newton import Solved, differences, solve, solve_linear
 from ..ops.ops import Component, Components, Ops, along
+from ..plants.system import PlantSystem
 from ..registries import INTEGRATORS, MAPS, TRUTH
-from .stepping import PlantSystem
 
 Row = tuple[float, ...]
 Slopes = tuple[tuple[Components, ...], tuple[Components, ...]]

@@ -11,10 +11,10 @@ from integ_gym.support.errors import InputError
 from integ_gym.support.optional import load
 
 from ..ops.ops import SCALAR, Component, Components, Ops
+from ..plants.system import PlantSystem
 from .mujoco_solver import SETTINGS, MujocoSettings
 from .rigid import MAPS, Array, LanesEngine, stop_law
 from .simulator import Run, silence_output
-from .stepping import PlantSystem
 
 SETTABLE = tuple(name for name in SETTINGS if not name.startswith(("noslip", "cone")))
 """Settings of MuJoCo's solver that MJX takes for plants without contacts."""

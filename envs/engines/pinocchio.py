@@ -12,10 +12,11 @@ from integ_gym.support.optional import load
 
 from ..mechanics import Mechanism
 from ..ops.ops import Components, Ops
+from ..plants.system import PlantSystem
 from ..registries import INTEGRATORS
 from .rigid import Array, check_agreement, mechanism_of
 from .simulator import integrator_error, refuse_arrays
-from .stepping import NativeEngine, PlantSystem
+from .stepping import NativeEngine
 
 Rows = tuple[Components, ...]
 

@@ -20,16 +20,8 @@ from integ_gym.support.parameters import suggestion
 
 from ..integrators.interface import Step
 from ..ops.ops import Component, Components, Ops
-from .stepping import (
-    DIVERGENCE_SPEED,
-    Held,
-    Motion,
-    PlantSystem,
-    Segments,
-    SteppedEngine,
-    solver_with,
-    within_bounds,
-)
+from ..plants.system import Motion, PlantSystem
+from .stepping import DIVERGENCE_SPEED, Held, Segments, SteppedEngine, solver_with, within_bounds
 
 
 class MappedEngine(SteppedEngine):

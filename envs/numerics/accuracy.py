@@ -12,9 +12,9 @@ import numpy as np
 from integ_gym.support.errors import InputError
 from integ_gym.support.optional import load
 
-from ..engines.stepping import PlantSystem
 from ..ops.ops import ARRAY, SCALAR, join_state, split_state
 from ..plants.interface import Plant, controls_of
+from ..plants.system import PlantSystem
 from .stepping import WIDTH, Advance, Array, State, advance, advance_lanes, jacobian
 
 HALVINGS = (4, 5, 6, 7, 8, 9)

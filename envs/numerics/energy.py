@@ -12,9 +12,10 @@ import numpy as np
 from integ_gym.support.errors import InputError
 
 from ..actuators import ServoPlant
-from ..engines.stepping import Motion, NativeEngine, PlantSystem
+from ..engines.stepping import NativeEngine
 from ..ops.ops import ARRAY, SCALAR, join_state, split_state
 from ..plants.interface import Plant, controls_of
+from ..plants.system import Motion, PlantSystem
 from ..settings import Setup
 from .stepping import Array, State
 

@@ -13,10 +13,10 @@ import numpy as np
 import numpy.typing as npt
 
 from ..engines.maps import map_names, one_step_map
-from ..engines.stepping import PlantSystem
 from ..ops.ops import SCALAR, Component, Components, join_state
 from ..plants.interface import Plant, controls_of
 from ..plants.pendulum import Pendulum
+from ..plants.system import PlantSystem
 from ..registries import INTEGRATORS, PLANTS
 from . import stepping
 from .accuracy import (

@@ -11,10 +11,11 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from ..engines.stepping import NativeEngine, PlantSystem, make_engine
+from ..engines.stepping import NativeEngine, make_engine
 from ..ops.ops import ARRAY, SCALAR, Component, Components, join_state, split_state
 from ..plants.interface import Plant, controls_of
 from ..plants.oscillator import Oscillator
+from ..plants.system import PlantSystem
 
 Array = npt.NDArray[np.float64]
 State = Sequence[float] | Array

@@ -37,7 +37,7 @@ class Plant(Protocol):
       that move rigid bodies refuse the plant.
 
     Stops, contact points and friction are forces that
-    :class:`integ_gym.envs.engines.stepping.PlantSystem` adds to the control: ``acceleration``,
+    :class:`integ_gym.envs.plants.system.PlantSystem` adds to the control: ``acceleration``,
     ``energy``, ``dissipation`` and ``jacobian`` leave them out.
     """
 

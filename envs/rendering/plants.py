@@ -11,7 +11,9 @@ import numpy as np
 from ..ops.ops import SCALAR
 from ..plants.interface import state_names, state_units
 from ..settings import Setup
-from ..tasks import NEAR_PLUMB, NEAR_TARGET, NEAR_UPRIGHT, ROOM, wrap_angle
+from ..tasks.elastic_pendulum import NEAR_PLUMB
+from ..tasks.interface import NEAR_UPRIGHT, wrap_angle
+from ..tasks.quadrotor import NEAR_TARGET, ROOM
 from .canvas import BLUE, FAINT, GREEN, INK, MUTED, VERMILION, WHITE, Canvas, Point, polar, tint
 from .skeletons import SIZE
 

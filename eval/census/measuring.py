@@ -13,9 +13,10 @@ import numpy as np
 
 from integ_gym.envs import numerics
 from integ_gym.envs.engines.maps import map_names, one_step_map
-from integ_gym.envs.engines.stepping import PlantSystem, integrators_of, missing_modules
+from integ_gym.envs.engines.stepping import integrators_of, missing_modules
 from integ_gym.envs.ops.ops import SCALAR, join_state
 from integ_gym.envs.plants.interface import Plant
+from integ_gym.envs.plants.system import PlantSystem
 from integ_gym.envs.registries import TRUTH
 from integ_gym.evidence.record import plain
 from integ_gym.support.errors import describe_exception

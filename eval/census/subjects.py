@@ -12,11 +12,11 @@ from typing import Any, Literal, NamedTuple, Protocol
 import numpy as np
 
 from integ_gym.envs import numerics
-from integ_gym.envs.engines.stepping import PlantSystem
 from integ_gym.envs.ops.ops import Components
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.plants.interface import Plant
 from integ_gym.envs.plants.pendulum import Pendulum
+from integ_gym.envs.plants.system import PlantSystem
 from integ_gym.support.registry import Registry
 
 COAST = 10.0

@@ -13,12 +13,13 @@ import gymnasium as gym
 import numpy as np
 
 from integ_gym.envs import numerics
-from integ_gym.envs.engines.stepping import NativeEngine, PlantSystem
+from integ_gym.envs.engines.stepping import NativeEngine
 from integ_gym.envs.environment import IntegEnv
 from integ_gym.envs.ops.ops import Component, Components, Ops, join_state
 from integ_gym.envs.plants.interface import state_names, state_units
+from integ_gym.envs.plants.system import PlantSystem
 from integ_gym.envs.registries import PLANTS
-from integ_gym.envs.tasks import BoxTask
+from integ_gym.envs.tasks.interface import BoxTask
 from integ_gym.envs.vector import IntegVectorEnv
 from integ_gym.evidence.labels import EpisodeContext
 from integ_gym.evidence.recorder import RecordEvidence

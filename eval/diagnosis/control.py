@@ -11,7 +11,7 @@ import numpy as np
 from integ_gym.envs import numerics
 from integ_gym.envs.environment import environment_setup
 from integ_gym.envs.registries import TRUTH
-from integ_gym.envs.tasks import FLOAT32_ROUNDING
+from integ_gym.envs.tasks.interface import FLOAT32_ROUNDING
 from integ_gym.train.baselines import has_handmade, make_baseline
 
 from ..verdict import EQUIVALENCE_MARGIN

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from integ_gym.envs import numerics
-from integ_gym.envs.engines.stepping import PlantSystem
 from integ_gym.envs.ops.ops import ARRAY, join_state, split_state
 from integ_gym.envs.plants.interface import (
     Plant,
@@ -16,6 +15,7 @@ from integ_gym.envs.plants.interface import (
     state_names,
     state_units,
 )
+from integ_gym.envs.plants.system import PlantSystem
 from integ_gym.envs.registries import TRUTH
 
 from .lines import ANY, Diagnosis, Expectation, above, amount, below, near, undeclared

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from integ_gym.envs import numerics
-from integ_gym.envs.engines.stepping import PlantSystem
 from integ_gym.envs.ops.ops import ARRAY, split_state
 from integ_gym.envs.plants.interface import (
     Plant,
@@ -17,6 +16,7 @@ from integ_gym.envs.plants.interface import (
     state_names,
     state_units,
 )
+from integ_gym.envs.plants.system import PlantSystem
 
 from .bench import Rollout
 from .lines import Diagnosis, Expectation, amount, near, undeclared

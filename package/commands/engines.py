@@ -10,6 +10,7 @@ from typing import Any
 
 from integ_gym.envs import numerics
 from integ_gym.envs.engines import stepping
+from integ_gym.envs.plants.system import PlantSystem
 from integ_gym.envs.registries import ENGINES, PLANTS
 from integ_gym.envs.settings import NATIVE
 from integ_gym.support.errors import InputError
@@ -124,7 +125,7 @@ def _percent(share: float, digits: int) -> str:
 
 def _solvers(installed: Sequence[str]) -> dict[str, dict[str, dict[str, Any]]]:
     """Settings of every integrator's solver, as the engine has them, by engine and integrator."""
-    pendulum = stepping.PlantSystem(PLANTS.load("pendulum")())
+    pendulum = PlantSystem(PLANTS.load("pendulum")())
     return {
         engine: {
             own: dict(numerics.engine_of(f"{engine}/{own}", pendulum, 0.02).settings)

@@ -12,12 +12,13 @@ from hypothesis import strategies as st
 from motions import ALL
 from pairing import pairs
 
-from integ_gym.envs.engines.stepping import NativeEngine, PlantSystem
+from integ_gym.envs.engines.stepping import NativeEngine
 from integ_gym.envs.ops.compiling import compile_trace
 from integ_gym.envs.ops.dialects import SCALARS
 from integ_gym.envs.ops.jax_ops import JaxOps
 from integ_gym.envs.ops.ops import ARRAY, SCALAR, Ops
 from integ_gym.envs.plants.interface import controls_of
+from integ_gym.envs.plants.system import PlantSystem
 from integ_gym.envs.registries import PLANTS
 
 LANES = 7

@@ -9,9 +9,9 @@ import pytest
 from engine_cases import FIRST, needs
 
 import integ_gym
-from integ_gym.envs.engines.stepping import PlantSystem
 from integ_gym.envs.numerics.stepping import engine_of
 from integ_gym.envs.plants.pendulum import Pendulum
+from integ_gym.envs.plants.system import PlantSystem
 from integ_gym.envs.settings import Discretization
 from integ_gym.envs.testbeds.making import find_testbed
 from integ_gym.support import optional as versions

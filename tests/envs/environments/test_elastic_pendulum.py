@@ -7,9 +7,10 @@ from math import sqrt
 import gymnasium as gym
 import pytest
 
-from integ_gym.envs.engines.stepping import NativeEngine, PlantSystem
+from integ_gym.envs.engines.stepping import NativeEngine
 from integ_gym.envs.ops.ops import SCALAR
 from integ_gym.envs.plants.elastic_pendulum import ElasticPendulum
+from integ_gym.envs.plants.system import PlantSystem
 
 STIFF = ElasticPendulum(stiffness=1000.0)
 BOUNCE = sqrt(STIFF.stiffness / STIFF.mass)

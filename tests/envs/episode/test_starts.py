@@ -10,7 +10,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from integ_gym.envs.environment import environment_setup
 from integ_gym.envs.registries import ENVIRONMENTS
 from integ_gym.envs.starts import AT_ONCE, LaneStarts, numbers_per_start
-from integ_gym.envs.tasks import PendulumSwingUp
+from integ_gym.envs.tasks.pendulum import PendulumSwingUp
 
 LANES = 3
 

@@ -13,10 +13,11 @@ from checks import ROD, solved
 from motions import DRIVEN_PLANTS, STARTS, UNLIMITED
 
 import integ_gym
-from integ_gym.envs.engines.stepping import NativeEngine, PlantSystem
+from integ_gym.envs.engines.stepping import NativeEngine
 from integ_gym.envs.numerics.energy import ledger
 from integ_gym.envs.ops.ops import SCALAR, join_state
 from integ_gym.envs.plants.interface import controls_of
+from integ_gym.envs.plants.system import PlantSystem
 from integ_gym.envs.registries import PLANTS
 
 PERIOD = 0.05

@@ -7,9 +7,9 @@ import pytest
 from pairing import pairs
 
 from integ_gym.envs.engines.maps import Tableau, map_names, one_step_map
-from integ_gym.envs.engines.stepping import PlantSystem
 from integ_gym.envs.ops.ops import SCALAR
 from integ_gym.envs.plants.cart_pole import CartPole
+from integ_gym.envs.plants.system import PlantSystem
 from integ_gym.envs.registries import MAPS
 
 TABLEAUX = [name for name in MAPS.names() if hasattr(MAPS.load(name), "tableau")]

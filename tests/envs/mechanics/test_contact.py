@@ -15,12 +15,13 @@ from pairing import pairs
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
-from integ_gym.envs.engines.stepping import NativeEngine, PlantSystem
+from integ_gym.envs.engines.stepping import NativeEngine
 from integ_gym.envs.numerics.identity import declared
 from integ_gym.envs.ops.ops import ARRAY, SCALAR
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.plants.contact import Stops
 from integ_gym.envs.plants.pendulum import Pendulum
+from integ_gym.envs.plants.system import PlantSystem
 
 speeds = st.floats(-50.0, 50.0)
 angles = st.floats(-3.0, 3.0)

@@ -21,11 +21,12 @@ from scipy.integrate import quad, solve_ivp
 from scipy.optimize import brentq
 from touching import ENVIRONMENTS, Puck, Rod, RodWithoutJacobian
 
-from integ_gym.envs.engines.stepping import NativeEngine, PlantSystem
+from integ_gym.envs.engines.stepping import NativeEngine
 from integ_gym.envs.environment import environment_setup
 from integ_gym.envs.integrators.newton import time_of_kink
 from integ_gym.envs.mechanics import Kink
 from integ_gym.envs.ops.ops import ARRAY, SCALAR
+from integ_gym.envs.plants.system import PlantSystem
 from integ_gym.envs.registries import INTEGRATORS
 from integ_gym.envs.steps import script_of
 

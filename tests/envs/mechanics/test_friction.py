@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 from motions import ALL
 
-from integ_gym.envs.engines.stepping import NativeEngine, PlantSystem
+from integ_gym.envs.engines.stepping import NativeEngine
 from integ_gym.envs.ops.ops import ARRAY, SCALAR
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.plants.pendulum import Pendulum
+from integ_gym.envs.plants.system import PlantSystem
 
 IMPLICIT = ("implicit_euler", "implicit_midpoint", "stormer_verlet")
 

@@ -11,12 +11,12 @@ import pytest
 from examining import RESTING, examine, verdicts
 from plant_checks import damped
 
-from integ_gym.envs import tasks as _box
 from integ_gym.envs.engines.stepping import NativeEngine
 from integ_gym.envs.integrators.rk4 import RK4
 from integ_gym.envs.plants.contact import Stops
 from integ_gym.envs.registries import PLANTS
 from integ_gym.envs.settings import Timing
+from integ_gym.envs.tasks import interface as _box
 from integ_gym.eval.diagnosis import bench as open_loop
 from integ_gym.eval.diagnosis import control, identity
 from integ_gym.eval.diagnosis.subject import subjects

@@ -13,7 +13,6 @@ from own_plants import CentralSpring
 from scipy.integrate import solve_ivp
 from scipy.special import ellipj, ellipk
 
-from integ_gym.envs.engines.stepping import PlantSystem
 from integ_gym.envs.integrators.newton import CAP, TOLERANCE
 from integ_gym.envs.numerics.accuracy import (
     convergence,
@@ -27,6 +26,7 @@ from integ_gym.envs.numerics.stepping import fastest_rate, linear_map, probe_sta
 from integ_gym.envs.ops.ops import SCALAR, join_state, split_state
 from integ_gym.envs.plants.interface import controls_of
 from integ_gym.envs.plants.pendulum import Pendulum
+from integ_gym.envs.plants.system import PlantSystem
 from integ_gym.envs.registries import INTEGRATORS, PLANTS
 
 APPROXIMATE = tuple(name for name in ALL if name != "reference")

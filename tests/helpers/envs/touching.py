@@ -18,7 +18,7 @@ from integ_gym import (
     parameter,
     positive,
 )
-from integ_gym.envs.tasks import saturate
+from integ_gym.envs.tasks.interface import saturate
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,8 @@ from own_plants import CentralSpring
 from pairing import pairs
 
 from integ_gym.envs.engines.maps import one_step_map
-from integ_gym.envs.engines.stepping import PlantSystem
 from integ_gym.envs.ops.ops import SCALAR
+from integ_gym.envs.plants.system import PlantSystem
 from integ_gym.envs.registries import ENGINES
 from integ_gym.support.optional import load
 
