@@ -1,4 +1,4 @@
-"""The tables of docs/reference/panel.md on the quick panel, from a finished run.
+"""The tables of docs/explanation/quick_panel.md on the quick panel, from a finished run.
 
     python benchmarks/panel_tables.py RUN [--save docs/quick_panel.json]
     python benchmarks/panel_tables.py docs/quick_panel.json

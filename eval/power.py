@@ -112,10 +112,10 @@ def judge_family(
     Each of the two tests is corrected over the family by itself: wrong `fails` in the family
     have a chance of at most 0.05, and so have wrong `transfers`. They are two questions, of
     which a reader acts on one, and no comparison can be given both answers. The tests hold their
-    level for seeds that are all or nothing as for those that are not; docs/reference/panel.md has
-    what was simulated.
+    level for seeds that are all or nothing as for those that are not; docs/explanation/verdicts.md
+    has what was simulated.
 
-    Whoever grows a run until it says something looks more than once. Every look has a share of the
+    A run that grows until it says something is looked at more than once. Every look has a share of the
     level (`Looks`), by which its p-values are divided after Holm's procedure, so that these
     chances hold for all looks together.
 

@@ -1,4 +1,4 @@
-"""What docs/reference/panel.md says of the quick panel is what was saved, and a new run agrees."""
+"""What docs/explanation/quick_panel.md says of the quick panel is what was saved, and a new run agrees."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def tables(monkeypatch):
 
 
 def test_the_tables_are_those_of_the_saved_run(tables):
-    text = (ROOT / "docs" / "reference" / "panel.md").read_text(encoding="utf-8")
+    text = (ROOT / "docs" / "explanation" / "quick_panel.md").read_text(encoding="utf-8")
     assert "\n".join(tables.tables(SUMMARY)) in text
 
 
