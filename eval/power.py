@@ -115,8 +115,8 @@ def judge_family(
     level for seeds that are all or nothing as for those that are not; docs/explanation/verdicts.md
     has what was simulated.
 
-    A run that grows until it says something is looked at more than once. Every look has a share of the
-    level (`Looks`), by which its p-values are divided after Holm's procedure, so that these
+    A run that grows until it says something is looked at more than once. Every look has a share
+    of the level (`Looks`), by which its p-values are divided after Holm's procedure, so that these
     chances hold for all looks together.
 
     Equivalence is hard to show: seeds that all succeed leave room for a tenth that fail, and

@@ -1,4 +1,4 @@
-"""What docs/explanation/quick_panel.md says of the quick panel is what was saved, and a new run agrees."""
+"""docs/explanation/quick_panel.md says what was saved, and a new run agrees."""
 
 from __future__ import annotations
 
