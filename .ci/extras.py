@@ -89,6 +89,7 @@ USES: dict[str, list[str | list[str]]] = {
         EVALUATE,
         VERIFY,
         "integ-gym report judged",
+        "printf 'policy,success\\na,1\\na,0\\n' > mine.csv && integ-gym judge mine.csv --out mine",
         "integ-gym diagnose --plant pendulum --integrator rk4 --dt 0.1 --out diagnosed",
         "integ-gym engines --engine native",
         "integ-gym census --published gymnasium --out census",

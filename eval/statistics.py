@@ -645,7 +645,7 @@ def paired_difference(home: RatesLike, away: RatesLike, level: float = 0.95) -> 
 
 
 def unpaired_difference(
-    native: RatesLike, transferred: RatesLike, level: float = 0.95
+    native: RatesLike, transferred: RatesLike, level: float = 0.95, *, draws: int = DRAWS
 ) -> Difference:
     """Transfer gap: two groups of policies in one place, native − transferred.
 
@@ -657,6 +657,8 @@ def unpaired_difference(
         Shapes (seeds,) and (other seeds,), in [0, 1].
     level
         Nominal coverage of the interval, in (0, 1).
+    draws
+        From the posterior, and for each test.
 
     Raises
     ------
@@ -665,10 +667,10 @@ def unpaired_difference(
     """
     one = one_dimensional(native, "native")
     other = one_dimensional(transferred, "transferred")
-    posterior = unpaired_posterior(one, other)
+    posterior = unpaired_posterior(one, other, draws=draws)
     return Difference(
         equal_tailed(mean_of(one) - mean_of(other), posterior, level),
-        lambda worst: difference_draws(one, other, worst, SHOWN),
+        lambda worst: difference_draws(one, other, worst, SHOWN, draws=draws),
     )
 
 
@@ -845,6 +847,39 @@ def paired_return(
     differences = one - other
     require_finite(differences, "returns")
     return mean_interval(differences, level), _flip_test(differences)
+
+
+def unpaired_return(
+    first: RatesLike, second: RatesLike, level: float = 0.95
+) -> tuple[Estimate, float]:
+    """Difference of the mean returns of two independent groups, first − second.
+
+    Parameters
+    ----------
+    first, second
+        Shapes (n,) and (m,), in any unit.
+    level
+        Nominal coverage of the interval, in (0, 1).
+
+    Returns
+    -------
+    The difference with Welch's interval (1947), without ends of a group of one; and the two-sided
+    p-value of its test, 1 where there is none.
+
+    Raises
+    ------
+    ValueError
+        If a group is empty, or a value is not finite.
+    """
+    one, other = np.asarray(first, dtype=np.float64), np.asarray(second, dtype=np.float64)
+    for array, name in ((one, "first"), (other, "second")):
+        require_finite(array, name)
+    estimate = mean_of(one) - mean_of(other)
+    if min(one.size, other.size) < 2 or max(np.ptp(one), np.ptp(other)) == 0.0:
+        return Estimate(estimate), 1.0
+    found = load("scipy.stats", "report").ttest_ind(one, other, equal_var=False)
+    low, high = found.confidence_interval(level)
+    return Estimate(estimate, float(low), float(high), level), float(found.pvalue)
 
 
 def _flip_test(differences: Floats) -> float:

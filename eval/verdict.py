@@ -600,12 +600,13 @@ def compare_policies(
         if not any(cell.role == role for cell in cells):
             raise InputError(f"expected a cell with role {role!r}; the claim is decided there")
     differences = [stats.unpaired_difference(cell.rates_a, cell.rates_b) for cell in cells]
-    blocked = [_uninformative(cell) for cell in cells]
+    blocked = [uninformative(cell) for cell in cells]
     tested = [own.p_less() for own, why in zip(differences, blocked, strict=True) if why is None]
     reversals = iter(stats.holm(tested).tolist())
     findings = []
     for cell, difference, why in zip(cells, differences, blocked, strict=True):
-        status, win, reversal = why or "undecided", None, None
+        status: CellStatus = why or "undecided"
+        win, reversal = None, None
         if why is None:
             win = adjust_for_look(difference.p_greater(), share)
             reversal = adjust_for_look(next(reversals), share)
@@ -624,7 +625,8 @@ def compare_policies(
     return PolicyComparison(a=a, b=b, outcome=_outcome(findings), cells=tuple(findings))
 
 
-def _uninformative(cell: PolicyCell) -> CellStatus | None:
+def uninformative(cell: PolicyCell) -> Literal["too_few_seeds", "unsolved"] | None:
+    """Why a cell says nothing of two policies; None where it may."""
     if min(len(cell.rates_a), len(cell.rates_b)) < MIN_SEEDS:
         return "too_few_seeds"
     if max(stats.mean_rate(cell.rates_a), stats.mean_rate(cell.rates_b)) < UNSOLVED:

@@ -30,6 +30,7 @@ COMMANDS = {
     "train": Command("train one policy with PPO", "train"),
     "evaluate": Command("evaluate an existing policy", "report"),
     "check": Command("measure what a discretization costs, in about a minute", "panel"),
+    "judge": Command("judge results that were measured elsewhere", "report"),
     "contract": Command("compare what two environments mean before they integrate", "report"),
     "atlas": Command("run one panel at several limits of the control", "panel"),
     "diagnose": Command("check integrators against theory", "report"),
@@ -48,6 +49,7 @@ examples:
   integ-gym train --env IntegPendulum-v0 --integrator rk4 --dt 0.05 --seed 0 --out runs/rk4
   integ-gym evaluate policy.zip --env IntegPendulum-v0 --out runs/mine
   integ-gym check --integrator symplectic_euler --dt 0.05 --env-arg max_torque=0.7
+  integ-gym judge results.csv --home default
   integ-gym contract --env IntegPendulum-v0 engine=native engine=mujoco
   integ-gym diagnose --plant pendulum --integrator rk4
   integ-gym engines

@@ -96,54 +96,59 @@ def render(panel: Panel, episodes: Episodes | None = None, seal: str | None = No
     trusts, task = forests.trust_of(panel), describe_task(panel)
     success, returns = forests.paired_success(panel), forests.paired_return(panel)
     rows = [row for row in panel.rows if not row.baseline]
-    text: str = _template().render(
-        **page_parts("".join(_files("sheets").values()), _script(panel, episodes)),
-        panel=panel,
-        seal=seal,
-        created=f"{panel.created.astimezone(UTC):%Y-%m-%d %H:%M} UTC",
-        headline=_headline(panel),
-        details=conclusions.answer_lines(panel)[1:],
-        next_step=conclusions.next_step(panel),
-        task=task,
-        has_episodes=episodes is not None,
-        leads=episodes.leads if episodes else (),
-        watch_title=_watch_title(episodes),
-        watch_words=_watch_words(panel, episodes),
-        carried=pack_payload(panel, episodes, task, _href),
-        tiles=_tiles(panel, trusts),
-        success=success_matrix(panel),
-        verdicts=forests.ordered_verdicts(panel),
-        gaps=forests.gap_forest(panel),
-        paired=list(filter(None, (success, returns) if panel.truth else (returns, success))),
-        remedies=forests.mixtures_of(panel),
-        engine_lines=sorted(panel.engine_agreement, key=lambda e: (e.map, e.engine, -e.dt)),
-        costs=[
-            (row, panel.training_costs[row.name], panel.on_yardstick(row.name))
-            for row in panel.ordered_rows
-            if row.name in panel.training_costs
-        ],
-        ladders=ladder_plots(panel),
-        sweeps=sweep_plots(panel),
-        checks=forests.check_forest(panel),
-        separations=conclusions.separations_by_measure(panel),
-        trust=trusts,
-        rankings=sorted(panel.rankings, key=lambda one: -one.violation.estimate),
-        findings=findings_of(panel, trusts),
-        failed=_failed(panel),
-        failures=_failures(panel),
-        place_of=partial(_place_of_episode, panel),
-        comparisons=[(one, *_comparison(one)) for one in panel.policy_comparisons],
-        fewest=None if panel.given_alone or not rows else min(row.seeds for row in rows),
-        unlearned=[panel.in_words(row.name) for row in rows if row.learned is False],
-        settings=_settings(panel),
-        applied=Counter(cell.applied for cell in panel.cells if cell.applied).items(),
-        spec_json=json.dumps(panel.spec, indent=2, ensure_ascii=False),
+    text: str = (
+        report_environment()
+        .get_template("report.html.j2")
+        .render(
+            **page_parts("".join(_files("sheets").values()), _script(panel, episodes)),
+            panel=panel,
+            seal=seal,
+            created=f"{panel.created.astimezone(UTC):%Y-%m-%d %H:%M} UTC",
+            headline=_headline(panel),
+            details=conclusions.answer_lines(panel)[1:],
+            next_step=conclusions.next_step(panel),
+            task=task,
+            has_episodes=episodes is not None,
+            leads=episodes.leads if episodes else (),
+            watch_title=_watch_title(episodes),
+            watch_words=_watch_words(panel, episodes),
+            carried=pack_payload(panel, episodes, task, _href),
+            tiles=_tiles(panel, trusts),
+            success=success_matrix(panel),
+            verdicts=forests.ordered_verdicts(panel),
+            gaps=forests.gap_forest(panel),
+            paired=list(filter(None, (success, returns) if panel.truth else (returns, success))),
+            remedies=forests.mixtures_of(panel),
+            engine_lines=sorted(panel.engine_agreement, key=lambda e: (e.map, e.engine, -e.dt)),
+            costs=[
+                (row, panel.training_costs[row.name], panel.on_yardstick(row.name))
+                for row in panel.ordered_rows
+                if row.name in panel.training_costs
+            ],
+            ladders=ladder_plots(panel),
+            sweeps=sweep_plots(panel),
+            checks=forests.check_forest(panel),
+            separations=conclusions.separations_by_measure(panel),
+            trust=trusts,
+            rankings=sorted(panel.rankings, key=lambda one: -one.violation.estimate),
+            findings=findings_of(panel, trusts),
+            failed=_failed(panel),
+            failures=_failures(panel),
+            place_of=partial(_place_of_episode, panel),
+            comparisons=[(one, *_comparison(one)) for one in panel.policy_comparisons],
+            fewest=None if panel.given_alone or not rows else min(row.seeds for row in rows),
+            unlearned=[panel.in_words(row.name) for row in rows if row.learned is False],
+            settings=_settings(panel),
+            applied=Counter(cell.applied for cell in panel.cells if cell.applied).items(),
+            spec_json=json.dumps(panel.spec, indent=2, ensure_ascii=False),
+        )
     )
     return text
 
 
 @cache
-def _template() -> Any:
+def report_environment() -> Any:
+    """The jinja2 environment of a panel's page: its parts, filters and words."""
     context, markup = load("jinja2", "report").pass_context, load("markupsafe", "report")
 
     def breakable(text: str) -> Any:
@@ -182,7 +187,7 @@ def _template() -> Any:
         plural=plural,
         quote_command=quote_command,
     )
-    return environment.get_template("report.html.j2")
+    return environment
 
 
 @cache

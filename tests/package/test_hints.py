@@ -17,6 +17,7 @@ COMMANDS = {
     "diagnose --example drift": "report",
     "census --published gymnasium --out run": "report",
     "report run": "report",
+    "judge results.csv": "report",
     "watch run 3f9a --out film.gif": "render,report",
     "evidence verify run": "evidence",
 }

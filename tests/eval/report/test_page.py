@@ -140,7 +140,7 @@ def test_a_missing_extra_names_its_remedy(
     module: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, module, None)
-    report_page._template.cache_clear()
+    report_page.report_environment.cache_clear()
     write: Any = write_report if module == "jinja2" else write_figures
     with pytest.raises(ModuleNotFoundError, match=rf"{module} is not installed; .*\[report\]"):
         write(panel_of("given"), tmp_path)
