@@ -7,7 +7,8 @@ import importlib
 import json
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,8 @@ from mkdocs.structure.pages import Page
 
 import integ_gym
 from integ_gym.cli import COMMANDS
+from integ_gym.envs.registries import PLANTS, TASKS
+from integ_gym.evidence.fields import SUMMARY_FIELDS, Field, trace_fields
 
 ROOT = Path(__file__).parents[2]
 NOTEBOOKS = ROOT / "examples" / "notebooks"
@@ -89,11 +92,35 @@ def on_page_markdown(markdown: str, page: Page, **_: Any) -> str:
 
 def _pages() -> Iterator[tuple[str, str | bytes]]:
     yield "reference/commands.md", _commands()
+    yield "reference/fields.md", _fields()
     for stem in API:
         yield f"reference/api/{stem}.md", _names(stem)
     yield "tutorials/examples.md", _examples()
     for path in sorted(NOTEBOOKS.glob("*.ipynb")):
         yield from _notebook(path)
+
+
+def _fields() -> str:
+    """Every field of a record, by group, and the columns of a trace."""
+    task = TASKS.load("pendulum_swing_up")
+    parts = [
+        "# Fields of a record",
+        "Every column of the evidence, as it is defined in `evidence/fields.py`: its type, SI unit "
+        "and meaning. *Not hashed*: left out of `content_hash`.",
+    ]
+    for group, fields in groupby(SUMMARY_FIELDS, key=lambda field: field.group):
+        parts.append(f"## {group.capitalize()}\n\n{_table(fields)}")
+    trace = _table(trace_fields(PLANTS.load(task.plant), task))
+    return "\n\n".join([*parts, f"## Trace of `IntegPendulum-v0`\n\n{trace}"]) + "\n"
+
+
+def _table(fields: Iterable[Field]) -> str:
+    rows = ["| field | type | unit | meaning |", "|---|---|---|---|"]
+    for field in fields:
+        about = ", ".join(filter(None, (field.kind, field.at, "not hashed" * field.volatile)))
+        meaning = field.meaning.replace("|", "\\|")
+        rows.append(f"| `{field.name}` | {about} | {field.unit or '–'} | {meaning} |")
+    return "\n".join(rows)
 
 
 def _names(stem: str) -> str:
