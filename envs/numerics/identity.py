@@ -62,8 +62,10 @@ class Identity:
     Attributes:
         order: of convergence; None: exact to rounding; NaN: it diverges.
         symplectic: whether one step preserves the canonical form in (q, M(q) v). A method that is
-            exact to rounding does, whatever its construction.
-        reversible: whether going forward, turning round and coming back returns to the start.
+            exact to rounding does, whatever its construction. None of a plant with lagging
+            coordinates, which have no momenta.
+        reversible: whether going forward, turning round and coming back returns to the start. None
+            of a plant with lagging coordinates, which do not turn round.
         stable_up_to: largest hω on the harmonic oscillator; 0: never stable, ``inf``: always.
         symplecticity_defect: max |JᵀΩJ − Ω|.
         reversibility_errors: |state − start| in state order and SI units.
@@ -72,8 +74,8 @@ class Identity:
     """
 
     order: float | None
-    symplectic: bool
-    reversible: bool
+    symplectic: bool | None
+    reversible: bool | None
     stable_up_to: float
     symplecticity_defect: float
     reversibility_errors: tuple[float, ...]
@@ -90,10 +92,10 @@ class Identity:
         found = []
         if declared.order is not None and not abs(self.order - declared.order) <= ORDER_TOLERANCE:
             found.append("order")
-        if declared.symplectic not in (None, self.symplectic):
-            found.append("symplectic")
-        if declared.reversible not in (None, self.reversible):
-            found.append("reversible")
+        for name in ("symplectic", "reversible"):
+            said, measured = getattr(declared, name), getattr(self, name)
+            if None not in (said, measured) and said != measured:
+                found.append(name)
         return tuple(found)
 
 
@@ -135,14 +137,14 @@ def classify(
     plant = Pendulum() if plant is None else plant
     start = stepping.probe_state(plant) if state is None else state
     rate = stepping.fastest_rate(plant, start)
-    dt = STEP / rate
-    canonical = symplecticity_defect(integrator, plant, start, dt)
+    dt, lags = STEP / rate, bool(getattr(plant, "lagging", ()))
+    canonical = math.nan if lags else symplecticity_defect(integrator, plant, start, dt)
     errors = reversibility_errors(integrator, plant, start, dt, STEPS * dt, follow=follow)
     measured = convergence(integrator, plant, start, SPAN / rate, frequency=rate, follow=follow)
     return Identity(
         order=measured.order,
-        symplectic=canonical < SYMPLECTIC,
-        reversible=bool(errors.max() < REVERSIBLE),
+        symplectic=None if lags else canonical < SYMPLECTIC,
+        reversible=None if lags else bool(errors.max() < REVERSIBLE),
         stable_up_to=stepping.stability_limit(integrator),
         symplecticity_defect=canonical,
         reversibility_errors=tuple(errors.tolist()),

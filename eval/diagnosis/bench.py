@@ -19,7 +19,7 @@ from integ_gym.envs.ops.ops import Component, Components, Ops, join_state
 from integ_gym.envs.plants.interface import state_names, state_units
 from integ_gym.envs.plants.system import PlantSystem
 from integ_gym.envs.registries import PLANTS
-from integ_gym.envs.tasks.interface import BoxTask
+from integ_gym.envs.tasks.interface import BoxTask, Limits
 from integ_gym.envs.vector import IntegVectorEnv
 from integ_gym.evidence.labels import EpisodeContext
 from integ_gym.evidence.recorder import RecordEvidence
@@ -28,7 +28,7 @@ from integ_gym.evidence.vector_recorder import RecordVectorEvidence
 from integ_gym.support.parameters import parameter, positive
 from integ_gym.train.policy import Policy
 
-from .subject import Array, Subject
+from .subject import Array, Subject, control_unit
 
 
 class CountingSystem(PlantSystem):
@@ -155,7 +155,7 @@ class Commands:
 
     Args:
         name: of the policy.
-        values: one per decision, in the plant's unit, shape (decisions,).
+        values: of every control, in its unit, shape (decisions, controls).
     """
 
     def __init__(self, name: str, values: Array) -> None:
@@ -165,10 +165,10 @@ class Commands:
         self._next = 0
 
     def act(self, observations: Array) -> Array:
-        """The next command for every lane, shape (lanes, 1)."""
+        """The next command for every lane, shape (lanes, controls)."""
         value = self.values[self._next % len(self.values)]
         self._next += 1
-        return np.full((len(observations), 1), value)
+        return np.tile(value, (len(observations), 1))
 
 
 class Bench:
@@ -190,7 +190,7 @@ class Bench:
         subject: Subject,
         integrator: str,
         dt: float,
-        commands: Commands,
+        commands: tuple[str, Array],
         starts: Array,
         **arguments: Any,
     ) -> Rollout:
@@ -201,21 +201,25 @@ class Bench:
             subject: the plant.
             integrator: a registered name or ``"module:Class"``.
             dt: integration step, s.
-            commands: one per decision.
+            commands: their name, and one for each decision, shape (decisions, controls) or one of
+                all controls, shape (decisions, 1).
             starts: one per lane, state order, shape (lanes, n); of a single one evaluations of the
                 plant are counted.
             arguments: further constructor arguments; ``duration`` in s among them.
         """
         made = open_loop_environment(subject.name)
+        name, values = commands
+        shape = len(values), len(subject.plant.controls)
+        policy = Commands(name, np.broadcast_to(values, shape))
         arguments = {
             "control_period": subject.control_period, **arguments,
             "integrator": integrator, "dt": dt,
         }  # fmt: skip
         if len(starts) > 1:
-            return self._lanes(cell, made(len(starts), **arguments), commands, starts)
+            return self._lanes(cell, made(len(starts), **arguments), policy, starts)
         env = made.env_class(**arguments)
         system = count_evaluations(env)
-        rollout = self._recorded(RecordEvidence, made.__name__, cell, env, commands, starts[0])
+        rollout = self._recorded(RecordEvidence, made.__name__, cell, env, policy, starts[0])
         return replace(rollout, evaluations=system.evaluations)
 
     def task(
@@ -255,7 +259,7 @@ class Bench:
             period = steps // decisions * dt
             rollout = self.open_loop(
                 f"{cell}/{next(count)}", subject, integrator, dt,
-                Commands("constant", np.array([control])), np.asarray(state)[None],
+                ("constant", np.array([[control]])), np.asarray(state)[None],
                 control_period=period, duration=decisions * period, **subject.undamped,
             )  # fmt: skip
             return np.asarray(rollout.state[-1, 0])
@@ -298,12 +302,18 @@ class OpenLoop(BoxTask):
     """
 
     plant: ClassVar[str]
+    controls: ClassVar[int]
     observation_names: ClassVar[tuple[str, ...]]
     observation_units: ClassVar[tuple[str, ...]]
     starts: ClassVar[tuple[str, ...]] = ("given",)
     start_options: ClassVar[tuple[str, ...]] = ()
     goal: ClassVar[str] = "no divergence until `duration`"
     goal_stay: ClassVar[float] = 0.0
+
+    @property
+    def control_limits(self) -> Limits:
+        """The same of every control."""
+        return ((-self.control_limit, self.control_limit),) * self.controls
 
     def observation_limits(self, max_speed: float | None) -> tuple[float, ...]:
         """Unbounded."""
@@ -347,11 +357,11 @@ def open_loop_environment(plant: str) -> type[IntegVectorEnv]:
     plant_class = PLANTS.load(plant)
     described = {
         "plant": plant,
+        "controls": len(plant_class.controls),
         "observation_names": state_names(plant_class),
         "observation_units": state_units(plant_class),
     }
-    units = ", ".join(dict.fromkeys(unit for _, unit in plant_class.controls))
-    limit = parameter(1e6, units, "saturation of every actuator", positive)
+    limit = parameter(1e6, control_unit(plant_class), "saturation of every actuator", positive)
     task = make_dataclass(
         "OpenLoop", [("control_limit", float, limit)], bases=(OpenLoop,), namespace=described,
         frozen=True,

@@ -11,7 +11,7 @@ import numpy as np
 from integ_gym.envs.ops.ops import SCALAR, split_state
 from integ_gym.envs.registries import TRUTH
 
-from .bench import Commands, Rollout
+from .bench import Rollout
 from .lines import NO_CONTROL, Diagnosis, Expectation, amount, near, undeclared
 from .subject import Array, Subject, theory_of
 
@@ -165,7 +165,7 @@ def _strike(
     starts = np.repeat(impact.starts(dt, run_up, phases), len(stiffness), axis=0)
     return diagnosis.bench.open_loop(
         f"{diagnosis.section}/{len(stiffness)}/{integrator}/dt={dt:g}", subject, integrator, dt,
-        Commands("zero", NO_CONTROL), starts, control_period=period, duration=duration,
+        ("zero", NO_CONTROL), starts, control_period=period, duration=duration,
         stop_stiffness=np.tile(stiffness, phases), **impact.arguments,
     )  # fmt: skip
 

@@ -68,7 +68,7 @@ def diagnose_plant(diagnosis: Diagnosis) -> None:
         "Jacobian − differences of the accelerations, by the largest entry": (
             None if off is None else agree(off, "Jacobian and accelerations")
         ),
-        "energy at rest": (left, "J", near(0.0, EXACT, (left,), "J")),
+        "energy at rest": ((left, "J", near(0.0, EXACT, (left,), "J")) if subject.rests else None),
     }
     for quantity, line in found.items():
         if line is not None:
@@ -111,16 +111,20 @@ def energy_defect(plant: Plant, states: Array, control: float = 1.0) -> float:
 
 
 def mass_defect(plant: Plant, states: Array) -> float:
-    """Largest |M (a(F) − a(0)) − F| for unit forces F, over states (lanes, n)."""
+    """Largest |M (a(F) − a(0)) − F| for unit forces F, over states (lanes, n).
+
+    A unit force on a lagging coordinate, which has no mass, is its acceleration.
+    """
     q, v = split_state(tuple(states.T))
     rows, free = plant.mass_matrix(ARRAY, q), plant.acceleration(ARRAY, q, v, (0.0,) * len(q))
-    off = []
+    lagging, off = getattr(plant, "lagging", ()), []
     for force in np.eye(len(q)):
         pushed = plant.acceleration(ARRAY, q, v, tuple(force))
         gained = [a - b for a, b in zip(pushed, free, strict=True)]
-        for row, f in zip(rows, force, strict=True):
-            off.append(sum(m * a for m, a in zip(row, gained, strict=True)) - f)
-    return float(np.abs(off).max())
+        for i, (row, f) in enumerate(zip(rows, force, strict=True)):
+            moved = sum(m * a for m, a in zip(row, gained, strict=True))
+            off.append(moved + (gained[i] if i in lagging else 0.0) - f)
+    return float(np.abs(np.stack(np.broadcast_arrays(*off))).max())
 
 
 def jacobian_defect(plant: Any, states: Array) -> float | None:
@@ -154,7 +158,9 @@ def diagnose_identity(diagnosis: Diagnosis) -> None:
         found = numerics.classify(integrator, plant, follow=advance)
         _add_claims(diagnosis, integrator, found)
         limit = found.stable_up_to
-        stable = f"hω = {limit:.4g}, dt = {limit / subject.frequency:.3g} s"
+        stable = f"hω = {limit:.4g}"
+        if subject.rests:
+            stable += f", dt = {limit / subject.frequency:.3g} s"
         if limit == 0.0:
             stable = "never: oscillations grow at every step"
         diagnosis.identities.append(
@@ -165,7 +171,9 @@ def diagnose_identity(diagnosis: Diagnosis) -> None:
                 "symplectic": found.symplectic,
                 "reversible": found.reversible,
                 "stable_up_to_h_omega": round(limit, 6),
-                "stable_up_to_dt_s": round(limit / subject.frequency, 6),
+                "stable_up_to_dt_s": (
+                    round(limit / subject.frequency, 6) if subject.rests else None
+                ),
                 "stable": "any step" if math.isinf(limit) else stable,
             }
         )
@@ -186,6 +194,8 @@ def _add_claims(diagnosis: Diagnosis, integrator: str, found: numerics.Identity)
         integrator, "order of convergence", (), "", expectation,
         order=found.order, order_steps=found.order_steps,
     )  # fmt: skip
+    if found.symplectic is None:
+        return
     symplectic, yes, no = claim.symplectic, "symplectic", "not symplectic"
     if integrator == TRUTH:
         symplectic, yes = True, "the exact motion is symplectic"

@@ -13,7 +13,7 @@ from integ_gym.envs import numerics
 from integ_gym.envs.registries import INTEGRATORS, TRUTH
 from integ_gym.support.terminal import compact
 
-from .bench import Bench, Commands, Rollout
+from .bench import Bench, Rollout
 from .subject import Array, Subject
 
 
@@ -189,7 +189,7 @@ def order_expected(
 SCIPY = 1e-11
 """Errors against SciPy's integral below this share of the energy are its own."""
 
-NO_CONTROL = np.zeros(1)
+NO_CONTROL = np.zeros((1, 1))
 
 
 @dataclass
@@ -239,7 +239,7 @@ class Diagnosis:
             integrator: a registered name or ``"module:Class"``.
             steps: s.
             start: state order, shape (n,).
-            values: commands, one per decision, in the plant's unit.
+            values: commands, shape (decisions, controls), or (decisions, 1) where all are alike.
             name: tells motions of the section apart.
             arguments: constructor arguments; ``duration`` in s among them.
         """
@@ -247,7 +247,7 @@ class Diagnosis:
         return {
             dt: self.bench.open_loop(
                 f"{self.section}/{named}{integrator}/dt={dt:g}", self.subject, integrator, dt,
-                Commands(name or "zero", values), start[None], **arguments,
+                (name or "zero", values), start[None], **arguments,
             )
             for dt in steps
         }  # fmt: skip

@@ -111,7 +111,7 @@ def _expectation(line: Line) -> str:
 
 def _identity_cells(identity: Mapping[str, Any]) -> tuple[str, ...]:
     """What an integrator is on a plant, in words."""
-    answers, order = {True: "yes", False: "no"}, identity["order"]
+    answers, order = {True: "yes", False: "no", None: "-"}, identity["order"]
     if not isinstance(order, str):
         order = "diverges" if order is None else f"{order:.2f}"
     return (

@@ -49,6 +49,9 @@ SECTIONS: dict[str, Callable[[Diagnosis], None]] = {
 }
 """Sections in the order in which they are shown."""
 
+_NEED_REST = ("free motion", "stiffness", "damping", "friction")
+"""Sections about small oscillations: a plant that does not come to rest has none."""
+
 _LONGEST = ("timestep refinement", "latency")
 """Sections that are begun first, so that no worker is left alone with one at the end."""
 
@@ -158,6 +161,7 @@ def diagnose(
         (section, subject, names, unfinished, subject is plants[0])
         for subject in plants
         for section in SECTIONS
+        if subject.rests or section not in _NEED_REST
     ]
     with WorkBar("diagnose", len(jobs), progress, unit=" sections") as bar:
         try:

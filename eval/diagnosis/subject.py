@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import numbers
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass, fields, is_dataclass
 from typing import Any
 
@@ -43,9 +42,11 @@ class Subject:
         environments: registered ids of tasks about this plant.
         steps: integration steps from coarse to fine, s.
         control_period: time between two decisions, s: the coarsest step.
-        rest: stable rest state, state order, SI units, shape (n,).
-        frequency: of its fastest small oscillation, rad/s.
-        slowest: of its slowest small oscillation, rad/s.
+        rest: stable rest state, state order, SI units, shape (n,); a state in motion of a plant
+            that has none.
+        frequency: of its fastest small oscillation, rad/s; without rest its fastest rate, 1/s.
+        slowest: of its slowest small oscillation, or its slowest rate.
+        rests: whether it comes to rest without control.
     """
 
     name: str
@@ -55,6 +56,7 @@ class Subject:
     rest: Array
     frequency: float
     slowest: float
+    rests: bool = True
 
     @property
     def control_period(self) -> float:
@@ -68,7 +70,12 @@ class Subject:
 
     @property
     def start(self) -> Array:
-        """Displaced from rest by :data:`RELEASE` in every angle, at zero speed; shape (n,)."""
+        """Displaced from rest by :data:`RELEASE` in every angle, at zero speed; shape (n,).
+
+        Of a plant without rest the state in motion.
+        """
+        if not self.rests:
+            return self.rest
         units = self.plant.coordinate_units
         moved = [i for i, unit in enumerate(units) if unit == "rad"] or [0]
         start = self.rest.copy()
@@ -127,6 +134,9 @@ class Subject:
 _STILL = 1e-3
 """Rates below this share of the fastest are no oscillation: a cart rolls, a rotor turns."""
 
+_TIMELESS = 1e-6
+"""A fastest rate below this, 1/s, is the rounding of none."""
+
 _FINEST = 1e-4
 """hω below which a step is refused."""
 
@@ -139,7 +149,7 @@ class NoRestError(InputError):
 
 
 def subjects(env_id: str | None, plant: str | None, steps: Sequence[float]) -> list[Subject]:
-    """The plants to diagnose: of an environment, one by name, or all that come to rest.
+    """The plants to diagnose: of an environment, one by name, or all.
 
     Raises:
         ValueError: for an unknown environment or plant.
@@ -149,18 +159,16 @@ def subjects(env_id: str | None, plant: str | None, steps: Sequence[float]) -> l
     if env_id is not None:
         return [_subject(environment_class(env_id).task_class().plant, (env_id,), steps)]
     owners = {i: environment_class(i).task_class().plant for i in ENVIRONMENTS}
-    found = []
-    for name in (plant,) if plant is not None else PLANTS.names():
-        with suppress(*([NoRestError] if plant is None else [])):
-            environments = tuple(i for i, owner in owners.items() if owner == name)
-            found.append(_subject(name, environments, steps))
-    return found
+    return [
+        _subject(name, tuple(i for i, owner in owners.items() if owner == name), steps)
+        for name in ((plant,) if plant is not None else PLANTS.names())
+    ]
 
 
 def _subject(name: str, environments: tuple[str, ...], steps: Sequence[float]) -> Subject:
     plant = _checked(name, PLANTS.load(name))()
     try:
-        rest = rest_state(plant)
+        rest, rests = _rest_or_motion(plant)
         rates = numerics.linear_rates(plant, rest)
     except ValueError:
         raise
@@ -170,15 +178,29 @@ def _subject(name: str, environments: tuple[str, ...], steps: Sequence[float]) -
             "equations with the `ops` that it is given, for floats and arrays alike"
         ) from error
     frequency = float(rates[-1])
-    if not frequency > 0.0:
-        raise NoRestError(
-            f"the plant {name!r} has no restoring force at rest; a diagnosis needs a plant that "
-            "oscillates about a stable equilibrium"
+    if not frequency > _TIMELESS:
+        raise InputError(
+            f"the plant {name!r} has no restoring force and no rate of its own; a diagnosis needs "
+            "a plant whose motion has a time scale"
         )
     ladder = _ladder(steps or [_usual_step(environments, frequency)])
     _check_scale(name, ladder, frequency)
     slowest = float(rates[rates > _STILL * frequency][0])
-    return Subject(name, plant, environments, ladder, rest, frequency, slowest)
+    return Subject(name, plant, environments, ladder, rest, frequency, slowest, rests)
+
+
+def _rest_or_motion(plant: Plant) -> tuple[Array, bool]:
+    """Where a plant is pulled to and rests, or else a state in motion; and whether it rests."""
+    try:
+        rest = rest_state(plant)
+    except NoRestError:
+        return numerics.probe_state(plant), False
+
+    def resting(points: Array) -> Array:
+        return accelerations(plant, tuple(points.T), (0.0,) * len(plant.coordinates))
+
+    pulled = bool(numerics.jacobian(resting, rest[0::2]).any())
+    return (rest, True) if pulled else (numerics.probe_state(plant), False)
 
 
 def _checked(name: str, plant: type[Any]) -> type[Any]:
@@ -201,6 +223,11 @@ def _checked(name: str, plant: type[Any]) -> type[Any]:
             "integ_gym.support.parameters.parameter, as docs/how-to/adding.md shows"
         )
     return plant
+
+
+def control_unit(plant: Any) -> str:
+    """Unit of a plant's or plant class's controls, or their units."""
+    return ", ".join(dict.fromkeys(unit for _, unit in plant.controls))
 
 
 def _ladder(steps: Sequence[float]) -> tuple[float, ...]:

@@ -207,9 +207,9 @@ def _wrong(timing: Timing, late: int) -> int:
 
 def test_motions_that_end_together_do_not_differ():
     a = np.array([[0.0, 1.0], [2.0, 3.0], [np.nan, np.nan]])
-    assert control.different(a, a.copy()) == 0
-    assert control.different(a, np.array([[0.0, 1.0], [2.0, 3.0], [4.0, 5.0]])) == 1
-    assert control.different(a, np.full((3, 2), np.nan)) == 2
+    assert control.different(a, a.copy(), 0.0) == 0
+    assert control.different(a, np.array([[0.0, 1.0], [2.0, 3.0], [4.0, 5.0]]), 0.0) == 1
+    assert control.different(a, np.full((3, 2), np.nan), 0.0) == 2
 
 
 @pytest.fixture

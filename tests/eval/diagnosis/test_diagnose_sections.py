@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from examining import RESTING, examine, lines, verdicts
+from examining import MOVING, RESTING, examine, lines, verdicts
 
 from integ_gym.envs.engines.stepping import NativeEngine
 from integ_gym.envs.numerics import stepping
@@ -35,6 +35,17 @@ def test_the_order_of_every_integrator_is_judged_and_right(place, tmp_path, monk
         assert finding.order_steps[-1] <= finding.steps[-1]
     assert {f.integrator for f in judged} == {NAMES[place]}
     assert all(f.holds for f in findings if f.integrator == TRUTH)
+
+
+@pytest.mark.parametrize("plant", MOVING)
+def test_what_never_rests_is_diagnosed_without_its_rest(plant, tmp_path, monkeypatch):
+    monkeypatch.setattr(control, "success", lambda *arguments: None)
+    findings = []
+    for section in ("plant", "integrator", "actuation", "timestep refinement", "latency"):
+        findings += examine(section, plant, "stormer_verlet", TRUTH, store=tmp_path / section)
+    assert {f.holds for f in findings} == {True}
+    assert lines(findings, "control − command")
+    assert lines(findings, "delayed commands")
 
 
 @pytest.mark.parametrize("plant", RESTING)

@@ -10,8 +10,11 @@ from integ_gym.eval.diagnosis.run import SECTIONS
 from integ_gym.eval.diagnosis.subject import subjects
 from integ_gym.evidence.store import EvidenceStore
 
-RESTING = tuple(subject.name for subject in subjects(None, None, []))
-"""Plants that come to rest without control, which can be diagnosed."""
+RESTING = tuple(subject.name for subject in subjects(None, None, []) if subject.rests)
+"""Plants that come to rest without control."""
+
+MOVING = tuple(subject.name for subject in subjects(None, None, []) if not subject.rests)
+"""The others."""
 
 
 def examine(section: str, plant: str, *integrators: str, steps=(), store: Path) -> list[Finding]:
