@@ -11,8 +11,8 @@ from integ_gym.envs.plants.interface import Plant as Plant
 from integ_gym.envs.rediscretized import rediscretize as rediscretize
 from integ_gym.envs.registries import ENVIRONMENTS as ENVIRONMENTS
 from integ_gym.envs.settings import Discretization as Discretization
-from integ_gym.envs.tasks import Command as Command
-from integ_gym.envs.tasks import Task as Task
+from integ_gym.envs.tasks.interface import Command as Command
+from integ_gym.envs.tasks.interface import Task as Task
 from integ_gym.envs.testbeds.boundaries import Boundaries as Boundaries
 from integ_gym.envs.testbeds.gym_testbed import Applied as Applied
 from integ_gym.envs.testbeds.gym_testbed import GymTestbed as GymTestbed
