@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from integ_gym.envs.ops.ops import SCALAR, split_state
+from integ_gym.envs.ops.ops import SCALAR, join_state, split_state
 from integ_gym.envs.registries import TRUTH
 
 from .bench import Rollout
@@ -44,6 +44,9 @@ KINK = (2, "the force sets in with a kink")
 
 TOLERANCE = 0.05
 """Rebound energy as a share, and penetration relative to the exact one, this near are right."""
+
+_NEWTON_STEPS = 20
+"""In which a point is brought onto its plane."""
 
 _FREE = 1e-9
 """Acceleration that is none, m/s^2 or rad/s^2."""
@@ -138,14 +141,104 @@ def impact_of(subject: Subject) -> Impact | None:
 
 
 def diagnose_contact(diagnosis: Diagnosis) -> None:
-    """Let the plant run into its stop, at many steps and stiffnesses."""
+    """Let the plant run into its stop, at many steps and stiffnesses, and onto its planes."""
     impact = impact_of(diagnosis.subject)
-    if impact is None:
+    if impact is not None:
+        for integrator in diagnosis.integrators:
+            _add_default(diagnosis, integrator, impact)
+            if integrator != TRUTH:
+                _add_map(diagnosis, integrator, impact)
+    for name in getattr(diagnosis.subject.plant, "contact_names", ()):
+        _add_landing(diagnosis, name)
+
+
+@dataclass(frozen=True)
+class Landing:
+    """A contact point that comes onto its plane without gravity, moved by a force on it alone.
+
+    Attributes:
+        arguments: plant parameters.
+        touching: state in which the plane is touched, state order, shape (n,).
+        rate: frequency of the plant on the plane, rad/s.
+    """
+
+    arguments: dict[str, Any]
+    touching: Array
+    rate: float
+
+
+def landing_of(subject: Subject, name: str) -> Landing | None:
+    """The landing of a contact point, near the subject's start or its mirror image.
+
+    Args:
+        subject: the plant.
+        name: of the point.
+
+    Returns:
+        None where other points are beyond their planes then.
+    """
+    plant: Any = subject.plant
+    arguments = {"gravity": 0.0} if hasattr(plant, "gravity") else {}
+    light: Any = subject.varied(**arguments)
+    place = plant.contact_names.index(name)
+    contact = light.contacts[place]
+    others = light.contacts[:place] + light.contacts[place + 1 :]
+    for q in (subject.start[0::2], -subject.start[0::2]):
+        for _ in range(_NEWTON_STEPS):
+            configuration = tuple(q.tolist())
+            frame = contact.frame(SCALAR, configuration)
+            normal = np.array(frame.normal, dtype=np.float64)
+            mass = np.array(light.mass_matrix(SCALAR, configuration), dtype=np.float64)
+            pushed = np.linalg.pinv(mass) @ normal
+            q = q - frame.gap * pushed / (normal @ pushed)
+        if all(other.frame(SCALAR, configuration).gap > 0.0 for other in others):
+            v = -SPEED * pushed / (normal @ pushed)
+            rate = math.sqrt(contact.stiffness * float(normal @ pushed))
+            return Landing(arguments, np.array(join_state(tuple(q), tuple(v))), rate)
+    return None
+
+
+def _add_landing(diagnosis: Diagnosis, name: str) -> None:
+    """Landings everywhere within a step against the truth: penetration, loss, and the ledger."""
+    subject, landing = diagnosis.subject, landing_of(diagnosis.subject, name)
+    if landing is None:
         return
+    fine = subject.ladder(landing.rate, SMALL)[-1]
+    early = subject.control_period * (1.0 + (np.arange(PHASES) + 0.5) / PHASES)
+    starts = np.tile(landing.touching, (PHASES, 1))
+    starts[:, 0::2] -= np.outer(early, landing.touching[1::2])
+
+    def land(integrator: str, dt: float) -> Rollout:
+        period = subject.sampling(dt, math.pi / landing.rate / PARTS)
+        duration = 2.0 * subject.control_period + 1.5 * math.pi / landing.rate
+        return diagnosis.bench.open_loop(
+            f"{diagnosis.section}/{name}/{integrator}/dt={dt:g}", subject, integrator, dt,
+            ("zero", NO_CONTROL), starts, control_period=period,
+            duration=math.ceil(duration / period) * period, **landing.arguments,
+        )  # fmt: skip
+
+    def measures(rollout: Rollout) -> tuple[float, float]:
+        return float(penetration(rollout).max()), float(rollout.so_far("contact_loss")[-1].max())
+
+    truth, title = land(TRUTH, fine), f"{name} lands"
     for integrator in diagnosis.integrators:
-        _add_default(diagnosis, integrator, impact)
-        if integrator != TRUTH:
-            _add_map(diagnosis, integrator, impact)
+        if integrator == TRUTH:
+            diagnosis.add_ledger(integrator, {fine: truth}, title)
+            continue
+        rollouts = [land(integrator, dt) for dt in subject.steps]
+        found = zip(*map(measures, rollouts), strict=True)
+        words = ("largest penetration", "m"), ("most energy that the plane takes", "J")
+        for (quantity, unit), measured, exact in zip(words, found, measures(truth), strict=True):
+            expectation = near(exact, TOLERANCE * exact, measured, unit, "as on the truth")
+            diagnosis.add(
+                integrator, f"{title}, {quantity} of {PHASES} touches", measured, unit,
+                expectation, steps=subject.steps,
+            )  # fmt: skip
+        diagnosis.add(
+            integrator, f"{title}, Σ |energy residual|, mean of {PHASES}",
+            [float(r.residual().mean()) for r in rollouts], "J",
+            undeclared("nothing: friction turns within a step"), steps=subject.steps,
+        )  # fmt: skip
 
 
 def _strike(

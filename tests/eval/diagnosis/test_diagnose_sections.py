@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from examining import MOVING, RESTING, examine, lines, verdicts
+from touching import Puck, Rod
 
 from integ_gym.envs.engines.stepping import NativeEngine
 from integ_gym.envs.numerics import stepping
@@ -12,7 +13,10 @@ from integ_gym.envs.numerics.accuracy import independent_motion
 from integ_gym.envs.numerics.stepping import advance
 from integ_gym.envs.registries import INTEGRATORS, TRUTH
 from integ_gym.eval.diagnosis import control
-from integ_gym.eval.diagnosis.subject import subjects
+from integ_gym.eval.diagnosis.bench import Bench
+from integ_gym.eval.diagnosis.contact import diagnose_contact
+from integ_gym.eval.diagnosis.lines import Diagnosis
+from integ_gym.eval.diagnosis.subject import Subject, subjects
 from integ_gym.evidence.store import EvidenceStore
 
 NAMES = [name for name in INTEGRATORS.names() if name != TRUTH]
@@ -46,6 +50,19 @@ def test_what_never_rests_is_diagnosed_without_its_rest(plant, tmp_path, monkeyp
     assert {f.holds for f in findings} == {True}
     assert lines(findings, "control − command")
     assert lines(findings, "delayed commands")
+
+
+@pytest.mark.parametrize("plant", [Puck(), Rod()])
+def test_a_landing_is_held_against_the_truth(plant, tmp_path):
+    name, start = f"touching:{type(plant).__name__}", stepping.probe_state(plant)
+    subject = Subject(name, plant, (), (0.0005, 0.00025), start, 1.0, 1.0, rests=False)
+    bench = Bench(EvidenceStore(tmp_path), "test")
+    diagnosis = Diagnosis("contact", bench, subject, ("rk4", TRUTH))
+    diagnose_contact(diagnosis)
+    assert verdicts(diagnosis.findings, "lands, largest penetration") == {True}
+    assert verdicts(diagnosis.findings, "energy that the plane takes") == {True}
+    assert verdicts(diagnosis.findings, "energy residual", TRUTH) == {True}
+    assert len(lines(diagnosis.findings, "largest penetration")) == len(plant.contact_names)
 
 
 @pytest.mark.parametrize("plant", RESTING)
