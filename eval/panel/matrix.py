@@ -33,7 +33,8 @@ Array = npt.NDArray[Any]
 COLUMNS = (
     "policy_id", "cell", "episode_index", "record_id", "success", '"return"', "time_to_success",
     "energy_residual_total", "energy_residual_abs_total", "solver_status", "failure_label",
-    "replay_second_horizon", "arrival_energy", "arrival_residual", *SENTENCE_COLUMNS,
+    "replay_second_horizon", "arrival_energy", "arrival_residual", "command_error",
+    *SENTENCE_COLUMNS,
     "(arguments->>'$.duration.value')::DOUBLE AS duration",
 )  # fmt: skip
 """Columns of the records that the matrix is made of."""
@@ -167,6 +168,8 @@ class Matrix:
             energy_residual=self._mean(row, cell, "energy_residual_total"),
             energy_residual_abs=self._mean(row, cell, "energy_residual_abs_total"),
             numerics_share=self._numerics_share(row, cell),
+            command_error=self._mean(row, cell, "command_error"),
+            terminated=sum(record["terminated"] for record in records),
             diverged=sum(record["solver_status"] == "diverged" for record in records),
             not_converged=sum(r["solver_status"] == "not_converged" for r in records),
             home_drop=None if loss is None else loss.total,

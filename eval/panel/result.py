@@ -152,6 +152,10 @@ class Entry(Part, frozen=True, kw_only=True):
         numerics_share: of the energy that successful episodes gain until they first reach the
             goal, the share that numerical error put in; negative where it took some out; null
             where nothing is gained or the residual is not known.
+        command_error: root mean square over an episode of what is measured minus what is
+            commanded, as a vector, SI units; null where nothing is.
+        terminated: episodes that ended before their time, as by a fall; null where a file of
+            before does not say it.
         diverged: episodes that the simulation did not survive.
         not_converged: episodes in which the solver missed its tolerance.
         home_drop: success at home minus success here; null at home and without one, and where the
@@ -183,6 +187,8 @@ class Entry(Part, frozen=True, kw_only=True):
     energy_residual: Estimate | None
     energy_residual_abs: Estimate | None
     numerics_share: Estimate | None = None
+    command_error: Estimate | None = None
+    terminated: int | None = None
     diverged: int
     not_converged: int
     home_drop: Estimate | None

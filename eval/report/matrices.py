@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Final, Literal, TypeAlias
@@ -250,6 +251,28 @@ def time_matrix(panel: Panel) -> Matrix | None:
     about = "time to success of the episodes that succeed, s"
     ends = f"{compact(high, 3)} s", f"{compact(low, 3)} s"
     return _matrix(panel, "Time to success", about, ends, shade)
+
+
+def command_matrix(panel: Panel) -> Matrix | None:
+    """Matrix of command errors and of falls, None where nothing is commanded and measured."""
+    errors = [e.command_error.estimate for e in _of_columns(panel) if e.command_error is not None]
+    if not errors:
+        return None
+    low, high = max(min(errors), 1e-9), max(errors)
+
+    def shade(entry: Entry, home: bool) -> Shade:
+        if entry.command_error is None:
+            return Shade(NONE, "empty", 0.0, "nothing is commanded and measured")
+        value, fallen = entry.command_error.estimate, entry.terminated or 0
+        share = 1.0 - math.log(max(value, low) / low) / math.log(high / low) if high > low else 1.0
+        ended = f"{fallen} of {plural(entry.episodes, 'episode')} end before their time"
+        words = f"misses its command by {compact(value, 3)}; {ended}"
+        return Shade(compact(value, 3), "rate", share, words, (f"↓{fallen}",) if fallen else ())
+
+    about = "measured minus commanded, root mean square over an episode, SI units"
+    notes = ("↓n episodes ended before their time, as by a fall", "logarithmic scale")
+    ends = compact(high, 3), compact(low, 3)
+    return _matrix(panel, "Command error and falls", about, ends, shade, notes)
 
 
 def shade_style(shade: Shade) -> str:

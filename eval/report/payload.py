@@ -58,6 +58,7 @@ _MEASURES: Final = {
     "success": matrices.success_matrix,
     "loss": matrices.loss_matrix,
     "return": matrices.return_matrix,
+    "command": matrices.command_matrix,
     "energy": matrices.energy_matrix,
     "time to success": matrices.time_matrix,
 }

@@ -18,9 +18,12 @@ import integ_gym
 from integ_gym.envs.rendering.skeletons import Skeleton
 from integ_gym.envs.testbeds.making import find_testbed
 from integ_gym.eval.film import skeleton_of
+from integ_gym.eval.panel.result import read_panel
+from integ_gym.eval.report.matrices import command_matrix
 from integ_gym.eval.watch import watch
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.support.errors import InputError
+from integ_gym.support.terminal import compact
 
 pytestmark = pytest.mark.slow
 
@@ -106,3 +109,19 @@ def test_its_film_is_drawn_from_the_record_alone(
         places, turns = Skeleton(described, q).pose(q)
         np.testing.assert_allclose(places, data.xpos[1:], atol=1e-3)
         np.testing.assert_allclose(turns.reshape(-1, 9), data.xmat[1:], atol=1e-3)
+
+
+def test_its_matrix_tells_by_how_much_commands_are_missed_and_who_falls(report: Path) -> None:
+    matrix = command_matrix(read_panel(report.parent / "panel.json"))
+    assert matrix is not None
+    lines = {line.row.name: line.shades for block in matrix.blocks for line in block.lines}
+    rows = EvidenceStore(report.parent / "evidence").query(
+        "SELECT policy_id AS row, cell, avg(command_error) AS error, sum(terminated::INT) AS fell "
+        "FROM records GROUP BY ALL"
+    )
+    assert {row["fell"] for row in rows.to_pylist()} > {0}
+    for row in rows.to_pylist():
+        shade = lines[row["row"]][row["cell"]]
+        assert shade is not None
+        assert shade.text == compact(row["error"], 3)
+        assert shade.marks == ((f"↓{row['fell']}",) if row["fell"] else ())
