@@ -191,7 +191,7 @@ SAME: Final = {
 """What must be the same in a model that another engine has imported, by kind of element."""
 
 OF_CONTACTS: Final = (
-    "type bodyid pos quat contype conaffinity condim priority friction solmix solref solimp margin"
+    "type bodyid contype conaffinity condim priority friction solmix solref solimp margin"
 )
 """Likewise, of geoms that collide."""
 
@@ -254,7 +254,22 @@ def _pairs_of_fields(one: Any, other: Any) -> list[tuple[str, Any, Any]]:
     for name in OF_CONTACTS.split():
         own, there = (getattr(x, f"geom_{name}") for x in (one, other))
         pairs.append((f"geom_{name}", own[collide[0]], there[collide[1]]))
+    pairs.append(("geom_pos", _places(one, collide[0]), _places(other, collide[1])))
     return pairs
+
+
+def _places(model: Any, geoms: npt.NDArray[np.bool_]) -> npt.NDArray[np.float64]:
+    """Where geoms are in their bodies: corners of meshes, whose frames are each compiler's own,
+    and ends of the axes of others, (points, 3), m."""
+    turn, mujoco, found = np.zeros(9), load("mujoco", "mujoco"), []
+    for geom in np.flatnonzero(geoms):
+        mujoco.mju_quat2Mat(turn, model.geom_quat[geom])
+        points, mesh = np.eye(3), int(model.geom_dataid[geom])
+        if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_MESH:
+            first = model.mesh_vertadr[mesh]
+            points = model.mesh_vert[first : first + model.mesh_vertnum[mesh]]
+        found.append(model.geom_pos[geom] + points @ turn.reshape(3, 3).T)
+    return np.concatenate(found) if found else np.zeros((0, 3))
 
 
 def _inertias(model: Any) -> npt.NDArray[np.float64]:

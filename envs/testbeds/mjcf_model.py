@@ -86,9 +86,11 @@ def _compile(source: Any) -> CompiledModel:
 def _hash(spec: Any, folder: Path) -> str:
     digest = hashlib.sha256(spec.to_xml().encode())
     held = getattr(spec, "assets", {})  # MuJoCo 3.2.5 has none
-    for asset in (*spec.meshes, *spec.textures, *spec.hfields, *spec.skins):
-        for file in (asset.file, *getattr(asset, "cubefiles", ())):
-            places = [folder / own / file for own in (spec.meshdir, spec.texturedir, "")]
+    for asset in (*spec.meshes, *spec.hfields, *spec.skins, *spec.textures):
+        of_texture = getattr(asset, "cubefiles", None)
+        own = spec.meshdir if of_texture is None else spec.texturedir
+        for file in (asset.file, *(of_texture or ())):
+            places = [folder / own / file, folder / file]
             found = next((place for place in places if file and place.is_file()), None)
             digest.update(held.get(file, b"") if found is None else found.read_bytes())
     return digest.hexdigest()

@@ -153,6 +153,14 @@ class TorchScriptPolicy(ProgramPolicy):
         with warnings.catch_warnings(action="ignore", category=DeprecationWarning):
             program: Any = torch.jit.load(io.BytesIO(self.content), map_location="cpu").eval()  # type: ignore[no-untyped-call]
         if hasattr(program, "reset"):
+            asked = [
+                x.name for x in program.reset.schema.arguments[1:] if not x.has_default_value()
+            ]
+            if asked:
+                names = ", ".join(asked)
+                raise PolicyFileError(
+                    f"its method `reset` asks for {names}; export one that asks for nothing"
+                )
             program.reset()
         return program
 

@@ -428,6 +428,25 @@ def test_a_changed_mesh_is_another_model(tmp_path):
     assert len(hashes) == 2
 
 
+@pytest.mark.parametrize("names", ['type="2d" file="t.png"', 'type="cube" fileright="t.png"'])
+def test_a_changed_texture_is_another_model(names, tmp_path):
+    from mujoco import MjSpec
+    from PIL import Image
+
+    text = (
+        '<mujoco><compiler meshdir="shapes" texturedir="colours"/><asset><texture name="t" '
+        f'{names}/></asset><worldbody><geom size="1"/></worldbody></mujoco>'
+    )
+    hashes = set()
+    for folder, grey in (("shapes", 0), ("colours", 0), ("colours", 9), ("colours", 0)):
+        (tmp_path / folder).mkdir(exist_ok=True)
+        Image.fromarray(np.full((4, 4, 3), grey, np.uint8)).save(tmp_path / folder / "t.png")
+        if folder == "colours":
+            (spec := MjSpec.from_string(text)).modelfiledir = str(tmp_path)
+            hashes.add(compile_model(spec).sha256)
+    assert len(hashes) == 2
+
+
 def test_an_argument_that_is_not_the_codes_own_is_told():
     given = {"inertial": HEAVY.replace("3", "4"), "contact": HIDDEN}
     env_id = f"{__name__}:Stub"

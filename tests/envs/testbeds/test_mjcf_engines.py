@@ -109,15 +109,25 @@ def test_integrators_and_engines_that_are_not_there_are_refused_by_name():
     assert "featherstone" not in testbed.integrators("newton")
 
 
-def test_newton_finds_meshes_beside_the_models_file(tmp_path):
+def test_newton_takes_a_mesh_that_collides_from_beside_the_models_file(tmp_path):
     needs("newton")
+    import mujoco
+
     (folder := tmp_path / "robot" / "meshes").mkdir(parents=True)
-    corners = "v 0 0 0\nv 0 0 1\nv 0 1 0\nv 1 0 0\n"
+    corners = "v 0 0 0\nv 0 0 .4\nv 0 .2 0\nv .3 0 0\n"
     (folder / "part.obj").write_text(f"{corners}f 1 2 3\nf 1 4 2\nf 1 3 4\nf 2 4 3\n")
     (tmp_path / "robot" / "robot.xml").write_text(
         '<mujoco><compiler meshdir="meshes"/><asset><mesh name="part" file="part.obj"/></asset>'
-        '<worldbody><body name="torso"><freejoint/><geom size="0.1"/><geom type="mesh" mesh="part" '
-        'mass="0" contype="0" conaffinity="0"/></body></worldbody></mujoco>'
+        '<worldbody><geom type="plane" size="5 5 1"/><body name="torso"><freejoint/>'
+        '<inertial pos="0 0 0" mass="1" diaginertia=".2 .2 .3"/><geom type="mesh" mesh="part"/>'
+        "</body></worldbody></mujoco>"
     )
     compiled = compile_model(tmp_path / "robot" / "robot.xml")
-    assert engine_of_model("newton", compiled.model, compiled).compiled is compiled
+    engine = engine_of_model("newton", compiled.model, compiled)
+    one, other = (mujoco.MjData(compiled.model) for _ in range(2))
+    for data in (one, other):
+        data.qpos[2] = -0.001
+    engine.advance(compiled.model, one)
+    mujoco.mj_step(compiled.model, other)
+    assert other.ncon == 3
+    np.testing.assert_allclose(one.qvel, other.qvel, rtol=1e-4, atol=1e-6)

@@ -149,6 +149,22 @@ def test_a_program_is_run_with_consent_alone(tmp_path):
     assert existing.policy.act(np.zeros((2, 3))).shape == (2, 1)
 
 
+class Asking(Buffered):
+    """Its memory is reset of what it is told."""
+
+    @torch.jit.export
+    def reset(self, ended: torch.Tensor) -> None:
+        self.hidden_state[:] = 0.0
+
+
+@pytest.mark.filterwarnings("ignore:.torch.jit.script")
+def test_a_program_whose_reset_asks_for_something_is_refused(tmp_path):
+    torch.jit.script(Asking()).save(tmp_path / "asking.pt")
+    write_sidecar(tmp_path / "asking.pt", PENDULUM, home="stock")
+    with pytest.raises(PolicyFileError, match="`reset` asks for ended"):
+        read_existing(tmp_path / "asking.pt", PENDULUM, {}, own_code=True)
+
+
 class Parts(nn.Module):
     """Takes two parts of an observation."""
 
