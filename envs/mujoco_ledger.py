@@ -192,6 +192,20 @@ class Ledger:
         """
         self._step, self.staged = step, False
 
+    def note_steps(self, note: Callable[[Any], None]) -> None:
+        """Have the data looked at after each step.
+
+        Args:
+            note: takes the data.
+        """
+        step = self._step
+
+        def noted(model: Any, data: Any) -> None:
+            step(model, data)
+            note(data)
+
+        self._step = noted
+
     def energy(self, data: Any, computed: bool = False) -> float:
         """Kinetic plus potential energy, J, zero where MuJoCo has it.
 

@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from integ_gym.envs.environment import is_integ_environment
 from integ_gym.envs.foreign import ForeignSetup
+from integ_gym.envs.rediscretized import plant_of
 from integ_gym.envs.registries import ENVIRONMENTS, TESTBEDS
 from integ_gym.envs.settings import DISCRETIZATION, DRAWN, NATIVE, Discretization
 from integ_gym.envs.testbeds.gym_testbed import ClassicControl, class_path
@@ -454,6 +455,42 @@ def _simulate(
     table = recorder.take(replays)
     recorder.close()
     return {} if table is None else {r.fields["record_id"]: r for r in records_of(table)}
+
+
+def play_substeps(record: EvidenceRecord, own_code: bool = False) -> dict[str, Array]:
+    """What a robot did at every timestep of an episode, which is played again for it.
+
+    Args:
+        record: of the episode.
+        own_code: see :func:`replay`.
+
+    Returns:
+        Time, s, positions, velocities and forces of actuators, SI units, contacts and iterations of
+        the solver after each timestep, by name, shape (timesteps,).
+
+    Raises:
+        EvidenceError: if it cannot be played again here, or comes out otherwise.
+    """
+    found = _hindrance(record, own_code, decided=False)
+    if found is None and not _is_of_robot(record):
+        found = "of an environment whose timesteps are not known"
+    if found is not None:
+        raise EvidenceError(f"{record.fields['record_id']} is {found}; show another record")
+    env, rows = _make_env([record]), []
+    (robot,) = env.unwrapped.envs
+    plant = plant_of(robot.mujoco, robot.model, "")
+
+    def note(data: Any) -> None:
+        solver = data.ncon, data.solver_niter.max()
+        rows.append([data.time, *data.qpos, *data.qvel, *data.actuator_force, *solver])
+
+    robot.ledger.note_steps(note)
+    played = _simulate(env, [record], None).get(record.fields["record_id"])
+    if played is None or any(differences(record, played, 0.0, False)):
+        raise EvidenceError(f"{record.fields['record_id']} comes out otherwise here")
+    forces = [f"{name.removesuffix('_control')}_force" for name, _ in plant.controls]
+    names = "time", *plant.coordinates, *plant.velocities, *forces, "contacts", "solver_iterations"
+    return dict(zip(names, np.array(rows, np.float64).T, strict=True))
 
 
 def _start(recorder: RecordVectorEvidence, records: Sequence[EvidenceRecord], nudge: float) -> Any:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import csv
 import random
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -311,6 +312,7 @@ examples:
                                        WHERE failure_label = 'discretization_error' LIMIT 5"
   integ-gym evidence query s3://bucket/panel "SELECT count(*) FROM records"
   integ-gym evidence show runs/panel 3f9a
+  integ-gym evidence show runs/go1 3f9a --substeps steps.csv --own-code
   integ-gym evidence verify runs/panel
   integ-gym evidence verify runs/panel --all --exact
   integ-gym evidence verify runs/panel --policy
@@ -370,6 +372,14 @@ def parser() -> argparse.ArgumentParser:
 
     command = add("show", _show, "print one record with its units")
     command.add_argument("record_id", metavar="RECORD_ID", help="its id, or how the id begins")
+    command.add_argument(
+        "--substeps", metavar="FILE", type=Path,
+        help="of a robot's record, with --own-code: play it again and write what is so after every "
+        "timestep as csv",
+    )  # fmt: skip
+    command.add_argument(
+        "--own-code", action="store_true", help="load the class that the record names"
+    )
 
     command = add("query", _query, "run SQL over the view `records`")
     command.add_argument("sql", metavar="SQL", help="a statement in DuckDB's dialect")
@@ -450,6 +460,14 @@ def parser() -> argparse.ArgumentParser:
 
 def _show(arguments: argparse.Namespace, store: EvidenceStore) -> int:
     record = store.find(arguments.record_id)
+    if arguments.substeps is not None:
+        columns = replaying.play_substeps(record, arguments.own_code)
+        with arguments.substeps.open("w", encoding="utf-8", newline="") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(columns)
+            writer.writerows(zip(*columns.values(), strict=True))
+        print(f"{plural(len(columns['time']), 'timestep')} written to {arguments.substeps}")
+        return 0
     bars = printing.BARS
     try:
         bars.encode(sys.stdout.encoding or "ascii")

@@ -15,7 +15,7 @@ from house import ROOT, page_blocks
 from swaying import MONOPED, record_swaying
 
 import integ_gym
-from integ_gym import Discretization, IntegGymError, MjcfTestbed
+from integ_gym import Discretization, IntegGymError, MjcfTestbed, cli
 from integ_gym.envs.testbeds.making import find_testbed, make_checked
 from integ_gym.envs.testbeds.mjcf_model import compile_model
 from integ_gym.eval.panel.cells import Cell
@@ -23,7 +23,7 @@ from integ_gym.eval.panel.episodes import Subject, evaluate
 from integ_gym.eval.panel.home import provenance
 from integ_gym.eval.panel.spec import PanelSpec
 from integ_gym.evidence.fields import VOLATILE_NAMES
-from integ_gym.evidence.replaying import replay
+from integ_gym.evidence.replaying import play_substeps, replay
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.train.baselines import make_baseline
 from integ_gym.train.policy_files.onnx import OnnxPolicy, onnx_bytes
@@ -323,6 +323,17 @@ def test_a_record_comes_out_to_the_last_bit(different, tmp_path):
     done = replay([(file, record)], exact=True, own_code=True).settle()
     assert (done.findings, done.skipped, done.exact) == ([], {}, 1)
     assert replay([(file, record)]).settle().skipped
+    name, steps = record["record_id"], play_substeps(record, own_code=True)
+    others = ("time", "_force", "iterations")
+    motion = [own for own in steps if own in record.trace and not own.endswith(others)]
+    assert {"knee", "knee_dot"} <= set(motion)
+    for column in motion:
+        np.testing.assert_array_equal(steps[column][4::5], record.trace[column][1:])
+    command = ["evidence", "show", str(tmp_path), name[:8], "--substeps", str(tmp_path / "s.csv")]
+    assert cli.main([*command, "--own-code"]) == 0
+    assert len((tmp_path / "s.csv").read_text("utf-8").splitlines()) == 1 + len(steps["time"])
+    with pytest.raises(IntegGymError, match="own-code"):
+        play_substeps(record)
     record.trace["reward"] = record.trace["reward"] + 1e-9
     assert replay([(file, record)], exact=True, own_code=True).settle().findings
 
