@@ -51,7 +51,7 @@ class Game:
     def __init__(self, env_id: str, arguments: Mapping[str, Any], seed: int) -> None:
         if "control_period" in arguments:
             raise InputError(
-                "`control_period` follows the step while somebody plays: it is dt, or half of the "
+                "`control_period` follows the step during play: it is dt, or half of the "
                 "first dt where that is longer; leave it out"
             )
         if "mixture" in arguments:

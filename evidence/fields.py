@@ -373,7 +373,7 @@ _OUTCOME = _group(
         most("constraint_violation")),
     _real("command_error?", "SI",
         "root mean square over control steps of what is commanded minus what is measured, as a "
-        "vector; null: not told", rows(lambda episodes: episodes.command_error()), since=7),
+        "vector; null: not reported", rows(lambda episodes: episodes.command_error()), since=7),
     _text("failure_label", "first failure rule that fits", None, choices=LABELS),
     _text("failure_reason", "code of the reason; its sentence in schema version 4 and before",
         None),

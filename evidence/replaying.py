@@ -68,13 +68,13 @@ INEXACT = 0.1
 Acting = Callable[[Array], Any]
 """From observations of shape (n, obs_dim) to n actions, of one policy in episodes that begin."""
 
-_OWN_CODE = "made with code of somebody's own, see --own-code"
+_OWN_CODE = "made with the user's own code, see --own-code"
 
 _LOST_ACTIONS = (
     "that come out otherwise, and whose actions were beyond their bounds, which alone are kept"
 )
 
-UNDECIDED = "of training or of a policy without a hash, and nothing tells their controls"
+UNDECIDED = "of training or of a policy without a hash, whose controls are unknown"
 
 MOST_LANES = 512
 """Episodes that are played side by side."""

@@ -102,9 +102,9 @@ class CasadiOps:
     def while_loop(self, *_: Any, **__: Any) -> NoReturn:
         """Not possible: a CasADi expression has no loops whose length it finds by itself."""
         raise InputTypeError(
-            "a plant with a `while_loop` cannot be told to CasADi; use engine 'native'"
+            "a plant with a `while_loop` cannot be expressed in CasADi; use engine 'native'"
         )
 
     def foreign(self, *_: Any, **__: Any) -> NoReturn:
         """Not possible: a CasADi expression is made of CasADi's own operations."""
-        raise InputTypeError("a plant with a `foreign` part cannot be told to CasADi")
+        raise InputTypeError("a plant with a `foreign` part cannot be expressed in CasADi")

@@ -323,7 +323,7 @@ def source_of(dialect: Dialect, function: Function, *patterns: Any) -> str:
     """
     trace, arguments, result = _trace(dialect, function, patterns)
     if trace.functions:
-        raise NotTraceable("a call of somebody else's function cannot be written down")
+        raise NotTraceable("a call of a foreign function cannot be written down")
     return _source(trace, arguments, result)
 
 
@@ -377,7 +377,7 @@ def compile_loops(like: Repeated, table: int, function: Function, *patterns: Any
     """
     repeating = _repeating(ONE_LANE, function, patterns)
     if repeating.trace.functions:
-        raise NotTraceable("a call of somebody else's function is not compiled")
+        raise NotTraceable("a call of a foreign function is not compiled")
     if _outline(repeating) != _outline(_repeating(ARRAYS, function, patterns)):
         raise NotTraceable("a function that gives another result each time is not compiled")
     return like._replace(step=LaneLoop(like.step, *repeating[:3], table))

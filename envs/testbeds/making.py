@@ -337,7 +337,7 @@ def _check(asked: Discretization, applied: Applied) -> None:
     """Hold what was asked for against what is applied, sub-steps included."""
     if not isinstance(applied, Applied):
         raise InputTypeError(
-            f"a testbed must tell what is applied by an Applied, got {applied!r:.60}"
+            f"a testbed must state what is applied by an Applied, got {applied!r:.60}"
         )
     found = applied.discretization
     whole = replace(found, control_period=applied.substeps * found.dt)

@@ -298,7 +298,7 @@ def _difference_by_chance(
     overall = mean_interval(np.mean(list(changes.values()), axis=0), 0.95)
     for home, found in intervals.items():
         if found is None or overall is None:
-            raise InputError("one seed tells nothing of what another processor changes")
+            raise InputError("one seed cannot show what another processor changes")
         low, high = found.ends
         if low > 0.0 or high < 0.0:
             raise InputError(f"block {name}, success of {home} is another: by {found}")

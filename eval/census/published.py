@@ -495,7 +495,7 @@ class Isaaclab(Library):
             yield self.subject(
                 name, isaaclab_plant(DAMPING), stated, FORCE,
                 Settable(decision(integrator, home.dt)), width=32,
-                note="the damping of its actuator is told to MuJoCo as an actuator's",
+                note="MuJoCo gets the damping of its actuator as an actuator's",
             )  # fmt: skip
 
 

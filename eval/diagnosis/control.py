@@ -336,5 +336,5 @@ def add_success(
             all(abs(a - b) <= near_truth for a, b in zip(wanted, shares, strict=True)),
         )
         if not any((*wanted, *shares)):
-            expectation = undeclared("nothing: nobody succeeds, on the truth neither")
+            expectation = undeclared("nothing: no success, not even on the truth")
         diagnosis.add(integrator, quantity, shares, "", expectation, steps=steps)

@@ -855,7 +855,7 @@ def solvable_reason(panel: Panel, cell: Cell) -> str:
             f"{max(search.highest):.3g} J)."
         )
     if best is None:
-        return "Success within two horizons: nobody tried; no search rules the goal out."
+        return "Success within two horizons: not tried; no search rules the goal out."
     if best.row is None:
         who = "the hand-made controller"
     elif panel.row(best.row).kind != "trained":
@@ -952,7 +952,7 @@ def comparison_reason(panel: Panel, compared: PolicyComparison) -> str:
     informative = sum(cell.informative for cell in compared.cells)
     if not informative:
         return (
-            f"No cell is informative: {counts['unsolved']} solved by nobody (both below "
+            f"No cell is informative: {counts['unsolved']} unsolved (both below "
             f"{UNSOLVED}), {counts['too_few_seeds']} with fewer than {MIN_SEEDS} seeds."
         )
     if counts["reversal"]:
@@ -1000,7 +1000,7 @@ def remedy_summary(panel: Panel, remedy: Remedy) -> str:
         lost = [panel.in_words(cell.cell) for cell in harmful if cell not in held]
         rest = f"; they lose more in {', '.join(lost)}" if lost else ""
         summary = (
-            f"In {len(harmful)} of the {len(solved)} discretizations that somebody solves, "
+            f"In {len(harmful)} of the {len(solved)} discretizations that some policy solves, "
             f"policies trained on another single one lose more than {FAIL_MARGIN} of success by "
             f"overfitting; those trained on {mixture} lose no more than that in {len(held)} of "
             f"these{trained}{rest}."

@@ -245,5 +245,5 @@ def _cannot_fail(spec: PanelSpec, records: EvidenceStore) -> Iterator[str]:
         suggestion = "" if solved is None else f" (Gymnasium calls the task solved at {solved:g})"
         yield (
             "no episode of any row ends before its time limit, so success, which is survival, "
-            f"tells nothing here: compare returns, or give {flag}{suggestion}"
+            f"shows nothing here: compare returns, or give {flag}{suggestion}"
         )

@@ -275,7 +275,7 @@ class PanelSpec:
         if setup.settings.duration < setup.task.goal_stay:
             found.append(
                 f"Episodes last {setup.settings.duration:g} s, but success takes "
-                f"{setup.task.goal_stay:g} s at the goal: nobody can succeed."
+                f"{setup.task.goal_stay:g} s at the goal: no episode can succeed."
             )
         return found
 

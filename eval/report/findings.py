@@ -54,7 +54,7 @@ def findings_of(panel: Panel, trusts: Sequence[Trust]) -> list[Finding]:
         )
     elif not trusts:
         text = (
-            f"Nothing was compared with the {panel.yardstick_name} here, so this panel cannot tell "
+            f"Nothing was compared with the {panel.yardstick_name} here, so this panel cannot show "
             "false passes from true ones."
         )
     else:
@@ -78,7 +78,7 @@ def _agreement(panel: Panel, trusts: Sequence[Trust]) -> Finding:
         if counts[kind]
     ]
     if not parts:
-        nothing = "" if counts["true_pass"] else ", but none of them passes: this tells nothing "
+        nothing = "" if counts["true_pass"] else ", but none of them passes: this shows nothing "
         nothing += "about transfer" if nothing else ""
         return Finding(
             "agreement",

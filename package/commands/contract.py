@@ -42,7 +42,7 @@ def parser() -> argparse.ArgumentParser:
         prog="integ-gym contract",
         description="Compare two environments, or two cells of one, from the same states and "
         "actions before anything is integrated: observation, actuator command, generalized force "
-        "and acceleration at once. Each is compared on the same inputs, so that a fault is told "
+        "and acceleration at once. Each is compared on the same inputs, so that a fault shows "
         f"where it is. {FITS}",
         epilog=EXAMPLES,
     )

@@ -24,7 +24,7 @@ examples:
   integ-gym diagnose              every integrator on every plant, in under two minutes
   integ-gym diagnose --plant pendulum --integrator rk4 --dt 0.02 --out runs/rk4
   integ-gym diagnose --plant pendulum --integrator my_module:Heun --out runs/heun
-                                  an integrator of your own is told what it is
+                                  measures an integrator of your own
   integ-gym diagnose --plant my_module:Slider --out runs/slider
   integ-gym diagnose --example drift
                                   energy drift over 200 s, see docs/explanation/drift.md

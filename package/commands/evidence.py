@@ -406,8 +406,7 @@ def parser() -> argparse.ArgumentParser:
     )
     command.add_argument(
         "--exact", action="store_true",
-        help=f"let no bit differ, where otherwise numbers within {replaying.ELSEWHERE:g} are let "
-        "pass",
+        help=f"require bit-identical replays; otherwise {replaying.ELSEWHERE:g} may differ",
     )  # fmt: skip
     command.add_argument(
         "--policy", action="store_true",

@@ -67,7 +67,7 @@ def parser() -> argparse.ArgumentParser:
     add(
         "--power", action="store_true",
         help="run nothing: say what the seeds can show, and of a panel that is finished in --out "
-        "which verdicts want for how many more",
+        "the seeds still needed for each verdict",
     )  # fmt: skip
     add(
         "--plan", action="store_true",

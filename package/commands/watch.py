@@ -44,7 +44,7 @@ def parser() -> argparse.ArgumentParser:
     add("run", type=Path, metavar="RUN", help="directory of a run, or of a trained policy")
     add(
         "record", nargs="?", metavar="RECORD",
-        help="id of a record, or how it begins; none for a trained policy, or to list records that "
+        help="record id or unique prefix; none for a trained policy, or to list records that "
         "are worth a film",
     )  # fmt: skip
     add(

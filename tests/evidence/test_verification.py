@@ -339,5 +339,5 @@ def test_what_another_policy_did_is_named_and_one_that_is_gone_decides_nothing(t
 
     done = _replayed(store, policy=none)
     assert done.skipped == {"whose policy cannot decide again: it is gone": 3}
-    reason = "of training or of a policy without a hash, and nothing tells their controls"
+    reason = "of training or of a policy without a hash, whose controls are unknown"
     assert _replayed(untouched, policy=none).skipped == {reason: 4}

@@ -62,7 +62,7 @@ def _part(directory: RunDirectory, spec: PanelSpec, said: Panel) -> PanelSpec:
         return spec
     seeds = max((len(row.policies) for row in said.rows if row.kind == "trained"), default=0)
     if not 0 < seeds < len(spec.seeds):
-        raise InputError(f"it tells of {seeds} of {plural(len(spec.seeds), 'seed')}")
+        raise InputError(f"it has {seeds} of {plural(len(spec.seeds), 'seed')}")
     return replace(spec, seeds=spec.seeds[:seeds])
 
 

@@ -69,7 +69,7 @@ class Mistaken(Silent):
     ("owner", "message"),
     [
         (Lacking, "lacks home; docs/how-to/testbeds.md says"),
-        (Silent, "must tell what is applied by an Applied, got None"),
+        (Silent, "must state what is applied by an Applied, got None"),
         (Mistaken, "which is for environments that `build` gives to `held`"),
     ],
 )

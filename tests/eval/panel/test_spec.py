@@ -206,7 +206,7 @@ def test_every_panel_has_its_baselines_and_checks():
     for fragment in ("'random'", "'handmade'", "perturbation of the plant", "action latency"):
         assert fragment in gaps
     short = parse_spec(small_data(environment={"duration": 1.0}), "test")
-    assert "nobody can succeed" in short.gaps()[0]
+    assert "no episode can succeed" in short.gaps()[0]
 
 
 @pytest.mark.parametrize(
