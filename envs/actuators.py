@@ -102,6 +102,20 @@ def with_servo(plant: type[Any]) -> type[Any]:
 
 
 @cache
+def with_efforts(plant: type[Any]) -> type[Any]:
+    """A plant class that says that its controls are efforts, where targets are the default."""
+    effort = parameter("effort", "", "no servos on the controls", one_of("effort"))
+    own = _origin_of(with_efforts, plant)
+    return make_dataclass(
+        f"Driven{plant.__name__}",
+        [("actuator", str, effort)],
+        bases=(_Derived, plant),
+        namespace=own,
+        frozen=True,
+    )
+
+
+@cache
 def with_targets(task: type[Any]) -> type[Any]:
     """A task class whose actions are targets.
 

@@ -21,6 +21,7 @@ PLANTS: Final = Registry(
         "elastic_pendulum": "integ_gym.envs.plants.elastic_pendulum:ElasticPendulum",
         "pendulum": "integ_gym.envs.plants.pendulum:Pendulum",
         "quadrotor": "integ_gym.envs.plants.quadrotor:Quadrotor",
+        "reacher": "integ_gym.envs.plants.double_pendulum:ReachingArm",
     },
     group="integ_gym.plants",
 )
@@ -73,6 +74,7 @@ TASKS: Final = Registry(
         "elastic_pendulum_quiet": "integ_gym.envs.tasks.elastic_pendulum:ElasticPendulumQuiet",
         "pendulum_swing_up": "integ_gym.envs.tasks.pendulum:PendulumSwingUp",
         "quadrotor_hover": "integ_gym.envs.tasks.quadrotor:QuadrotorHover",
+        "reacher_follow": "integ_gym.envs.tasks.reacher:ReacherFollow",
     },
     group="integ_gym.tasks",
 )
@@ -118,6 +120,7 @@ ENVIRONMENTS: Final = {
     "IntegElasticPendulum-v0": "integ_gym.envs.catalogue.elastic_pendulum:IntegElasticPendulum",
     "IntegPendulum-v0": "integ_gym.envs.catalogue.pendulum:IntegPendulum",
     "IntegQuadrotor-v0": "integ_gym.envs.catalogue.quadrotor:IntegQuadrotor",
+    "IntegReacher-v0": "integ_gym.envs.catalogue.reacher:IntegReacher",
 }
 """Environment id to module and common stem of its `Env` and `VectorEnv` class."""
 
@@ -129,6 +132,7 @@ DEFAULT_DECISIONS: Final = {
     "IntegElasticPendulum-v0": 500,
     "IntegPendulum-v0": 200,
     "IntegQuadrotor-v0": 500,
+    "IntegReacher-v0": 1000,
 }
 """Decisions of an episode with the default arguments, which the registered specs say."""
 

@@ -29,7 +29,7 @@ from integ_gym.support.parameters import (
     unknown_name,
 )
 
-from .actuators import SERVO_ARGUMENTS, ServoPlant, with_servo, with_targets
+from .actuators import SERVO_ARGUMENTS, ServoPlant, with_efforts, with_servo, with_targets
 from .engines.stepping import DIVERGENCE_SPEED, Engine, NativeEngine, make_engine
 from .mechanics import Servo
 from .ops.ops import Component
@@ -503,6 +503,8 @@ def build_setup(
                 f"plant {plant.name!r} act otherwise; leave it out"
             )
         plant, task = with_servo(plant), with_targets(task)  # type: ignore[arg-type]
+    elif "actuator" in defaults:
+        plant = with_efforts(plant)  # type: ignore[arg-type]
     names = {"actuator", *(f.name for part in (Settings, plant, task) for f in fields(part))}
     for name in arguments:
         if name == "max_episode_steps":

@@ -162,7 +162,8 @@ def check_starts(setup: Setup) -> None:
     for number in (0.0, 0.5, 1.0):
         try:
             start = draw_with(setup, GivenNumbers(repeat(number)), {})
-            fastest = max(fastest, *(abs(float(v)) for v in start[1::2]))
+            limited = zip(start[1::2], setup.system.speed_limits or (), strict=True)
+            fastest = max(fastest, *(abs(float(v)) for v, most in limited if np.all(most < np.inf)))
         except Exception:  # whatever a task of the user's own does with what is not a generator
             return
     if fastest > setup.settings.max_speed:

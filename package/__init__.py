@@ -1,9 +1,10 @@
 """integ-gym: Gymnasium environments in which the discretization is a constructor argument.
 
 Importing this package registers ``IntegPendulum-v0``, ``IntegCartPole-v0``,
-``IntegCartPoleSwingUp-v0``, ``IntegElasticPendulum-v0``, ``IntegQuadrotor-v0``, ``IntegAcrobot-v0``
-and ``IntegAcrobotSwingUp-v0``. What a script, a notebook or a part of one's own needs is here. Each
-name is imported when it is first asked for; ``__init__.pyi`` says the same to type checkers.
+``IntegCartPoleSwingUp-v0``, ``IntegElasticPendulum-v0``, ``IntegQuadrotor-v0``,
+``IntegReacher-v0``, ``IntegAcrobot-v0`` and ``IntegAcrobotSwingUp-v0``. What a script, a notebook
+or a part of one's own needs is here. Each name is imported when it is first asked for;
+``__init__.pyi`` says the same to type checkers.
 """
 
 from __future__ import annotations

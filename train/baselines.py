@@ -189,6 +189,7 @@ HANDMADE = Registry(
         "elastic_pendulum_quiet": "integ_gym.train.controllers:SwingRegulator",
         "pendulum_swing_up": "integ_gym.train.controllers:EnergyShaping",
         "quadrotor_hover": "integ_gym.train.quadrotor:HoverRegulator",
+        "reacher_follow": "integ_gym.train.reacher:InverseKinematics",
     },
 )
 """Controllers by the name of the task that they are for."""
@@ -237,21 +238,19 @@ def possible_baselines(setup: Any, controller: str | None = None) -> tuple[str, 
 
 
 def has_handmade(setup: Setup) -> bool:
-    """Whether there is a hand-made controller for the environment's task; they give efforts."""
-    return not isinstance(setup.plant, ServoPlant) and any(
+    """Whether there is a hand-made controller for the environment's task and its actuators."""
+    return _takes_targets(setup.task) == isinstance(setup.plant, ServoPlant) and any(
         isinstance(setup.task, TASKS.load(name)) for name in HANDMADE.parts
     )
 
 
+def _takes_targets(task: Any) -> bool:
+    """Whether the hand-made controller of a task gives targets of servos, not efforts."""
+    return getattr(task, "takes_targets", False)
+
+
 def _handmade(setup: Any, controller: str | None) -> Policy:
     """The hand-made controller of that name, or of the environment's task."""
-    if setup.arguments().get("gravity") == 0.0:
-        raise InputError("without gravity there is nothing to balance; leave `handmade` out")
-    if controller is None and isinstance(setup.plant, ServoPlant):
-        raise InputError(
-            "hand-made controllers give efforts, and `actuator`='position' takes targets; leave "
-            "`handmade` out, or give a `controller` of your own"
-        )
     tasks = {name: TASKS.load(name) for name in HANDMADE.parts}
     fitting = (name for name, task in tasks.items() if isinstance(setup.task, task))
     chosen = controller or next(fitting, None)
@@ -260,5 +259,14 @@ def _handmade(setup: Any, controller: str | None) -> Policy:
             f"there is no hand-made controller for the task {type(setup.task).__name__}, only for "
             f"{', '.join(task.__name__ for task in tasks.values())}; leave `handmade` out"
         )
+    targets, servos = _takes_targets(setup.task), isinstance(setup.plant, ServoPlant)
+    if controller is None and servos != targets:
+        gives, takes = ("targets", "effort") if targets else ("efforts", "position")
+        raise InputError(
+            f"the hand-made controller gives {gives}, and `actuator`={takes!r} takes none; leave "
+            "`handmade` out, or give a `controller` of your own"
+        )
+    if setup.arguments().get("gravity") == 0.0 and not servos:
+        raise InputError("without gravity there is nothing to balance; leave `handmade` out")
     policy: Policy = HANDMADE.load(chosen)(setup)
     return policy

@@ -59,7 +59,7 @@ class PinocchioEngine(NativeEngine):
         moved_system = PlantSystem(moved, system.max_speed, stopped, servo)
         super().__init__(moved_system, integrator, dt, solver)
         self.map = integrator
-        check_agreement(self, system.plant)
+        check_agreement(self, getattr(system.plant, "bodies", system.plant))
 
     def describe(self) -> dict[str, Any]:
         """What every engine says, and the map that is applied; no stops of its own."""
@@ -101,17 +101,21 @@ class ArticulatedBodies:
     def accelerations(
         self, ops: Ops, q: Components, v: Components, force: Components
     ) -> Components:
-        """Accelerations under a generalized force and the joints' damping."""
-        return ops.foreign(self._aba, (*q, *v, *force), (False,) * len(q))
+        """Accelerations under a generalized force and the joints' damping; of clocks the force."""
+        n = len(self._q)
+        own = ops.foreign(self._aba, (*q[:n], *v[:n], *force[:n]), (False,) * n)
+        return *own, *force[n:]
 
     def slopes(
         self, ops: Ops, q: Components, v: Components, force: Components
     ) -> tuple[Rows, Rows]:
-        """(∂a/∂q, ∂a/∂v), each an n×n nested tuple."""
-        n = len(q)
-        flat = ops.foreign(self._derivatives, (*q, *v, *force), (False,) * (2 * n * n))
-        rows = tuple([flat[i : i + n] for i in range(0, 2 * n * n, n)])
-        return rows[:n], rows[n:]
+        """(∂a/∂q, ∂a/∂v), each an n×n nested tuple; 0 of clocks."""
+        n, still = len(self._q), tuple([0.0 * x for x in q[len(self._q) :]])
+        given = (*q[:n], *v[:n], *force[:n])
+        flat = ops.foreign(self._derivatives, given, (False,) * (2 * n * n))
+        rows = tuple([(*flat[i : i + n], *still) for i in range(0, 2 * n * n, n)])
+        clocks = ((0.0 * q[0],) * len(q),) * len(still)
+        return (*rows[:n], *clocks), (*rows[n:], *clocks)
 
     def at_rest(self, q: Components) -> tuple[Array, Array]:
         """Mass matrix by the composite rigid body algorithm, (n, n), and force of gravity, (n,)."""

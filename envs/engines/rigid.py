@@ -18,8 +18,10 @@ from ..mechanics import Link, Mechanism
 from ..ops.ops import SCALAR, Component, Components, Ops, along
 from ..plants.contact import Stops
 from ..plants.interface import Plant
+from ..plants.system import Motion, PlantSystem
 from .maps import one_step_map
 from .simulator import ASTRAY, ForeignEngine, Run
+from .stepping import Segments
 
 Array = npt.NDArray[np.float64]
 
@@ -104,8 +106,12 @@ class RigidBodyEngine(ForeignEngine):
     """Whether it has a :meth:`run_with_speeds`."""
 
     def prepare(self) -> None:
-        """Build the simulator's model, and compare it with the plant."""
+        """Build the simulator's model, and compare it with the plant without its clocks."""
         super().prepare()
+        system, bodies = self.system, getattr(self.system.plant, "bodies", None)
+        if bodies is not None:
+            stopped, servo = system.engine_stops is not None, system.servo or system.sampler
+            self.system = PlantSystem(bodies, system.max_speed, stopped, servo)
         if self.system.input_forces is not None:
             raise InputError(
                 f"engine {self.name!r} applies forces along joints, and controls of the plant "
@@ -140,10 +146,34 @@ class RigidBodyEngine(ForeignEngine):
         """The simulator's accelerations under a generalized force, (dof,); None: it tells none."""
         return None
 
+    def advance(
+        self,
+        ops: Ops,
+        q: Components,
+        v: Components,
+        segments: Segments,
+        sample_at: Component | None,
+    ) -> Motion:
+        """Advance through the segments of constant control; clocks go on at their speeds."""
+        n = len(self.mechanism.links)
+        motion = super().advance(ops, q[:n], v[:n], segments, sample_at)
+        if n == len(q):
+            return motion
+        steps = sum(count for _, count in segments)
+        sampled = steps if sample_at is None else ops.maximum(0, sample_at)
+        return motion._replace(
+            q=(*motion.q, *along(q[n:], steps * self.dt, v[n:])),
+            v=(*motion.v, *v[n:]),
+            sampled_q=(*motion.sampled_q, *along(q[n:], sampled * self.dt, v[n:])),
+            sampled_v=(*motion.sampled_v, *v[n:]),
+        )
+
     def acceleration(self, q: Components, v: Components, force: Components) -> Components | None:
         """The simulator's, with our stops and friction; None where it tells none."""
-        found = self.forward_dynamics(q, v, self.system.with_resistance(SCALAR, q, v, force))
-        return None if found is None else tuple(found.tolist())
+        n = len(self.mechanism.links)
+        q, v, own = q[:n], v[:n], force[:n]
+        found = self.forward_dynamics(q, v, self.system.with_resistance(SCALAR, q, v, own))
+        return None if found is None else (*found.tolist(), *force[n:])
 
     def _check(self) -> None:
         """Compare the model with the plant.

@@ -1,8 +1,8 @@
-"""The planar double pendulum: the acrobot, driven at its second joint, and the two-joint arm."""
+"""The planar double pendulum: the acrobot, driven at its second joint, and two-joint arms."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import ClassVar
 
@@ -141,7 +141,7 @@ class DoublePendulum:
 
     def energy(self, ops: Ops, q: Components, v: Components) -> Component:
         """Kinetic plus potential energy, J; zero at rest hanging."""
-        (a, b), (_, d) = self.mass_matrix(ops, q)
+        a, b, d = self._masses(ops, q)
         kinetic = 0.5 * (a * v[0] * v[0] + d * v[1] * v[1]) + b * v[0] * v[1]
         height = self.inner_weight * (1.0 - ops.cos(q[0]))
         return kinetic + height + self.outer_weight * (1.0 - ops.cos(q[0] + q[1]))
@@ -152,13 +152,17 @@ class DoublePendulum:
 
     def mass_matrix(self, ops: Ops, q: Components) -> tuple[Components, ...]:
         """2×2 mass matrix, kg m^2."""
+        a, b, d = self._masses(ops, q)
+        return (a, b), (b, d)
+
+    def _masses(self, ops: Ops, q: Components) -> Components:
+        """Of the first joint, of both together and of the second, kg m^2."""
         bent = self.coupling * ops.cos(q[1])
-        mixed = self.outer_inertia + bent
-        return (self.inner_inertia + 2.0 * bent, mixed), (mixed, self.outer_inertia)
+        return self.inner_inertia + 2.0 * bent, self.outer_inertia + bent, self.outer_inertia
 
     def _solved(self, ops: Ops, q: Components, first: Component, second: Component) -> Components:
         """Accelerations under these generalized forces."""
-        (a, b), (_, d) = self.mass_matrix(ops, q)
+        a, b, d = self._masses(ops, q)
         inverse = 1.0 / (a * d - b * b)
         return (d * first - b * second) * inverse, (a * second - b * first) * inverse
 
@@ -187,6 +191,47 @@ class TwoJointArm(DoublePendulum):
 
     name: ClassVar[str] = "two_joint_arm"
     controls: ClassVar[tuple[tuple[str, str], ...]] = (
-        ("shoulder_torque", "N m"), ("elbow_torque", "N m"),
+        ("torque_1", "N m"), ("torque_2", "N m"),
     )  # fmt: skip
     actuated: ClassVar[tuple[int, ...]] = (0, 1)
+
+
+@dataclass(frozen=True)
+class ReachingArm(TwoJointArm):
+    r"""The two-joint arm, and the clock of a marker that it is to follow.
+
+    The marker's phase :math:`\phi` is a coordinate that nothing acts on, :math:`\ddot\phi = 0`: it
+    has no mass, no energy and no part in the work, and every integrator has it exact. Where the
+    marker is at a phase the task says. State (θ₁, θ̇₁, θ₂, θ̇₂, φ, φ̇).
+    """
+
+    name: ClassVar[str] = "reacher"
+    coordinates: ClassVar[tuple[str, ...]] = ("theta_1", "theta_2", "marker_phase")
+    velocities: ClassVar[tuple[str, ...]] = ("theta_1_dot", "theta_2_dot", "marker_rate")
+    coordinate_units: ClassVar[tuple[str, ...]] = ("rad", "rad", "rad")
+    massless: ClassVar[tuple[int, ...]] = (2,)
+
+    @cached_property
+    def bodies(self) -> TwoJointArm:
+        """The arm alone."""
+        return TwoJointArm(**{f.name: getattr(self, f.name) for f in fields(TwoJointArm)})
+
+    def acceleration(self, ops: Ops, q: Components, v: Components, force: Components) -> Components:
+        """(θ̈₁, θ̈₂, φ̈), rad/s^2."""
+        return *super().acceleration(ops, q, v, force), force[2]
+
+    def jacobian(
+        self, ops: Ops, q: Components, v: Components, force: Components
+    ) -> tuple[tuple[Components, ...], tuple[Components, ...]]:
+        """(∂a/∂q, ∂a/∂v), each a 3×3 nested tuple."""
+        by_q, by_v = super().jacobian(ops, q, v, force)
+        return _bordered(by_q, 0.0 * q[2]), _bordered(by_v, 0.0 * q[2])
+
+    def mass_matrix(self, ops: Ops, q: Components) -> tuple[Components, ...]:
+        """3×3 mass matrix, kg m^2; 0 of the clock."""
+        return _bordered(super().mass_matrix(ops, q), 0.0 * q[2])
+
+
+def _bordered(matrix: tuple[Components, ...], zero: Component) -> tuple[Components, ...]:
+    """A 2×2 matrix with a row and a column of zeros more."""
+    return *[(*row, zero) for row in matrix], (zero, zero, zero)

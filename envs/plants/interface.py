@@ -26,8 +26,11 @@ class Plant(Protocol):
       through the integrator's stages like the losses;
     - ``contacts``, a tuple of :class:`integ_gym.envs.plants.contact.ContactPoint`, of which the
       class attribute ``contact_names`` says the names;
-    - ``lagging``, indices of coordinates that stand for a first-order lag of a control: they have
-      neither mass nor energy, a generalized force on one is its acceleration and does no work;
+    - ``massless``, indices of coordinates that stand for a first-order lag of a control, or
+      for a clock: they have neither mass nor energy, a generalized force on one is its acceleration
+      and does no work;
+    - ``bodies``, the plant without its clocks, which are the last coordinates: engines that move
+      rigid bodies move it alone, and the clocks go on at their speeds;
     - ``hands``, for play: what each of two hands adds to every control, in shares of its limits;
     - ``velocity_units``, where they are not those of the coordinates per second;
     - ``speed_limits``, the largest magnitude of each velocity or None, where no ``max_speed`` is

@@ -22,7 +22,7 @@ class Quadrotor:
 
     z is upwards, and θ is the pitch from level, positive towards +x. The thrusts T follow the
     commanded ones u with a first-order lag τ. They are velocities of coordinates of their own,
-    the impulses that the rotors have delivered, N s. These are lagging coordinates: no mass, no
+    the impulses that the rotors have delivered, N s. These coordinates have no mass, no
     energy, no part in the work, which is that of the thrusts on the body. Without a lag
     (``motor_time_constant=None``) the commanded thrusts act at once, and the two thrusts in the
     state stay what they were at the start. State (x, ẋ, z, ż, θ, θ̇, impulse and thrust of the left
@@ -50,7 +50,7 @@ class Quadrotor:
     controls: ClassVar[tuple[tuple[str, str], ...]] = (("left_thrust", "N"), ("right_thrust", "N"))
     frame: ClassVar[str] = "target; x to the right, z upwards, theta = 0 level, positive towards +x"
     actuated: ClassVar[tuple[int, ...]] = (3, 4)
-    lagging: ClassVar[tuple[int, ...]] = (3, 4)
+    massless: ClassVar[tuple[int, ...]] = (3, 4)
     hands: ClassVar[tuple[tuple[float, ...], ...]] = ((0.02, -0.02), (0.3, 0.3))
     constant_mass_matrix: ClassVar[bool] = True
 

@@ -48,10 +48,10 @@ class PlantSystem:
     ) -> None:
         self.plant = plant
         self.max_speed = max_speed
-        own, lagging = getattr(plant, "speed_limits", None), getattr(plant, "lagging", ())
+        own, massless = getattr(plant, "speed_limits", None), getattr(plant, "massless", ())
         limits = own if max_speed is None else (max_speed,) * len(plant.velocities)
         self.speed_limits: Components | None = limits and tuple(  # a thrust is no speed
-            [inf if x is None or i in lagging else x for i, x in enumerate(limits)]
+            [inf if x is None or i in massless else x for i, x in enumerate(limits)]
         )
         stops: Stops | None = getattr(plant, "stops", None)
         self.stops = None if engine_stops else stops
@@ -75,7 +75,7 @@ class PlantSystem:
         self._unresisted = self.no_losses[1:]
         self.no_losses = (*self.no_losses, *(0.0,) * self._carried)
         self._jacobian = None if self.input_forces else getattr(plant, "jacobian", None)
-        self._moving = [i for i in range(len(plant.coordinates)) if i not in lagging]
+        self._moving = [i for i in range(len(plant.coordinates)) if i not in massless]
 
     def generalized(self, controls: Components) -> Components:
         """Controls as a generalized force, one entry per coordinate, of a plant where they are."""

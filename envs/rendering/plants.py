@@ -8,12 +8,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..ops.ops import SCALAR
+from ..actuators import ServoPlant
+from ..ops.ops import SCALAR, split_state
 from ..plants.interface import state_names, state_units
 from ..settings import Setup
 from ..tasks.elastic_pendulum import NEAR_PLUMB
 from ..tasks.interface import NEAR_UPRIGHT, wrap_angle
 from ..tasks.quadrotor import NEAR_TARGET, ROOM
+from ..tasks.reacher import MARKER_CENTRE, MARKER_RADIUS, NEAR_MARKER
 from .canvas import BLUE, FAINT, GREEN, INK, MUTED, VERMILION, WHITE, Canvas, Point, polar, tint
 from .skeletons import SIZE
 
@@ -52,7 +54,10 @@ def draw_pendulum(
     canvas.arc(hinge, (reach + 25.0, reach + 31.0), (-NEAR_UPRIGHT, NEAR_UPRIGHT), GREEN)
     _joint_stops(canvas, hinge, reach + 28.0, setup)
     _trail(canvas, hinge, reach, 16.0, theta, theta_dot)
-    _torque(canvas, hinge, theta, shares_of_limits(controls, setup)[0])
+    if isinstance(setup.plant, ServoPlant):
+        _aim(canvas, hinge, polar(hinge, reach, controls[0]))
+    else:
+        _torque(canvas, hinge, theta, shares_of_limits(controls, setup)[0])
     _rod(canvas, hinge, polar(hinge, reach, theta), 24.0, setup.plant)
     canvas.disc(hinge, 8.0, WHITE)
     canvas.disc(hinge, 5.0, INK)
@@ -74,7 +79,7 @@ def draw_cart_pole(
     near = abs(wrap_angle(SCALAR, theta)) <= goal and abs(x) <= end
     _goal(canvas, hinge, reach + 16.0, goal, near)
     _trail(canvas, hinge, reach, 9.0, -theta, -theta_dot)
-    _force(canvas, hinge, shares_of_limits(controls, setup)[0])
+    _push(canvas, hinge, 300.0 + scale * controls[0], shares_of_limits(controls, setup)[0], setup)
     _cart(canvas, hinge)
     _rod(canvas, hinge, polar(hinge, reach, -theta), 12.0, setup.plant)
     canvas.disc(hinge, 4.0, WHITE)
@@ -93,7 +98,7 @@ def draw_elastic_pendulum(
     canvas.box((300.0, 225.0), (2.0 * NEAR_PLUMB * scale, 270.0), 1.0, tint(GREEN, strength))
     canvas.line((240.0, pivot[1]), (360.0, pivot[1]), 4.0, MUTED)
     _spring(canvas, pivot, bob)
-    _force(canvas, bob, shares_of_limits(controls, setup)[0])
+    _push(canvas, bob, pivot[0] + scale * controls[0], shares_of_limits(controls, setup)[0], setup)
     canvas.disc(bob, 18.0, BLUE)
 
 
@@ -122,7 +127,7 @@ def draw_quadrotor(
 def draw_double_pendulum(
     canvas: Canvas, setup: Setup, state: Sequence[float], controls: Sequence[float]
 ) -> None:
-    """Both links to scale, the line that the tip is to pass, and an arc arrow with each torque."""
+    """Both links to scale, what the tip is to pass or to follow, and each torque or target."""
     upper, lower = math.pi + state[0], math.pi + state[0] + state[2]
     lengths = [float(np.max(getattr(setup.plant, name))) for name in ("length_1", "length_2")]
     hinge, scale = (250.0, 250.0), 200.0 / sum(lengths)
@@ -130,10 +135,16 @@ def draw_double_pendulum(
     if getattr(setup.task, "ends_at_goal", False):
         height = hinge[1] - scale * lengths[0]
         canvas.line((20.0, height), (480.0, height), 2.0, GREEN)
+    if hasattr(setup.task, "marker"):
+        _marker(canvas, hinge, scale, setup.task, state)
     shares = shares_of_limits(controls, setup)
-    joints = ((hinge, upper), (elbow, lower))
-    for place, share in zip(setup.plant.actuated, shares, strict=True):
-        _torque(canvas, *joints[place], share)
+    joints = ((hinge, upper, math.pi), (elbow, lower, upper))
+    for place, control, share in zip(setup.plant.actuated, controls, shares, strict=True):
+        joint, angle, zero = joints[place]
+        if isinstance(setup.plant, ServoPlant):
+            _aim(canvas, joint, polar(joint, scale * lengths[place], zero + control))
+        else:
+            _torque(canvas, joint, angle, share)
     canvas.line(hinge, elbow, 18.0, MUTED)
     canvas.line(elbow, polar(elbow, scale * lengths[1], lower), 18.0, BLUE)
     for joint in (hinge, elbow):
@@ -165,7 +176,7 @@ ROBOT = "robot's skeleton"
 DRAWINGS: dict[str, Drawing] = {
     ROBOT: Drawing(SIZE, draw_robot),
     "acrobot": Drawing((500, 500), draw_double_pendulum),
-    "two_joint_arm": Drawing((500, 500), draw_double_pendulum),
+    "reacher": Drawing((500, 500), draw_double_pendulum),
     "pendulum": Drawing((500, 500), draw_pendulum),
     "cart_pole": Drawing((600, 400), draw_cart_pole),
     "elastic_pendulum": Drawing((600, 400), draw_elastic_pendulum),
@@ -214,6 +225,32 @@ def _torque(canvas: Canvas, hinge: Point, theta: float, share: float) -> None:
     start = theta + side * math.asin(15.0 / 80.0)
     canvas.arc(hinge, (78.5, 81.5), (start, start + side * full), FAINT)
     canvas.arc_arrow(hinge, 80.0, (start, start + share * full), 10.0, VERMILION)
+
+
+def _aim(canvas: Canvas, root: Point, end: Point) -> None:
+    """Where a servo is to bring a link."""
+    canvas.line(root, end, 3.0, VERMILION)
+    canvas.disc(end, 5.0, VERMILION)
+
+
+def _marker(canvas: Canvas, hinge: Point, scale: float, task: Any, state: Sequence[float]) -> None:
+    """The marker to follow, as large as the goal around it, and its way."""
+    centre = hinge[0] + scale * MARKER_CENTRE[0], hinge[1] - scale * MARKER_CENTRE[1]
+    ring = scale * MARKER_RADIUS
+    canvas.arc(centre, (ring - 1.0, ring + 1.0), (0.0, 2.0 * math.pi), FAINT)
+    q, v = split_state(tuple(state))
+    x, z = task.marker(SCALAR, q, v)[0]
+    strength = 0.6 if task.at_goal(SCALAR, q, v) else 0.3
+    place = hinge[0] + scale * x, hinge[1] - scale * z
+    canvas.disc(place, scale * NEAR_MARKER, tint(GREEN, strength))
+
+
+def _push(canvas: Canvas, root: Point, target: float, share: float, setup: Setup) -> None:
+    """A force along x, or where on x the target of a servo is."""
+    if isinstance(setup.plant, ServoPlant):
+        _aim(canvas, (target, root[1] + 30.0), (target, root[1] - 30.0))
+    else:
+        _force(canvas, root, share)
 
 
 def _force(canvas: Canvas, hinge: Point, share: float) -> None:

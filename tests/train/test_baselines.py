@@ -17,6 +17,7 @@ from playing import (
     ELASTIC,
     PENDULUM,
     QUADROTOR,
+    REACHER,
     SWING_UP,
     TIGHT,
     play,
@@ -59,7 +60,7 @@ def test_protocol(env_id):
             assert actions.dtype == (np.int64 if discrete else np.float32)
             assert actions.shape == (6, *env.action_space.shape)
             assert all(action in env.action_space for action in actions)
-    (name,) = (name for name in HANDMADE.names() if type(setup.task) is TASKS.load(name))
+    (name,) = (name for name in HANDMADE.names() if isinstance(setup.task, TASKS.load(name)))
     assert type(make_baseline("handmade", setup)) is HANDMADE.load(name)
     other = replace(setup, task=Idle())
     assert has_handmade(setup)
@@ -74,24 +75,31 @@ def test_content_hash_covers_what_decides_the_actions(env_id):
         return make_baseline(name, setup_of(env_id, **arguments), seed=seed).content_hash
 
     limits = {PENDULUM: "max_torque", CART_POLE: "force_mag", QUADROTOR: "max_thrust"}
-    limits |= {ACROBOT: "torque", ACROBOT_UP: "max_torque"}
+    limits |= {ACROBOT: "torque", ACROBOT_UP: "max_torque", REACHER: "target_limit"}
     limit = limits.get(env_id, "max_force")
     hashes = {hash_of(name) for name in BASELINES}
     assert len(hashes) == len(BASELINES)
     changes: list[dict[str, Any]] = [{limit: 1.5}, {"damping": 0.2}]
-    links = env_id in (ACROBOT, ACROBOT_UP)
+    links = env_id in (ACROBOT, ACROBOT_UP, REACHER)
     changes += [{"gravity": 9.0}, {"control_period": 0.4 if links else 0.1}]
     changes += [{"mass_1" if links else "mass": 2.0}]
     changes += {
         ELASTIC: [{"stiffness": 50.0}, {"length": 2.0}],
         **{name: [{"length_2": 1.5}, {"mass_2": 2.0}] for name in (ACROBOT, ACROBOT_UP)},
+        REACHER: [{"length_2": 0.4}, {"mass_2": 2.0}, {"servo_stiffness": 50.0}],
         QUADROTOR: [{"arm": 0.3}, {"inertia": 0.01}, {"motor_time_constant": None}],
     }.get(env_id, [{"mass_distribution": "point"}, {"length": 2.0}])
     assert len({hash_of("handmade", **change) for change in changes} | hashes) == 3 + len(changes)
     assert hash_of("random", seed=1) not in hashes
     assert hash_of("handmade", integrator="explicit_euler") in hashes
-    with pytest.raises(ValueError, match="without gravity there is nothing to balance; leave"):
-        hash_of("handmade", gravity=0.0)
+    refused = {
+        REACHER: ({"actuator": "effort"}, "gives targets, and `actuator`='effort' takes none")
+    }
+    given, words = refused.get(
+        env_id, ({"gravity": 0.0}, "without gravity there is nothing to bal")
+    )
+    with pytest.raises(ValueError, match=words):
+        hash_of("handmade", **given)
 
 
 def test_refusals():
@@ -159,6 +167,7 @@ def test_actions_of_several_components_depend_on_the_observation_alone():
 def test_zero_never_acts(env_id, fallback):
     latency = 0.04 if fallback == "hold" else 0.0
     arguments = {"integrator": "rk4", "dt": 0.02, "action_latency": latency, "fallback": fallback}
+    arguments |= {"actuator": "effort"} if env_id == REACHER else {}  # zero is a target, too
     env = gym.make(env_id, **arguments)
     setup = env.unwrapped.setup
     policy, columns = make_baseline("zero", setup), list(control_columns(setup.plant))
@@ -176,7 +185,7 @@ def test_zero_never_acts(env_id, fallback):
 @pytest.mark.parametrize("name", ["random", "zero"])
 def test_no_skill_does_not_succeed(name):
     assert play(PENDULUM, name, 20, **(TIGHT | {"integrator": "rk4"})).success == 0.0
-    for env_id in (CART_POLE, SWING_UP, ELASTIC, QUADROTOR):
+    for env_id in (CART_POLE, SWING_UP, ELASTIC, QUADROTOR, REACHER):
         assert play(env_id, name, 10, integrator="rk4").success == 0.0
 
 

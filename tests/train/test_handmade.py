@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from playing import CART_POLE, ELASTIC, PENDULUM, QUADROTOR, SWING_UP, TIGHT, play
+from playing import CART_POLE, ELASTIC, PENDULUM, QUADROTOR, REACHER, SWING_UP, TIGHT, play
 
 pytest.importorskip("scipy")
 
@@ -53,6 +53,16 @@ SUCCEEDS: list[tuple[str, dict[str, Any]]] = [
             {"integrator": "explicit_euler"},
             {"integrator": "implicit_euler", "dt": 0.04},
             {"mass": 0.5, "arm": 0.15, "inertia": 0.004, "damping": 0.0},
+        )
+    ),
+    *(
+        (REACHER, {"integrator": "reference", "dt": 0.04, "duration": 5.0} | given)
+        for given in (
+            {},
+            RK4 | {"dt": 0.005, "control_period": 0.02, "servo": "step"},
+            {"integrator": "explicit_euler", "dt": 0.02},
+            RK4 | {"dt": 0.01, "gravity": 9.81, "damping": 0.5, "max_torque": 30.0},
+            RK4 | {"mass_2": 2.0, "length_1": 0.6},
         )
     ),
     *(

@@ -17,6 +17,7 @@ from integ_gym.envs.engines.stepping import DIVERGENCE_SPEED
 from integ_gym.envs.ops.ops import SCALAR
 
 IDS = tuple(integ_gym.ENVIRONMENTS)
+REACHER = "IntegReacher-v0"
 STOCK_ADVICE = (
     "ignore:.*we recommend using a symmetric and normalized space:UserWarning",
     "ignore:.*Box observation space m(in|ax)imum value is -?infinity:UserWarning",
@@ -239,16 +240,18 @@ def test_balance_succeeds_only_by_lasting():
 @pytest.mark.parametrize("env_id", IDS)
 @pytest.mark.parametrize("where", ["speed", "stiff step"])
 def test_divergence_ends_the_episode_and_never_pays(env_id, where):
-    stiff = {"stiffness": 1e9} if env_id == "IntegElasticPendulum-v0" else {"gravity": 1e6}
+    stiff = {"IntegElasticPendulum-v0": {"stiffness": 1e9}, REACHER: {"max_torque": 1e6}}
     flies, fast = env_id == "IntegQuadrotor-v0", where == "speed"
-    arguments = {"damping": 0.0} if fast else stiff
-    arguments = {**arguments, **UNLIMITED.get(env_id, {})}
+    arguments = {"damping": 0.0} if fast else stiff.get(env_id, {"gravity": 1e6})
+    arguments |= {"actuator": "effort"} if env_id == REACHER else UNLIMITED.get(env_id, {})
     env = gym.make(env_id, integrator="explicit_euler", dt=0.05, **arguments)
     n = env.unwrapped.setup.plant.coordinates
     state = np.zeros(2 * len(n))
     state[-2] = 1.0 if env_id == "IntegPendulum-v0" else 0.1
     if fast:
-        state[3 if flies else 1] = (1e-9 - DIVERGENCE_SPEED) * (1.0 if flies else -1.0)
+        state[3 if flies or env_id == REACHER else 1] = (1e-9 - DIVERGENCE_SPEED) * (
+            1.0 if flies else -1.0
+        )
     env.reset(options={"state": state})
     action = getattr(env.action_space, "high", 1)
     obs, reward, terminated, truncated, info = env.step(action)

@@ -105,7 +105,9 @@ def test_a_servo_that_is_held_over_a_step_is_stable_up_to_its_limit(ratio, stabl
 @pytest.mark.parametrize(
     "servo", [{}, {"servo": "step"}, {"servo": "period", "servo_period": 0.01}]
 )
-@pytest.mark.parametrize("env_id", ["IntegPendulum-v0", "IntegCartPoleSwingUp-v0"])
+@pytest.mark.parametrize(
+    "env_id", ["IntegPendulum-v0", "IntegCartPoleSwingUp-v0", "IntegReacher-v0"]
+)
 def test_all_forms_are_the_same(env_id, servo):
     given = {
         "actuator": "position", "integrator": "implicit_midpoint", "dt": 0.005,

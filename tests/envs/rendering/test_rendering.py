@@ -19,12 +19,13 @@ from integ_gym.envs.rendering.plants import DRAWINGS
 from integ_gym.envs.rendering.renderer import Renderer
 
 PENDULUM, CART_POLE, ELASTIC = "IntegPendulum-v0", "IntegCartPole-v0", "IntegElasticPendulum-v0"
-SQUARE = (PENDULUM, "IntegAcrobot-v0", "IntegAcrobotSwingUp-v0")
+SQUARE = (PENDULUM, "IntegAcrobot-v0", "IntegAcrobotSwingUp-v0", "IntegReacher-v0")
 QUADROTOR = "IntegQuadrotor-v0"
 STATES = {
     **dict.fromkeys(ENVIRONMENTS, (0.3, 0.1, 0.1, 1.0)),
     PENDULUM: (0.7, 2.0),
     QUADROTOR: (0.3, 0.1, 0.1, 1.0, 0.4, 0.0, 0.0, 1.0, 0.0, 2.0),
+    "IntegReacher-v0": (0.3, 0.1, 0.1, 1.0, 0.4, 2.0),
 }
 
 
@@ -125,6 +126,16 @@ def test_the_acrobots_second_link_is_where_it_is(theta_1, theta_2):
     across = math.sin(theta_1) + 0.5 * math.sin(theta_1 + theta_2)
     down = math.cos(theta_1) + 0.5 * math.cos(theta_1 + theta_2)
     assert (x, y) == pytest.approx((250.0 + 100.0 * across, 250.0 + 100.0 * down), abs=5.0)
+
+
+@pytest.mark.parametrize("theta", [0.5, -2.0])
+def test_a_servos_target_is_drawn_where_it_is(theta):
+    """Not as the torque that the same number of newton metres would be."""
+    x, y = _centroid(_draw(PENDULUM, (3.0, 0.0), theta, actuator="position"), VERMILION)
+    assert math.atan2(250.0 - x, 250.0 - y) == pytest.approx(theta, abs=0.05)
+    x, _ = _centroid(_draw(ELASTIC, (0.0,) * 4, 0.3 * theta, actuator="position"), VERMILION)
+    setup = environment_setup(ELASTIC, {})
+    assert x == pytest.approx(300.0 + 210.0 / setup.plant.hanging_length * 0.3 * theta, abs=1.0)
 
 
 def test_unknown_plant_gets_its_state_in_words(monkeypatch):

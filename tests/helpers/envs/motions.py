@@ -10,6 +10,7 @@ DAMPED: dict[str, dict[str, float]] = {
     "pendulum": {"damping": 0.3},
     "cart_pole": {"damping": 0.02, "cart_damping": 0.4},
     "elastic_pendulum": {"damping": 0.2, "stiffness": 50.0},
+    "reacher": {"damping": 0.1},
 }
 DRIVEN_PLANTS = {name: PLANTS.load(name)(**DAMPED.get(name, {})) for name in PLANTS.names()}
 UNLIMITED: dict[str, dict[str, None]] = {

@@ -59,19 +59,26 @@ def _double_pendulum(p, q, v):
     return mass, weight, p.damping * (v[0] ** 2 + v[1] ** 2)
 
 
+def _reacher(p, q, v):
+    mass, force, lost = _double_pendulum(p, q, v)
+    return np.pad(mass, (0, 1)), [*force, 0.0], lost
+
+
 CLOSED_FORMS = {
     "acrobot": _double_pendulum,
     "pendulum": _pendulum,
     "cart_pole": _cart_pole,
     "elastic_pendulum": _elastic_pendulum,
     "quadrotor": _quadrotor,
+    "reacher": _reacher,
 }
 """Mass matrix, generalized forces at rest and dissipated power of every plant, by hand."""
 
 
 def damped(owner):
-    """A plant with every viscous damping that it has."""
-    names = [f.name for f in fields(owner) if f.name.endswith("damping") and f.default == 0.0]
+    """A plant with every viscous damping and the gravity that it may have."""
+    words = "damping", "gravity"
+    names = [f.name for f in fields(owner) if f.name.endswith(words) and f.default == 0.0]
     return owner(**dict.fromkeys(names, 0.3))
 
 
@@ -119,7 +126,7 @@ def check_equations_of_motion(plant) -> None:
     dissipation(q, v); the mass matrix is the energy's second derivative, and the Jacobian, where
     given, is the acceleration's. The energy is zero at rest at the bottom, or of a plant that
     flies, at its frame's origin, unless it needs the ground; then the gaps' slopes are the
-    contacts' normal rows. A force on a lagging coordinate is its acceleration.
+    contacts' normal rows. A force on a massless coordinate is its acceleration.
     """
     n, contacts = len(plant.coordinates), getattr(plant, "contacts", ())
 
@@ -127,7 +134,7 @@ def check_equations_of_motion(plant) -> None:
         return plant.energy(SCALAR, tuple(q), (0.0,) * n)
 
     if not contacts:
-        flies = hasattr(plant, "lagging")
+        flies = hasattr(plant, "massless")
         bottom = (0.0,) * n if flies else minimize(at_rest, probe_state(plant)[0::2]).x
         assert abs(at_rest(bottom)) < 1e-9
     assert len(contacts) == len(getattr(plant, "contact_names", ()))
@@ -156,7 +163,7 @@ def _lagrange(plant, q, v, force):
     by_q = _gradient(plant, here[None])[0, :n]
     drag = 0.5 * jacobian(lambda z: _along(plant.dissipation, z)[:, None], here)[0, n:]
     # L = T - V with E = T + V, so ∂L/∂q = ∂E/∂q - 2 ∂V/∂q
-    massless = np.diag([float(i in getattr(plant, "lagging", ())) for i in range(n)])
+    massless = np.diag([float(i in getattr(plant, "massless", ())) for i in range(n)])
     return mass, np.linalg.solve(mass + massless, force - drag + (by_q - 2.0 * rest) - twist @ v)
 
 
