@@ -33,7 +33,11 @@ class IntegReacherEnv(IntegEnv, Env[Any, Any]):
     the plant that nothing acts on, exact in every integrator; in engines of rigid bodies it goes on
     beside them.
 
-    GAINS
+    The least of the arm's two inertias is 0.017 kg m² where it is straight, 0.043 where the marker is
+    farthest and 0.064 with the elbow at a right angle. So the servos' damping alone makes rates of 63 to
+    240 1/s: explicit Euler and symplectic Euler are unstable from a step of 0.008 s straight and 0.022 s at
+    the farthest marker, RK4 from 0.012 s and 0.030 s, implicit integrators never. What is unstable
+    trembles at the torque limits, and may follow the marker all the same.
 
     | Contract | |
     |---|---|

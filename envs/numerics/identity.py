@@ -62,10 +62,10 @@ class Identity:
     Attributes:
         order: of convergence; None: exact to rounding; NaN: it diverges.
         symplectic: whether one step preserves the canonical form in (q, M(q) v). A method that is
-            exact to rounding does, whatever its construction. None of a plant with lagging
+            exact to rounding does, whatever its construction. None of a plant with massless
             coordinates, which have no momenta.
         reversible: whether going forward, turning round and coming back returns to the start. None
-            of a plant with lagging coordinates, which do not turn round.
+            of a plant with massless coordinates, for a lag does not turn round.
         stable_up_to: largest hω on the harmonic oscillator; 0: never stable, ``inf``: always.
         symplecticity_defect: max |JᵀΩJ − Ω|.
         reversibility_errors: |state − start| in state order and SI units.
@@ -137,14 +137,14 @@ def classify(
     plant = Pendulum() if plant is None else plant
     start = stepping.probe_state(plant) if state is None else state
     rate = stepping.fastest_rate(plant, start)
-    dt, lags = STEP / rate, bool(getattr(plant, "lagging", ()))
-    canonical = math.nan if lags else symplecticity_defect(integrator, plant, start, dt)
+    dt, massless = STEP / rate, bool(getattr(plant, "massless", ()))
+    canonical = math.nan if massless else symplecticity_defect(integrator, plant, start, dt)
     errors = reversibility_errors(integrator, plant, start, dt, STEPS * dt, follow=follow)
     measured = convergence(integrator, plant, start, SPAN / rate, frequency=rate, follow=follow)
     return Identity(
         order=measured.order,
-        symplectic=None if lags else canonical < SYMPLECTIC,
-        reversible=None if lags else bool(errors.max() < REVERSIBLE),
+        symplectic=None if massless else canonical < SYMPLECTIC,
+        reversible=None if massless else bool(errors.max() < REVERSIBLE),
         stable_up_to=stepping.stability_limit(integrator),
         symplecticity_defect=canonical,
         reversibility_errors=tuple(errors.tolist()),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import reduce
-from math import inf
 from operator import add
 from typing import NamedTuple
 
@@ -11,6 +10,9 @@ from ..mechanics import Friction, Kink, Servo
 from ..ops.ops import Component, Components, Ops
 from .contact import ContactPoint, Reaction, Stops
 from .interface import Plant
+
+UNLIMITED = float("inf")
+"""Speed limit where there is none; a plant's file imports no arithmetic."""
 
 
 class PlantSystem:
@@ -51,7 +53,7 @@ class PlantSystem:
         own, massless = getattr(plant, "speed_limits", None), getattr(plant, "massless", ())
         limits = own if max_speed is None else (max_speed,) * len(plant.velocities)
         self.speed_limits: Components | None = limits and tuple(  # a thrust is no speed
-            [inf if x is None or i in massless else x for i, x in enumerate(limits)]
+            [UNLIMITED if x is None or i in massless else x for i, x in enumerate(limits)]
         )
         stops: Stops | None = getattr(plant, "stops", None)
         self.stops = None if engine_stops else stops

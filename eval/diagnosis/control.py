@@ -81,11 +81,15 @@ def _acted(subject: Subject, rollout: Rollout) -> Array:
     return np.stack(columns, axis=1)
 
 
+EFFORTS = {"actuator": "effort"}
+"""Of an environment whose servos are a default: a diagnosis is of the plant."""
+
+
 def actuator_limit(subject: Subject) -> float:
     """The largest limit of the plant's own environment, or 1 in the plant's unit."""
     if not subject.environments:
         return 1.0
-    return max(environment_setup(subject.environments[0], {}).largest_controls)
+    return max(environment_setup(subject.environments[0], EFFORTS).largest_controls)
 
 
 def _add_applied(
@@ -122,7 +126,7 @@ def _largest(values: Array) -> float:
 
 def _add_environment(diagnosis: Diagnosis, integrator: str, env_id: str, levels: Array) -> None:
     """The same in an environment of the plant's own, with its own task."""
-    setup = environment_setup(env_id, {})
+    setup = environment_setup(env_id, EFFORTS)
     if setup.task.discrete is not None:
         return
     subject, period = diagnosis.subject, diagnosis.subject.control_period
@@ -131,7 +135,7 @@ def _add_environment(diagnosis: Diagnosis, integrator: str, env_id: str, levels:
     rollout = diagnosis.bench.task(
         f"{diagnosis.section}/{integrator}", env_id, Commands("levels", commands), 1,
         subject.rest[None], integrator=integrator, dt=period, control_period=period,
-        duration=len(levels) * period,
+        duration=len(levels) * period, **EFFORTS,
     )  # fmt: skip
     control, counted = _acted(subject, rollout), rollout.info["saturated"][1:, 0]
     lived = np.isfinite(control).all(axis=1)

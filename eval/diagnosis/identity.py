@@ -113,17 +113,17 @@ def energy_defect(plant: Plant, states: Array, control: float = 1.0) -> float:
 def mass_defect(plant: Plant, states: Array) -> float:
     """Largest |M (a(F) − a(0)) − F| for unit forces F, over states (lanes, n).
 
-    A unit force on a lagging coordinate, which has no mass, is its acceleration.
+    A unit force on a massless coordinate is its acceleration.
     """
     q, v = split_state(tuple(states.T))
     rows, free = plant.mass_matrix(ARRAY, q), plant.acceleration(ARRAY, q, v, (0.0,) * len(q))
-    lagging, off = getattr(plant, "lagging", ()), []
+    massless, off = getattr(plant, "massless", ()), []
     for force in np.eye(len(q)):
         pushed = plant.acceleration(ARRAY, q, v, tuple(force))
         gained = [a - b for a, b in zip(pushed, free, strict=True)]
         for i, (row, f) in enumerate(zip(rows, force, strict=True)):
             moved = sum(m * a for m, a in zip(row, gained, strict=True))
-            off.append(moved + (gained[i] if i in lagging else 0.0) - f)
+            off.append(moved + (gained[i] if i in massless else 0.0) - f)
     return float(np.abs(np.stack(np.broadcast_arrays(*off))).max())
 
 
