@@ -115,6 +115,7 @@ USES: dict[str, list[str | list[str]]] = {
             "print(envs.step(envs.action_space.sample())[0].shape)"
         )
     ],
+    "hub": [_python("import huggingface_hub, integ_gym")],
     "onnx": [_python("import onnx, onnxruntime, integ_gym")],
     "ray": [_python("import ray, integ_gym")],
     "dask": [_python("import dask, distributed, integ_gym")],

@@ -37,6 +37,7 @@ COMMANDS = {
     "engines": Command("measure what every engine really does", "evidence"),
     "census": Command("measure what published pendulums and cart-poles really do", "report"),
     "report": Command("write a panel's page and figures again", "report"),
+    "share": Command("push a run to the Hugging Face Hub, with its cards", "report,hub"),
     "watch": Command("show a policy in several discretizations, side by side", "render,report"),
     "play": Command("drive a plant by hand and change its discretization while it moves", "render"),
     "evidence": Command("show, query, verify, seal, export and merge records", "evidence"),
@@ -54,6 +55,7 @@ examples:
   integ-gym diagnose --plant pendulum --integrator rk4
   integ-gym engines
   integ-gym census --out runs/census
+  integ-gym share runs/panel --repo me/pendulum
   integ-gym watch runs/panel RECORD --out film.gif
   integ-gym play --env IntegCartPoleSwingUp-v0
   integ-gym evidence query runs/panel "SELECT policy_id, cell, avg(success::INT) AS success

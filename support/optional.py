@@ -21,6 +21,7 @@ from .isolated import ISOLATED
 EXTRAS = {
     "evidence": ("pyarrow", "duckdb", "portalocker", "rich"),
     "fleet": ("jax", "pyarrow", "safetensors", "threadpoolctl", "rich"),
+    "hub": ("huggingface_hub",),
     "render": ("pygame", "PIL", "imageio_ffmpeg"),
     "report": (
         "jinja2",

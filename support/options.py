@@ -33,6 +33,15 @@ def path_here(word: str) -> Path:
     return Path(word)
 
 
+def file_or_hub(word: str) -> str | Path:
+    """A path of this machine, or a file of the Hugging Face Hub: a ``type`` of options.
+
+    Raises:
+        argparse.ArgumentTypeError: for another URL.
+    """
+    return word if word.startswith("hf://") else path_here(word)
+
+
 def display_command(words: Sequence[str]) -> str:
     """A command as pages tell it, to be given again: paths as :func:`display_path` tells them."""
     return shlex.join(_told(word) for word in words)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import Any
@@ -71,6 +72,22 @@ def discretization_gap(
         if elsewhere:
             scores[f"discretization/{what}_gap"] = found["home"][place] - min(elsewhere)
     return scores
+
+
+def send_to_trackers(scores: Mapping[str, float], step: int) -> None:
+    """Log to the run of Weights & Biases and of MLflow that this process has open, if any.
+
+    Neither is imported here: a process that has a run open has imported it.
+
+    Args:
+        scores: by name.
+        step: environment steps so far.
+    """
+    wandb, mlflow = (sys.modules.get(name) for name in ("wandb", "mlflow"))
+    if wandb is not None and wandb.run is not None:
+        wandb.log({**scores, "global_step": step})
+    if mlflow is not None and mlflow.active_run() is not None:
+        mlflow.log_metrics(dict(scores), step=step)
 
 
 def comparison_cells(

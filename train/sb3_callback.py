@@ -9,7 +9,7 @@ from integ_gym.envs.settings import DISCRETIZATION, Discretization
 from integ_gym.support.errors import InputError
 from integ_gym.support.optional import missing_package
 
-from .monitoring import RawModel, comparison_cells, discretization_gap
+from .monitoring import RawModel, comparison_cells, discretization_gap, send_to_trackers
 from .policy_files.sidecar import Stated
 
 try:
@@ -22,8 +22,9 @@ class DiscretizationCallback(BaseCallback):
     """Evaluates the policy on a few other discretizations while it is trained.
 
     ``discretization/return_gap`` and its parts (see :func:`discretization_gap`) appear beside the
-    return in the model's logger, TensorBoard among its outputs. Statistics of a `VecNormalize` are
-    applied as they are at that moment.
+    return in the model's logger, TensorBoard among its outputs, and in the run of Weights & Biases
+    or MLflow that the process has open. Statistics of a `VecNormalize` are applied as they are at
+    that moment.
 
     Args:
         every: environment steps between two evaluations.
@@ -113,6 +114,7 @@ class DiscretizationCallback(BaseCallback):
             self.logger.record(name, value)
         self.logger.record("time/total_timesteps", self.num_timesteps, exclude="tensorboard")
         self.logger.dump(self.num_timesteps)
+        send_to_trackers(scores, self.num_timesteps)
         if self.verbose:
             parts = ", ".join(f"{k.partition('/')[2]} {x:.3g}" for k, x in scores.items())
             print(f"{self.num_timesteps} steps: {parts}")

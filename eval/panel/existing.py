@@ -29,6 +29,7 @@ from integ_gym.support.processes import check_spawning, cores
 from integ_gym.support.storage import Storage, open_storage
 from integ_gym.support.terminal import print_wrapped
 from integ_gym.train.baselines import possible_baselines
+from integ_gym.train.policy_files.hub import fetch_file, is_on_hub
 from integ_gym.train.policy_files.reading import unscaled
 from integ_gym.train.policy_files.sidecar import Stated
 
@@ -512,7 +513,8 @@ def evaluate(
     Args:
         policy: a policy's file, and beside it the side-car if there is one; a function from one
             observation to one action; anything with ``predict``, such as a model of
-            stable-baselines3; or ``"module:function"``.
+            stable-baselines3; ``"module:function"``; or ``"hf://USER/REPO[/FILE]"`` of the Hugging
+            Face Hub.
         env_id: one of integ-gym's environments, or a MuJoCo task of Gymnasium's.
         out: directory, or a place in an object store; one that holds another policy's evaluation
             is refused.
@@ -562,6 +564,8 @@ def evaluate(
     if cells is not None and (engines or integrators or dts or varied or at or limit is not None):
         raise InputError(f"{spec} says in which cells; give no others, or leave the file out")
     given = {**({} if cells is None else cells.environment), **(environment or {})}
+    policy = fetch_file(policy) if is_on_hub(policy) else policy
+    obs_stats = fetch_file(str(obs_stats)) if is_on_hub(obs_stats) else obs_stats
     if isinstance(policy, os.PathLike) and not Path(policy).exists():
         policy = os.fspath(policy)
     if is_reference(policy) or not isinstance(policy, str | os.PathLike):

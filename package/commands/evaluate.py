@@ -33,6 +33,8 @@ examples:
       --vary control_period=0.05,0.1 --vary action_latency=0,0.05 --fail-if "loss > 0.1"
   integ-gym evaluate go1/policy.onnx --env examples.robots.go1:Go1 --env-arg folder=go1 \\
       --home stock --vary solver.iterations=1,100 --out runs/go1
+  integ-gym evaluate hf://sb3/ppo-Pendulum-v1 --env IntegPendulum-v0 --home stock \\
+      --obs-stats hf://sb3/ppo-Pendulum-v1/vec_normalize.pkl --out runs/zoo
   integ-gym evaluate --policy my_module:my_function --env IntegPendulum-v0 --out runs/mine
 
 The policy's home is what its side-car POLICY.json says or what --home states, and is unknown
@@ -58,11 +60,12 @@ def parser() -> argparse.ArgumentParser:
     add = arguments.add_argument
     add(
         "file",
-        type=Path,
+        type=options.file_or_hub,
         nargs="?",
         metavar="POLICY",
         help="file of a policy: a .zip of stable-baselines3, .safetensors, .onnx, a state dict, or "
-        "a TorchScript program (with --own-code); see docs/how-to/policies.md",
+        "a TorchScript program (with --own-code), here or as hf://USER/REPO[/FILE]; see "
+        "docs/how-to/policies.md",
     )
     add(
         "--policy", metavar="MODULE:FUNCTION",
@@ -126,7 +129,7 @@ def parser() -> argparse.ArgumentParser:
         "unknown)",
     )  # fmt: skip
     add(
-        "--obs-stats", type=Path, metavar="FILE",
+        "--obs-stats", type=options.file_or_hub, metavar="FILE",
         help="VecNormalize's statistics: vecnormalize.pkl, of which nothing is executed, or JSON: "
         '{"mean": [...], "var": [...], "epsilon": 1e-8, "clip_obs": 10.0}',
     )  # fmt: skip

@@ -19,6 +19,7 @@ COMMANDS = {
     "report run": "report",
     "judge results.csv": "report",
     "watch run 3f9a --out film.gif": "render,report",
+    "share run --repo me/run": "report,hub",
     "evidence verify run": "evidence",
 }
 NAMES = {
@@ -38,7 +39,7 @@ import contextlib, io, json, sys
 for name in (
     "pyarrow", "duckdb", "jsonschema", "portalocker", "torch", "stable_baselines3", "safetensors",
     "tensorboard", "rich", "scipy", "threadpoolctl", "jinja2", "matplotlib", "msgspec", "jax",
-    "pygame", "PIL", "imageio_ffmpeg",
+    "pygame", "PIL", "imageio_ffmpeg", "huggingface_hub",
 ):
     sys.modules[name] = None
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import sys
+from types import SimpleNamespace
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -11,7 +14,7 @@ from stable_baselines3.common.logger import KVWriter, Logger
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
 from integ_gym.train import sb3_callback
-from integ_gym.train.monitoring import discretization_gap
+from integ_gym.train.monitoring import discretization_gap, send_to_trackers
 from integ_gym.train.sb3_callback import DiscretizationCallback
 
 PUMPED = {"integrator": "explicit_euler", "dt": 0.05}
@@ -79,6 +82,27 @@ def test_the_callback_reads_home_from_the_training_environment_and_logs():
     logged = _learned(env, callback, on=True)
     assert [step for step, _ in logged] == [64, 128, 192, 256, 64]
     assert set(logged[0][1]) >= {"discretization/return/home", "discretization/return/rk4-dt-0.05"}
+
+
+def test_open_runs_of_trackers_get_the_numbers(monkeypatch):
+    sent, entered = [], []
+    wandb = SimpleNamespace(run=None, log=sent.append)
+    mlflow = SimpleNamespace(
+        active_run=lambda: None, log_metrics=lambda scores, step: entered.append((step, scores))
+    )
+    monkeypatch.setitem(sys.modules, "wandb", wandb)
+    monkeypatch.setitem(sys.modules, "mlflow", mlflow)
+    send_to_trackers({"gap": 1.0}, 64)
+    assert not sent
+    assert not entered
+    wandb.run, mlflow.active_run = object(), object
+    env = make_vec_env("IntegPendulum-v0", 1, env_kwargs={**SHORT, **PUMPED})
+    callback = DiscretizationCallback(64, others=["integrator=rk4,dt=0.05"], episodes=1)
+    logged = _learned(env, callback)
+    assert [step for step, _ in entered] == [step for step, _ in logged]
+    for (step, scores), row, (_, kept) in zip(entered, sent, logged, strict=True):
+        assert row == {**scores, "global_step": step}
+        assert scores.items() <= kept.items()
 
 
 def test_a_stock_environment_must_be_told_its_home():
