@@ -1,4 +1,4 @@
-"""Cells of tables for a narrow screen: numbers that stay whole, and room for sentences."""
+"""Tables and code for a narrow screen: whole numbers, room for sentences, lines that wrap."""
 
 from __future__ import annotations
 
@@ -16,12 +16,25 @@ _CELL: Final = re.compile(r"<td>(.*?)</td>", re.DOTALL)
 _TAG: Final = re.compile(r"(<[^>]*>)")
 _CODE: Final = re.compile(rf"<code>([^<]{{{LONG_CODE + 1},}})</code>")
 _MARK: Final = re.compile(r"(?<=[_./=,])(?=\w)")
+_BLOCK: Final = re.compile(
+    r'<div class="(?:language-(\w+) )?highlight">(.*?</code></pre>)</div>', re.DOTALL
+)
+_ALIGNED: Final = re.compile(r"\S {2,}\S")
 _GROUPS: Final = re.compile(r"(?<=\d) (?=\d{3}(?!\d))")
 
 
 def on_page_content(html: str, **_: Any) -> str:
-    """Mark what is long in the cells of a page's tables, and keep digits of a number together."""
-    return _CELL.sub(lambda found: _cell(found[1]), html)
+    """Mark long cells of tables, keep digits of a number together, and mark code that wraps."""
+    return _BLOCK.sub(_block, _CELL.sub(lambda found: _cell(found[1]), html))
+
+
+def _block(found: re.Match[str]) -> str:
+    """Commands and sentences wrap; programs and columns scroll."""
+    language = found[1] or "text"
+    text = _TAG.sub("", found[2])
+    prose = language == "text" and not _ALIGNED.search(text)
+    wraps = " wrapped" if prose or language in ("sh", "bash") else ""
+    return f'<div class="language-{language} highlight{wraps}">{found[2]}</div>'
 
 
 def _cell(content: str) -> str:
