@@ -69,9 +69,8 @@ class Servo:
 
     Simulators mix up three things by this name. ``continuous``: a force within the vector field,
     which integrators see in all their stages, implicit ones with its derivative (MuJoCo's position
-    actuators under its implicit integrators, PyBullet's and PhysX's drives are approximations of
-    it). ``step``: computed at the start of every integration step and held in it, so that the servo
-    changes with ``dt`` (MuJoCo's Euler, and most training code with a decimation). ``period``:
+    actuators, PhysX's drives). ``step``: computed at the start of every integration step and held
+    in it, so that the servo changes with ``dt`` (Isaac Lab's explicit actuators). ``period``:
     computed every ``period`` seconds and held, as by a digital controller.
     The sampled servo on a mass m is stable for :math:`k_d h / m < 2` where :math:`k_p = 0`.
     Source: Åström and Wittenmark, *Computer-Controlled Systems*, 3rd ed., sections 2.3 and 3.3.

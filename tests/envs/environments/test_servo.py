@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from importlib import import_module
 
 import gymnasium as gym
 import numpy as np
@@ -190,3 +191,31 @@ def test_a_program_with_a_limit_is_not_one_without():
     with_lag = functional.make("IntegQuadrotor-v0")
     with pytest.raises(ValueError, match="another program"):
         with_lag.params(motor_time_constant=None)
+
+
+@pytest.mark.parametrize(
+    ("integrator", "own"),
+    [
+        ("Euler", "symplectic_euler"),
+        ("implicitfast", "integ_gym.envs.engines.maps:SymplecticEulerImplicitVelocity"),
+        ("RK4", "rk4"),
+    ],
+)
+def test_mujocos_own_servo_is_a_continuous_one(integrator, own):
+    """Its position actuator, on the same arm without gravity, under the map of its integrator."""
+    needs("mujoco")
+    mujoco = import_module("mujoco")
+    model = mujoco.MjModel.from_xml_string(
+        f'<mujoco><option timestep="0.005" integrator="{integrator}" gravity="0 0 0"/><worldbody>'
+        '<body><joint name="j" axis="0 1 0"/>'
+        f'<inertial pos="0 0 0" mass="1" diaginertia="{INERTIA} {INERTIA} {INERTIA}"/></body>'
+        f'</worldbody><actuator><position joint="j" kp="{STIFFNESS}" kv="{DAMPING}"/></actuator>'
+        "</mujoco>"
+    )
+    data = mujoco.MjData(model)
+    data.qpos[0] = 0.3
+    found = list(_driven(integrator=own, gravity=0.0))
+    for target, (state, _) in zip(TARGETS, found, strict=True):
+        data.ctrl[0] = target
+        mujoco.mj_step(model, data, round(SERVO["control_period"] / SERVO["dt"]))
+        np.testing.assert_allclose((data.qpos[0], data.qvel[0]), state, rtol=0, atol=1e-12)
