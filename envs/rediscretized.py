@@ -203,10 +203,7 @@ def rediscretize(
     >>> env.setup.timing.control_period, env.setup.timing.substeps
     (0.04, 4)
     """
-    return RediscretizedEnv(
-        env, integrator, dt, success_return, control_period, solver, action_latency,
-        observation_latency, latency_jitter, hold_probability,
-    )  # fmt: skip
+    return RediscretizedEnv(**locals())
 
 
 class RediscretizedEnv(ForeignWrapper):
@@ -224,39 +221,15 @@ class RediscretizedEnv(ForeignWrapper):
     """
 
     def __init__(
-        self,
-        env: gym.Env[Any, Any],
-        integrator: str | None = None,
-        dt: float | None = None,
-        success_return: float | None = None,
-        control_period: float | None = None,
-        solver: Mapping[str, Any] | None = None,
-        action_latency: float | None = None,
-        observation_latency: float | None = None,
-        latency_jitter: float | None = None,
-        hold_probability: float | None = None,
+        self, env: gym.Env[Any, Any], solver: Mapping[str, Any] | None = None, **chosen: Any
     ) -> None:
-        gym.utils.RecordConstructorArgs.__init__(
-            self,
-            integrator=integrator,
-            dt=dt,
-            success_return=success_return,
-            control_period=control_period,
-            solver=solver,
-            action_latency=action_latency,
-            observation_latency=observation_latency,
-            latency_jitter=latency_jitter,
-            hold_probability=hold_probability,
-        )
+        gym.utils.RecordConstructorArgs.__init__(self, solver=solver, **chosen)
         super().__init__(env)
         check_versions("mujoco")
         self._mujoco = load("mujoco", "mujoco")
         self._inner = _mujoco_env(env)
-        choice = Choice(
-            integrator, dt, control_period, action_latency, observation_latency, latency_jitter,
-            hold_probability, success_return,
-        )  # fmt: skip
-        self._goal = self._make_goal(return_of_success(success_return, env.spec))
+        choice = Choice(**chosen)
+        self._goal = self._make_goal(return_of_success(choice.success_return, env.spec))
         self._model, self._data = self._inner.model, self._inner.data
         write_solver(self._mujoco, self._model, solver or {})
         self._stretch = self._change_period(choice.control_period)

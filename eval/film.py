@@ -41,8 +41,6 @@ from integ_gym.support.errors import InputError
 from integ_gym.support.optional import load, require
 from integ_gym.train.policy import Policy, start_acting
 
-from .panel.cells import place_arguments
-
 Asked: TypeAlias = Discretization | Mapping[str, Any] | str
 """A discretization; some of its parts; or its name, as panels write it."""
 
@@ -87,11 +85,6 @@ def parse_discretization(asked: Asked, like: Discretization, env_id: str) -> Dis
     if cell.dt > 0.0:
         check_divides("dt", cell.dt, "the control period", cell.control_period)
     return cell
-
-
-def arguments_on(cell: Discretization, arguments: Mapping[str, Any]) -> dict[str, Any]:
-    """Constructor arguments of an environment on another discretization."""
-    return place_arguments(cell, arguments)
 
 
 def check_filmed(env_id: str) -> None:

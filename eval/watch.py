@@ -26,7 +26,6 @@ from .film import (
     Asked,
     Episode,
     Film,
-    arguments_on,
     check_filmed,
     episode_of_record,
     episode_of_robot,
@@ -34,7 +33,7 @@ from .film import (
     play_episode,
     skeleton_of,
 )
-from .panel.cells import flatten
+from .panel.cells import flatten, place_arguments
 from .panel.policies import policy_of, read_existing
 from .report.task import describe_motors
 
@@ -101,7 +100,7 @@ def side_by_side(
         parse_discretization(asked, like, env_id)
         for asked in discretizations or (*(homes or [like]), TRUTH)
     ]
-    given_on = [arguments_on(cell, arguments) for cell in cells]
+    given_on = [place_arguments(cell, arguments) for cell in cells]
     for one in given_on:
         environment_setup(env_id, one)  # what cannot be is refused before any episode is played
     episodes = [play_episode(acting, env_id, one, seed) for one in given_on]
@@ -186,7 +185,7 @@ def watch(
     if not on:
         cells = _possible(cells, twins, policy, on_doubt)
     for cell in cells:  # what cannot be is refused before any episode is played
-        environment_setup(record["env_id"], arguments_on(cell, record.arguments()))
+        environment_setup(record["env_id"], place_arguments(cell, record.arguments()))
     episodes = [_episode(cell, record, twins.get(cell), policy, on_doubt) for cell in cells]
     changed = parse_field("perturbation", record["perturbation"]) or {}
     start = [f"start {record['episode_index']}", *(f"{k} {value}" for k, value in changed.items())]
@@ -322,7 +321,7 @@ def _episode(
 ) -> Episode:
     if isinstance(twin, EvidenceRecord):
         return episode_of_record(twin)
-    arguments = arguments_on(cell, record.arguments())
+    arguments = place_arguments(cell, record.arguments())
     start = record["initial_state"]
     episode = play_episode(policy(), record["env_id"], arguments, record["seed"], start)
     if twin is not None and twin != episode.success:

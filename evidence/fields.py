@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from math import gcd
-from operator import attrgetter
+from operator import attrgetter, methodcaller
 from typing import Any
 
 import numpy as np
@@ -157,24 +157,12 @@ rows = partial(_origin, "rows")
 """Of the rows of whole episodes."""
 
 
-def total(entry: str) -> Origin:
-    """The sum of an entry over the episode."""
-    return rows(lambda episodes: episodes.total(entry))
+def _of_entry(method: str) -> Callable[[str], Origin]:
+    """What a method of :class:`~integ_gym.evidence.episodes.EpisodeRows` makes of an entry."""
+    return lambda entry: rows(methodcaller(method, entry))
 
 
-def most(entry: str) -> Origin:
-    """The largest value of an entry."""
-    return rows(lambda episodes: episodes.most(entry))
-
-
-def first(entry: str) -> Origin:
-    """An entry at time 0."""
-    return rows(lambda episodes: episodes.first(entry))
-
-
-def last(entry: str) -> Origin:
-    """An entry at the end."""
-    return rows(lambda episodes: episodes.last(entry))
+total, most, first, last = map(_of_entry, ("total", "most", "first", "last"))
 
 
 SCHEMA_VERSION = 7

@@ -64,7 +64,8 @@ def _write(
         real = writer.register_msgdef("std_msgs/msg/Float64", _FLOAT)
         joints = writer.register_msgdef("sensor_msgs/msg/JointState", _JOINT_STATE)
         rows = len(record.trace["reward"]) + 1
-        times = _nanoseconds(record, rows)
+        seconds = record.trace.get("time")  # or else the numbers of the instants
+        times = range(rows) if seconds is None else [round(1e9 * x) for x in seconds.tolist()]
         states = {name: column(record, name, rows) for name in columns.states}
         names = [name for name in states if f"{name}{_RATE}" in states]
         values = {name: record.trace[name] for name in facts if name in record.trace}
@@ -77,18 +78,12 @@ def _write(
                 if place < len(numbers) and math.isfinite(numbers[place]):
                     message = {"data": float(numbers[place])}
                     writer.write_message(f"{PREFIX}{name}", real, message, **stamp)
-        writer.add_metadata("integ_gym.record", _texts(record.summary()))
+        summary = record.summary().items()
+        told = {name: x if isinstance(x, str) else json.dumps(x) for name, x in summary}
+        writer.add_metadata("integ_gym.record", told)
         for about in ("unit", "frame", "meaning", "at"):
             said = {name: facts[name][about] for name in values}
             writer.add_metadata(f"integ_gym.{about}", said)
-
-
-def _nanoseconds(record: EvidenceRecord, rows: int) -> list[int]:
-    """Time of every control instant, ns; the number of the instant where times are not known."""
-    seconds = record.trace.get("time")
-    if seconds is None:
-        return list(range(rows))
-    return [round(1e9 * second) for second in seconds.tolist()]
 
 
 def _joint_state(names: list[str], states: dict[str, Any], place: int, time: int) -> dict[str, Any]:
@@ -101,7 +96,3 @@ def _joint_state(names: list[str], states: dict[str, Any], place: int, time: int
         "velocity": [float(states[f"{name}{_RATE}"][place]) for name in names],
         "effort": [],
     }
-
-
-def _texts(values: dict[str, Any]) -> dict[str, str]:
-    return {k: x if isinstance(x, str) else json.dumps(x) for k, x in values.items()}

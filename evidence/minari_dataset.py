@@ -46,7 +46,7 @@ def write_minari(chosen: Selection, folder: Path) -> int:
     for record in chosen.episodes():
         buffer = _episode(record, columns, observations, actions)
         if buffer is None:
-            chosen.leave_out(NO_CHOICE)
+            chosen.left_out[NO_CHOICE] += 1
             continue
         number = storage.total_episodes
         storage.update_episodes([buffer])

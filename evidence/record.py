@@ -62,9 +62,8 @@ class EvidenceRecord:
         """The record as JSON, after the published JSON Schema."""
         rows = int(self.fields["length"]) + 1
         trace: dict[str, Any] = {
-            name: _padded(self.trace[name], rows) if name in self.trace else None
-            for name in self.units
-            if is_trace(name)
+            name: [*plain(found), *[None] * (rows - len(found))] if found is not None else None
+            for name, found in ((n, self.trace.get(n)) for n in self.units if is_trace(n))
         }
         return json.dumps(self.summary() | trace, ensure_ascii=False, allow_nan=False)
 
@@ -93,16 +92,8 @@ def _arrays(column: Any, at: str) -> list[Array | None]:
     """
     array = pyarrow().concat_arrays(column.chunks) if column.num_chunks else None
     end = -1 if at == "step" else None
-    return [None if x.values is None else _numbers(x.values[:end]) for x in array or ()]
-
-
-def _numbers(values: Any) -> Array:
-    numbers: Array = values.to_numpy(zero_copy_only=False)
-    return numbers
-
-
-def _padded(values: Array, rows: int) -> list[Any]:
-    return [*plain(values.tolist()), *[None] * (rows - len(values))]
+    lists = (x.values for x in array or ())
+    return [None if x is None else x[:end].to_numpy(zero_copy_only=False) for x in lists]
 
 
 def plain(value: Any, digits: int | None = None) -> Any:

@@ -157,8 +157,9 @@ def replay(
     """
     done = Replayed() if done is None else done
     here, elsewhere = _by_packages(records)
+    how = {"exact": exact, "own_code": own_code, "policy": policy}
     for packages, of_them in elsewhere.items():
-        _replay_there(packages, of_them, exact, own_code, policy, done)
+        _replay_there(packages, of_them, how, done)
         report(len(of_them))
     able = []
     for file, record in here:
@@ -228,12 +229,7 @@ def _by_packages(
 
 
 def _replay_there(
-    packages: tuple[str, ...],
-    records: list[Named],
-    exact: bool,
-    own_code: bool,
-    policy: Callable[[EvidenceRecord], Acting] | None,
-    done: Replayed,
+    packages: tuple[str, ...], records: list[Named], how: dict[str, Any], done: Replayed
 ) -> None:
     """Play records again in the interpreter with their package versions, if it is there."""
     interpreter = find_interpreter(packages, needed_for(record for _, record in records))
@@ -245,20 +241,15 @@ def _replay_there(
         done.skipped[reason] += len(records)
         return
     try:
-        (found,) = call_there(interpreter, _replayed, records, exact, own_code, policy)
+        (found,) = call_there(interpreter, _replayed, records, how)
     except InterpreterError as error:
         done.skipped[f"that cannot be played again: {_line(error)}"] += len(records)
         return
     done.add(found)
 
 
-def _replayed(
-    records: Sequence[Named],
-    exact: bool,
-    own_code: bool,
-    policy: Callable[[EvidenceRecord], Acting] | None,
-) -> Iterator[Replayed]:
-    yield replay(records, exact=exact, own_code=own_code, policy=policy)
+def _replayed(records: Sequence[Named], how: dict[str, Any]) -> Iterator[Replayed]:
+    yield replay(records, **how)
 
 
 def records_by_packages(store: EvidenceStore) -> dict[tuple[str, ...], list[EvidenceRecord]]:

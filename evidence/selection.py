@@ -72,12 +72,8 @@ class Selection:
     where: str
     ids: frozenset[str]
     env_ids: tuple[str, ...]
-    left_out: dict[str, int] = field(default_factory=dict)
+    left_out: Counter[str] = field(default_factory=Counter)
     report: Callable[[int], Any] = lambda count: None
-
-    def leave_out(self, reason: str) -> None:
-        """Count a record that the format cannot hold."""
-        self.left_out[reason] = self.left_out.get(reason, 0) + 1
 
     @property
     def env_id(self) -> str:
@@ -162,7 +158,7 @@ def select(store: EvidenceStore, where: str, *, traced: bool) -> Selection:
             f"none of {plural(without, 'record')} has a trace, and this format is of what happened "
             "step by step; record with traces, or export to csv, jsonl or parquet"
         )
-    left_out = {"without a trace": without} if without else {}
+    left_out = Counter({"without a trace": without} if without else {})
     ids = frozenset(row["record_id"] for row in chosen)
     return Selection(store, where, ids, tuple(sorted({row["env_id"] for row in chosen})), left_out)
 

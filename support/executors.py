@@ -240,7 +240,8 @@ class RemoteExecutor(Executor):
             elif (error := ended.exception()) is None:
                 outer.set_result(self._take(ended.result()))
             elif isinstance(error, self._lost):
-                outer.set_exception(BrokenExecutor(_format_loss(error)))
+                first = str(error).strip().partition("\n")[0]
+                outer.set_exception(BrokenExecutor(f"{type(error).__name__}: {first}"))
             else:
                 outer.set_exception(error)
 
@@ -257,11 +258,6 @@ class RemoteExecutor(Executor):
         if outcome.text:
             print(outcome.text, end="", file=sys.stderr, flush=True)
         return outcome.result
-
-
-def _format_loss(error: BaseException) -> str:
-    first = str(error).strip().partition("\n")[0]
-    return f"{type(error).__name__}: {first}"
 
 
 class _Outcome(NamedTuple):

@@ -59,16 +59,7 @@ def load(module: str, extra: str) -> Any:
         if error.name is None or not f"{module}.".startswith(f"{error.name}."):
             raise
         package = error.name.partition(".")[0]
-        raise missing_package(error.name if _imports(package) else package, extra) from None
-
-
-def _imports(package: str) -> bool:
-    """Whether a package can be imported; what is missing is then a module of it."""
-    try:
-        importlib.import_module(package)
-    except ModuleNotFoundError:
-        return False
-    return True
+        raise missing_package(error.name if _installed(package) else package, extra) from None
 
 
 def missing_package(package: str, *extras: str) -> MissingPackageError:

@@ -110,12 +110,21 @@ def comparison_cells(
     own = {name: x for name, x in arguments.items() if name not in DISCRETIZATION}
     testbed = find_testbed(env_id, {**own, **environment})
     at_home = _discretization(arguments)
-    chosen = [_discretization_beside(stated, at_home, env_id, environment) for stated in others]
+    chosen = []
+    for stated in others:
+        other = stated_arguments(stated, env_id, environment)
+        if "integrator" not in other:
+            raise InputError(
+                f"`others` names discretizations, got {stated!r}; give 'integrator=…,dt=…'"
+            )
+        chosen.append(replace(_discretization(other), control_period=at_home.control_period))
     if not chosen:
         truth = testbed.truth(at_home.control_period)
-        chosen = [] if truth is None else [truth]
         names = testbed.integrators(at_home.engine)
-        chosen += [replace(at_home, integrator=name) for name in names]
+        chosen = [
+            *([] if truth is None else [truth]),
+            *(replace(at_home, integrator=name) for name in names),
+        ]
     cells = {"home": at_home, **{one.name: one for one in chosen if one != at_home}}
     for cell in cells.values():
         make_checked(testbed, cell, 1).close()
@@ -124,19 +133,6 @@ def comparison_cells(
 
 def _discretization(arguments: Mapping[str, Any]) -> Discretization:
     return Discretization(**{name: arguments[name] for name in DISCRETIZATION})
-
-
-def _discretization_beside(
-    stated: Stated, home: Discretization, env_id: str, environment: Mapping[str, Any]
-) -> Discretization:
-    """Another discretization, which has home's control period."""
-    arguments = stated_arguments(stated, env_id, environment)
-    if "integrator" not in arguments:
-        raise InputError(
-            f"`others` names discretizations, got {stated!r}; give 'integrator=…,dt=…'"
-        )
-    other = _discretization(arguments)
-    return replace(other, control_period=home.control_period)
 
 
 def _played(

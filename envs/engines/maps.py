@@ -6,14 +6,13 @@ from collections.abc import Callable, Sequence
 from typing import Any, ClassVar, NamedTuple
 
 from ..integrators.implicit import ImplicitEuler
-from ..integrators.interface import State, Step, System
+from ..integrators.interface import Slopes, State, Step, System
 from ..integrators.newton import Solved, differences, solve, solve_linear
 from ..ops.ops import Component, Components, Ops, along
 from ..plants.system import PlantSystem
 from ..registries import INTEGRATORS, MAPS, TRUTH
 
 Row = tuple[float, ...]
-Slopes = tuple[tuple[Components, ...], tuple[Components, ...]]
 
 
 class Tableau(NamedTuple):

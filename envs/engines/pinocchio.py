@@ -10,6 +10,7 @@ import numpy as np
 
 from integ_gym.support.optional import load
 
+from ..integrators.interface import Slopes
 from ..mechanics import Mechanism
 from ..ops.ops import Components, Ops
 from ..plants.system import PlantSystem
@@ -17,8 +18,6 @@ from ..registries import INTEGRATORS
 from .rigid import Array, check_agreement, mechanism_of
 from .simulator import integrator_error, refuse_arrays
 from .stepping import NativeEngine
-
-Rows = tuple[Components, ...]
 
 _JOINTS = {"slide": "JointModelPX", "hinge": "JointModelRY"}
 
@@ -106,9 +105,7 @@ class ArticulatedBodies:
         own = ops.foreign(self._aba, (*q[:n], *v[:n], *force[:n]), (False,) * n)
         return *own, *force[n:]
 
-    def slopes(
-        self, ops: Ops, q: Components, v: Components, force: Components
-    ) -> tuple[Rows, Rows]:
+    def slopes(self, ops: Ops, q: Components, v: Components, force: Components) -> Slopes:
         """(∂a/∂q, ∂a/∂v), each an n×n nested tuple; 0 of clocks."""
         n, still = len(self._q), tuple([0.0 * x for x in q[len(self._q) :]])
         given = (*q[:n], *v[:n], *force[:n])

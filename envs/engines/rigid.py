@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from integ_gym.support.errors import InputError
 
-from ..integrators.interface import State, Step
+from ..integrators.interface import Rates, Slopes, State, Step
 from ..mechanics import Link, Mechanism
 from ..ops.ops import SCALAR, Component, Components, Ops, along
 from ..plants.contact import Stops
@@ -305,16 +305,12 @@ class HeldForce:
     steep: ClassVar[bool] = False
     kinked: ClassVar[bool] = False
 
-    def rates(
-        self, ops: Ops, q: Components, v: Components, control: Components
-    ) -> tuple[Components, Components]:
+    def rates(self, ops: Ops, q: Components, v: Components, control: Components) -> Rates:
         """Accelerations, and the power of damping, W."""
         losses = (self.plant.dissipation(ops, q, v),)
         return self.plant.acceleration(ops, q, v, self.force), losses
 
-    def slopes(
-        self, ops: Ops, q: Components, v: Components, control: Components
-    ) -> tuple[tuple[Components, ...], tuple[Components, ...]] | None:
+    def slopes(self, ops: Ops, q: Components, v: Components, control: Components) -> Slopes | None:
         """(∂a/∂q, ∂a/∂v), or None if the plant gives none."""
         jacobian = getattr(self.plant, "jacobian", None)
         return None if jacobian is None else jacobian(ops, q, v, self.force)

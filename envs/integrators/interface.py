@@ -12,6 +12,12 @@ from ..ops.ops import Component, Components, Ops
 State = tuple[Components, Components]
 """Configuration and velocity."""
 
+Rates = tuple[Components, Components]
+"""Accelerations, and the power of each loss component, W."""
+
+Slopes = tuple[tuple[Components, ...], tuple[Components, ...]]
+"""(∂a/∂q, ∂a/∂v) by rows."""
+
 
 class System(Protocol):
     """The continuous-time system as an integrator sees it, at a constant control."""
@@ -21,14 +27,10 @@ class System(Protocol):
     kinked: bool
     """Whether the accelerations have kinks where one of :meth:`kinks` is 0; smooth elsewhere."""
 
-    def rates(
-        self, ops: Ops, q: Components, v: Components, control: Components
-    ) -> tuple[Components, Components]:
+    def rates(self, ops: Ops, q: Components, v: Components, control: Components) -> Rates:
         """Accelerations, and the rates of the loss components (power lost, W)."""
 
-    def slopes(
-        self, ops: Ops, q: Components, v: Components, control: Components
-    ) -> tuple[tuple[Components, ...], tuple[Components, ...]] | None:
+    def slopes(self, ops: Ops, q: Components, v: Components, control: Components) -> Slopes | None:
         """(∂a/∂q, ∂a/∂v) as nested tuples, or None if the plant gives no Jacobian."""
 
     def kinks(self, ops: Ops, q: Components, v: Components, control: Component) -> tuple[Kink, ...]:

@@ -227,7 +227,7 @@ class MjcfEnv(RediscretizedEnv):
     def __init__(
         self, env: gym.Env[Any, Any], integrator: str, engine: str = ENGINE, **stated: Any
     ) -> None:
-        super().__init__(env, integrators_of_model(engine)[integrator], **stated)
+        super().__init__(env, integrator=integrators_of_model(engine)[integrator], **stated)
         if engine != ENGINE:
             own, kind = self.setup, ENGINES.load(engine)
             steps = engine_of_model(engine, self._model, self._inner.testbed.compiled)

@@ -17,7 +17,7 @@ from integ_gym.eval.power import Verdict
 from integ_gym.eval.report.forests import ordered_verdicts
 from integ_gym.eval.statistics import Estimate
 from integ_gym.support.processes import cores
-from integ_gym.support.terminal import NONE, fixed, plural, print_columns, print_wrapped
+from integ_gym.support.terminal import NONE, fixed, plural, print_columns, print_wrapped, seconds
 
 
 def print_headline(panel: Panel) -> None:
@@ -64,7 +64,7 @@ def print_plan(spec: PanelSpec, workers: int | None, trains: bool = True) -> Non
                 _hours(cost.evaluate_seconds),
                 _hours(cost.seconds),
                 _bytes(cost.storage),
-                _clock(cost.seconds / count),
+                seconds(cost.seconds / count),
             )
         )
     print_wrapped(
@@ -107,8 +107,8 @@ def _cells(spec: PanelSpec) -> str:
     return f"{plural(len(kinds), 'cell')} ({', '.join(parts)})"
 
 
-def _hours(seconds: float) -> str:
-    return f"{seconds / 3600.0:.3g}" if seconds < 3.6e6 else f"{seconds / 3600.0:,.0f}"
+def _hours(core_seconds: float) -> str:
+    return f"{core_seconds / 3600.0:{'.3g' if core_seconds < 3.6e6 else ',.0f'}}"
 
 
 def _bytes(size: float) -> str:
@@ -117,14 +117,6 @@ def _bytes(size: float) -> str:
     while size >= 1000.0 and place < len(names) - 1:
         size, place = size / 1000.0, place + 1
     return f"{size:.3g} {names[place]}"
-
-
-def _clock(seconds: float) -> str:
-    if seconds < 120.0:
-        return f"{seconds:.0f} s"
-    if seconds < 7200.0:
-        return f"{seconds / 60.0:.0f} min"
-    return f"{seconds / 3600.0:.1f} h" if seconds < 172800.0 else f"{seconds / 86400.0:.1f} days"
 
 
 def print_power(spec: PanelSpec, out: Path | None) -> None:

@@ -220,7 +220,7 @@ def test_orders_are_permutations():
     for size in (32, 30):
         algorithm = Algorithm(1, size, 2, 3, "Tanh", True, False)
         orders = permutations(algorithm, jax.random.split(jax.random.key(0), 2))
-        assert orders.shape == (3, 2, size)
+        assert orders.shape == (2, 3, size)
         np.testing.assert_array_equal(
             np.sort(orders, axis=-1), np.broadcast_to(np.arange(size), orders.shape)
         )

@@ -371,7 +371,7 @@ def update(
         stack: weights.
         adam: state of the optimizer.
         batch: the rollout.
-        orders: int32 (epochs, policies, n): the order of the decisions in each epoch.
+        orders: int32 (policies, epochs, n): the order of the decisions in each epoch.
         knobs: hyperparameters.
         rate: (policies,).
     """
@@ -403,7 +403,7 @@ def update(
         return carry, None
 
     start = (stack, adam, jnp.ones(policies, bool))
-    (stack, adam, _), _ = jax.lax.scan(epoch, start, orders)
+    (stack, adam, _), _ = jax.lax.scan(epoch, start, jnp.swapaxes(orders, 0, 1))
     return stack, adam
 
 
@@ -414,7 +414,7 @@ def learning_rate(algorithm: Algorithm, knobs: Knobs, iteration: Array) -> Array
 
 
 def permutations(algorithm: Algorithm, keys: Array) -> Array:
-    """Orders of the rollout's decisions, int32 (n_epochs, policies, rollout)."""
+    """Orders of the rollout's decisions, int32 (policies, n_epochs, rollout)."""
     size = algorithm.rollout
     bits = draw(jax.random.bits, keys, (algorithm.n_epochs, size))
     if size <= 1 << _INDEX_BITS:
@@ -423,7 +423,7 @@ def permutations(algorithm: Algorithm, keys: Array) -> Array:
         order = jnp.sort(packed, axis=-1) & mask
     else:
         order = jnp.argsort(bits, axis=-1)
-    return jnp.moveaxis(order.astype(jnp.int32), 1, 0)
+    return order.astype(jnp.int32)
 
 
 def advantages_of(

@@ -11,6 +11,7 @@ Source: Schulman et al. (2017), *Proximal policy optimization algorithms*, arXiv
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 from integ_gym.envs.functional import FunctionalEnv, Params
@@ -71,14 +72,9 @@ class FleetProgram:
         self.layout = layout
         self.discrete = env.setup.task.discrete is not None
         self.in_turn = in_turn
-        self.begin: Callable[[learning.Stack, Array, Params], learning.Learner] = jax.jit(
-            self._begin
-        )
+        self.begin: Callable[..., learning.Learner] = jax.jit(self._begin)
         """The state before the first rollout."""
-        self.iterate: Callable[
-            [learning.Learner, learning.Knobs, Params], tuple[learning.Learner, learning.Trail]
-        ]
-        self.iterate = jax.jit(self._iterate, donate_argnums=0)
+        self.iterate: Any = jax.jit(self._iterate, donate_argnums=0)
         """Collect one rollout and learn from it."""
 
     def _begin(self, stack: learning.Stack, keys: Array, params: Params) -> learning.Learner:
@@ -107,26 +103,13 @@ class FleetProgram:
         batch = self._batch(learner.stack, knobs, steps, outcome, (observed, observed_after))
         iteration = learner.iteration + 1
         rate = learning.learning_rate(self.algorithm, knobs, iteration)
-        orders = jnp.swapaxes(learning.permutations(self.algorithm, shuffling), 0, 1)
+        orders = learning.permutations(self.algorithm, shuffling)
         stack, adam = self._each(
-            self._learn, (learner.stack, learner.adam, batch, orders, knobs, rate)
+            partial(learning.update, self.algorithm),
+            (learner.stack, learner.adam, batch, orders, knobs, rate),
         )
         trail = self._trail(steps, after, outcome, observed, observed_after, params)
         return learning.Learner(stack, adam, env, noise, member, learner.keys, iteration), trail
-
-    def _learn(
-        self,
-        stack: learning.Stack,
-        adam: learning.Adam,
-        batch: learning.Batch,
-        orders: Array,
-        knobs: learning.Knobs,
-        rate: Array,
-    ) -> tuple[learning.Stack, learning.Adam]:
-        """:func:`update`, with the axis of policies first in all arrays."""
-        return learning.update(
-            self.algorithm, stack, adam, batch, jnp.swapaxes(orders, 0, 1), knobs, rate
-        )
 
     def _each(self, function: Callable[..., Any], given: tuple[Any, ...]) -> Any:
         """``function`` of all policies, or of one policy after the other if :attr:`in_turn`.
