@@ -15,7 +15,7 @@ from integ_gym.envs.plants.system import PlantSystem
 from integ_gym.envs.settings import Setup
 from integ_gym.envs.tasks.interface import wrap_angle
 
-from .controllers import HandMade, Matrix, discretize_zoh, lqr
+from .controllers import HandMade, Matrix, caught_level, cost_to_go, discretize_zoh, lqr
 from .policy import ActionArray
 
 
@@ -84,13 +84,13 @@ class AcrobotEnergyShaping(HandMade[Acrobot]):
         b = np.array([[0.0], [0.0], [pushed[0]], [pushed[1]]])
         weights, effort = np.diag([1.0, 1.0, 0.1, 0.1]), np.array([[self.limit**-2.0]])
         self.gain, self.cost = lqr(*discretize_zoh(a, b, self.period), weights, effort)
-        self.level = 2.0 * self._caught_level()
+        self.level = 2.0 * caught_level(self.cost, 0, _DIRECTIONS, self._is_held)
 
     def control(self, observations: NDArray[np.float64]) -> NDArray[np.float64]:
         """Torques in N m, shape (n,), of observations in SI units, shape (n, 6)."""
         cos_1, sin_1, cos_2, sin_2, speed_1, speed_2 = observations.T
         state = np.array([np.arctan2(sin_1, cos_1), np.arctan2(sin_2, cos_2), speed_1, speed_2])
-        near = self._cost_to_go(state) <= self.level
+        near = cost_to_go(self.cost, _away(state)) <= self.level
         return np.where(near, self.regulate(state), self.pump(state))
 
     def regulate(self, state: NDArray[Any]) -> NDArray[np.float64]:
@@ -107,19 +107,9 @@ class AcrobotEnergyShaping(HandMade[Acrobot]):
         asked = -_STRAIGHTEN * wrap_angle(ARRAY, q[1]) - _CALM * v[1] - swing
         return self.saturated((asked - free) / response)
 
-    def _cost_to_go(self, state: NDArray[Any]) -> NDArray[np.float64]:
-        away = _away(state)
-        cost: NDArray[np.float64] = np.einsum("in,ij,jn->n", away, self.cost, away)
-        return cost
-
     @np.errstate(all="ignore")
-    def _caught_level(self) -> float:
-        """Largest cost-to-go of a ladder up to which the regulator catches every sampled state."""
-        directions = np.random.default_rng(0).normal(size=(4, _DIRECTIONS))
-        directions /= np.sqrt(np.einsum("in,ij,jn->n", directions, self.cost, directions))
-        widest = 1.0 / np.linalg.inv(self.cost)[0, 0]  # where the ellipsoid reaches 1 rad
-        levels = widest * np.linspace(0.1, 1.0, 19) ** 2
-        offsets = (directions[:, :, None] * np.sqrt(levels)).reshape(4, -1)
+    def _is_held(self, offsets: Matrix) -> NDArray[np.bool_]:
+        """Whether the regulated plant comes to rest upright, of deviations of shape (4, n)."""
         state: Matrix = np.array(UPRIGHT)[:, None] + offsets
         substeps = math.ceil(self.period / _STEP)
         engine = NativeEngine(PlantSystem(self.plant), "rk4", self.period / substeps)
@@ -129,8 +119,8 @@ class AcrobotEnergyShaping(HandMade[Acrobot]):
                 ARRAY, tuple(state[:2]), tuple(state[2:]), (((control,), substeps),), None
             )
             state = np.array((*motion.q, *motion.v))
-        held = (np.abs(_away(state)[:2]) < 0.1).all(axis=0).reshape(_DIRECTIONS, -1).all(axis=0)
-        return float(levels[: int(np.cumprod(held).sum())].max(initial=0.0))
+        held: NDArray[np.bool_] = (np.abs(_away(state)[:2]) < 0.1).all(axis=0)
+        return held
 
 
 def _away(state: NDArray[Any]) -> NDArray[np.float64]:

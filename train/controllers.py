@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import asdict
+from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeAlias, TypeVar
 
 import numpy as np
@@ -298,8 +299,30 @@ def _cell(grid: NDArray[Any], values: NDArray[Any]) -> tuple[NDArray[np.int64], 
     return np.where(inside, position, 0.0).astype(np.int64), inside
 
 
-_DIRECTIONS = 64
-"""How many directions of the state space the regulator is tried in."""
+def cost_to_go(cost: Matrix, state: NDArray[Any]) -> NDArray[np.float64]:
+    """xᵀ P x of deviations from rest, shape (n,), of shape (states, n)."""
+    total: NDArray[np.float64] = np.einsum("in,ij,jn->n", state, cost, state)
+    return total
+
+
+def caught_level(
+    cost: Matrix, angle: int, count: int, is_held: Callable[[Matrix], NDArray[np.bool_]]
+) -> float:
+    """Largest cost-to-go of a ladder up to which a regulator catches every sampled deviation.
+
+    Args:
+        cost: P, shape (states, states).
+        angle: place of the angle from upright in a state.
+        count: of directions of the state space that are tried.
+        is_held: which of some deviations, shape (states, n), come to rest.
+    """
+    directions = np.random.default_rng(0).normal(size=(len(cost), count))
+    directions /= np.sqrt(cost_to_go(cost, directions))
+    widest = 1.0 / np.linalg.inv(cost)[angle, angle]  # where the ellipsoid reaches 1 rad
+    levels = widest * np.linspace(0.1, 1.0, 19) ** 2
+    starts = (directions[:, :, None] * np.sqrt(levels)).reshape(len(cost), -1)
+    every = is_held(starts).reshape(count, -1).all(axis=0)
+    return float(levels[: int(np.cumprod(every).sum())].max(initial=0.0))
 
 
 class CartPoleEnergyShaping(HandMade[CartPole]):
@@ -341,7 +364,9 @@ class CartPoleEnergyShaping(HandMade[CartPole]):
         a, b = discretize_zoh(*linearize(plant), self.period)
         effort = np.array([[self.limit**-2.0]])
         self.gain, self.cost = lqr(a, b, np.diag(scales**-2.0), effort)
-        self.level = self._caught_level()
+        catch = {"period": self.period, "rate": self.rate, "limits": (self.track,)}
+        is_held = partial(caught, plant, self.regulate, **catch)
+        self.level = caught_level(self.cost, 2, 64, is_held)
 
     def parameters(self) -> dict[str, Any]:
         """The plant, the force limit, the length of the track and the control period."""
@@ -351,7 +376,7 @@ class CartPoleEnergyShaping(HandMade[CartPole]):
         """Forces in N, shape (n,), of (x, ẋ, cos θ, sin θ, θ̇) in SI units, shape (n, 5)."""
         x, x_dot, cosine, sine, theta_dot = observations.T
         state = np.array([x, x_dot, np.arctan2(sine, cosine), theta_dot])
-        near = self._cost_to_go(state) <= self.level
+        near = cost_to_go(self.cost, state) <= self.level
         return np.where(near, self.regulate(state), self.pump(state))
 
     def regulate(self, state: NDArray[Any]) -> NDArray[np.float64]:
@@ -377,28 +402,6 @@ class CartPoleEnergyShaping(HandMade[CartPole]):
             for force in (0.0, 1.0)
         )
         return self.saturated((acceleration - free) / (driven - free))
-
-    def _cost_to_go(self, state: NDArray[Any]) -> NDArray[np.float64]:
-        cost: NDArray[np.float64] = np.einsum("in,ij,jn->n", state, self.cost, state)
-        return cost
-
-    def _caught_level(self) -> float:
-        """Largest cost-to-go of a ladder up to which the regulator catches every sampled state."""
-        directions = np.random.default_rng(0).normal(size=(4, _DIRECTIONS))
-        directions /= np.sqrt(self._cost_to_go(directions))
-        widest = 1.0 / np.linalg.inv(self.cost)[2, 2]  # where the ellipsoid reaches 1 rad
-        levels = widest * np.linspace(0.1, 1.0, 19) ** 2
-        starts = directions[:, :, None] * np.sqrt(levels)
-        held_upright = caught(
-            self.plant,
-            self.regulate,
-            starts.reshape(4, -1),
-            period=self.period,
-            rate=self.rate,
-            limits=(self.track,),
-        )
-        every = held_upright.reshape(_DIRECTIONS, -1).all(axis=0)
-        return float(levels[: int(np.cumprod(every).sum())].max(initial=0.0))
 
 
 class BangBangRegulator(HandMade[CartPole]):
