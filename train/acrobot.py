@@ -119,7 +119,8 @@ class AcrobotEnergyShaping(HandMade[Acrobot]):
                 ARRAY, tuple(state[:2]), tuple(state[2:]), (((control,), substeps),), None
             )
             state = np.array((*motion.q, *motion.v))
-        held: NDArray[np.bool_] = (np.abs(_away(state)[:2]) < 0.1).all(axis=0)
+        first, second = np.abs(_away(state)[:2]) < 0.1
+        held: NDArray[np.bool_] = first & second
         return held
 
 

@@ -364,8 +364,8 @@ class CartPoleEnergyShaping(HandMade[CartPole]):
         a, b = discretize_zoh(*linearize(plant), self.period)
         effort = np.array([[self.limit**-2.0]])
         self.gain, self.cost = lqr(a, b, np.diag(scales**-2.0), effort)
-        catch = {"period": self.period, "rate": self.rate, "limits": (self.track,)}
-        is_held = partial(caught, plant, self.regulate, **catch)
+        catch = partial(caught, plant, self.regulate, period=self.period, rate=self.rate)
+        is_held = partial(catch, limits=(self.track,))
         self.level = caught_level(self.cost, 2, 64, is_held)
 
     def parameters(self) -> dict[str, Any]:
