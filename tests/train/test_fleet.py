@@ -126,7 +126,7 @@ def test_an_update_is_that_of_sb3(env_id, kind):
     )
     batch = _batch_of(model.rollout_buffer)
     np.random.seed(5)  # noqa: NPY002  (SB3 shuffles with it)
-    orders = np.stack([np.random.permutation(128)[None] for _ in range(4)]).astype(np.int32)  # noqa: NPY002
+    orders = np.stack([np.random.permutation(128) for _ in range(4)])[None].astype(np.int32)  # noqa: NPY002
     zeros = jax.tree.map(jnp.zeros_like, stack)
     knobs = _columns(config, config.learning_rate)
     after, _ = jax.jit(partial(update, algorithm))(

@@ -18,7 +18,7 @@ from pairing import in_turn
 
 from integ_gym.envs.environment import environment_setup
 from integ_gym.envs.registries import ENVIRONMENTS
-from integ_gym.train.baselines import BASELINES, make_baseline
+from integ_gym.train.baselines import make_baseline, possible_baselines
 from integ_gym.train.fleet.learning import initial_stack
 from integ_gym.train.policy import (
     ACTIVATIONS,
@@ -259,7 +259,7 @@ def test_policies_of_all_kinds_act_together(actions):
 @pytest.mark.parametrize("env_id", ENVIRONMENTS)
 def test_baselines_act_as_alone(env_id):
     setup = environment_setup(env_id, {})
-    policies = [make_baseline(name, setup) for name in BASELINES]
+    policies = [make_baseline(name, setup) for name in possible_baselines(setup)]
     observations = _observations(len(policies), 20, len(setup.task.observation_names))
     expected = _each(policies, observations)
     np.testing.assert_array_equal(PolicyStack(policies).act(observations), expected)
