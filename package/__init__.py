@@ -2,9 +2,9 @@
 
 Importing this package registers ``IntegPendulum-v0``, ``IntegCartPole-v0``,
 ``IntegCartPoleSwingUp-v0``, ``IntegElasticPendulum-v0``, ``IntegQuadrotor-v0``,
-``IntegReacher-v0``, ``IntegAcrobot-v0`` and ``IntegAcrobotSwingUp-v0``. What a script, a notebook
-or a part of one's own needs is here. Each name is imported when it is first asked for;
-``__init__.pyi`` says the same to type checkers.
+``IntegReacher-v0``, ``IntegHopper-v0``, ``IntegAcrobot-v0`` and ``IntegAcrobotSwingUp-v0``. What a
+script, a notebook or a part of one's own needs is here. Each name is imported when it is first
+asked for; ``__init__.pyi`` says the same to type checkers.
 """
 
 from __future__ import annotations

@@ -187,6 +187,7 @@ HANDMADE = Registry(
         "cart_pole_balance": "integ_gym.train.controllers:BangBangRegulator",
         "cart_pole_swing_up": "integ_gym.train.controllers:CartPoleEnergyShaping",
         "elastic_pendulum_quiet": "integ_gym.train.controllers:SwingRegulator",
+        "hopper_run": "integ_gym.train.hopper:HoppingInThreeParts",
         "pendulum_swing_up": "integ_gym.train.controllers:EnergyShaping",
         "quadrotor_hover": "integ_gym.train.quadrotor:HoverRegulator",
         "reacher_follow": "integ_gym.train.reacher:InverseKinematics",

@@ -31,6 +31,8 @@ class Plant(Protocol):
       and does no work;
     - ``bodies``, the plant without its clocks, which are the last coordinates: engines that move
       rigid bodies move it alone, and the clocks go on at their speeds;
+    - ``probe``, a state in state order, away from rest, symmetries and contact, where plants are
+      examined in free motion;
     - ``hands``, for play: what each of two hands adds to every control, in shares of its limits;
     - ``velocity_units``, where they are not those of the coordinates per second;
     - ``speed_limits``, the largest magnitude of each velocity or None, where no ``max_speed`` is

@@ -124,6 +124,30 @@ def draw_quadrotor(
     canvas.disc(middle, 9.0, BLUE)
 
 
+def draw_hopper(
+    canvas: Canvas, setup: Setup, state: Sequence[float], controls: Sequence[float]
+) -> None:
+    """Torso, leg and ground to scale, which passes by, and an arrow with each control."""
+    x, z, theta, hip, leg = state[::2]
+    ground, scale = 320.0, 260.0
+    joint = (300.0, ground - scale * z)
+    swung = math.pi + hip - theta
+    foot = polar(joint, scale * leg, swung)
+    canvas.line((0.0, ground + 6.0), (600.0, ground + 6.0), 8.0, FAINT)
+    for metre in range(math.ceil(x - 1.1), math.floor(x + 1.1) + 1):
+        place = 300.0 + scale * (metre - x)
+        canvas.line((place, ground + 4.0), (place, ground + 14.0), 2.0, MUTED)
+        canvas.text(f"{metre} m".replace("-", "−"), (place, ground + 28.0), 17, MUTED, align=0.5)
+    torque, force = shares_of_limits(controls, setup)
+    _thrust(canvas, foot, swung if force >= 0.0 else swung - math.pi, 62.0 * abs(force))
+    _spring(canvas, joint, foot)
+    canvas.disc(foot, 8.0, INK)
+    canvas.line(polar(joint, -18.0, -theta), polar(joint, 60.0, -theta), 44.0, BLUE)
+    _torque(canvas, joint, swung, torque)
+    canvas.disc(joint, 7.0, WHITE)
+    canvas.disc(joint, 4.0, INK)
+
+
 def draw_double_pendulum(
     canvas: Canvas, setup: Setup, state: Sequence[float], controls: Sequence[float]
 ) -> None:
@@ -180,6 +204,7 @@ DRAWINGS: dict[str, Drawing] = {
     "pendulum": Drawing((500, 500), draw_pendulum),
     "cart_pole": Drawing((600, 400), draw_cart_pole),
     "elastic_pendulum": Drawing((600, 400), draw_elastic_pendulum),
+    "hopper": Drawing((600, 400), draw_hopper),
     "quadrotor": Drawing((600, 400), draw_quadrotor),
 }
 """Plant name to drawing."""

@@ -14,6 +14,7 @@ from integ_gym.train.baselines import make_baseline
 PENDULUM, CART_POLE = "IntegPendulum-v0", "IntegCartPole-v0"
 SWING_UP, ELASTIC = "IntegCartPoleSwingUp-v0", "IntegElasticPendulum-v0"
 QUADROTOR, REACHER = "IntegQuadrotor-v0", "IntegReacher-v0"
+HOPPER = "IntegHopper-v0"
 ACROBOT, ACROBOT_UP = "IntegAcrobot-v0", "IntegAcrobotSwingUp-v0"
 TIGHT = {"integrator": "reference", "dt": 0.05, "start": "hanging"}
 EPISODES = 50

@@ -15,6 +15,7 @@ from playing import (
     ACROBOT_UP,
     CART_POLE,
     ELASTIC,
+    HOPPER,
     PENDULUM,
     QUADROTOR,
     REACHER,
@@ -89,6 +90,7 @@ def test_content_hash_covers_what_decides_the_actions(env_id):
         ELASTIC: [{"stiffness": 50.0}, {"length": 2.0}],
         **{name: [{"length_2": 1.5}, {"mass_2": 2.0}] for name in (ACROBOT, ACROBOT_UP)},
         REACHER: [{"length_2": 0.4}, {"mass_2": 2.0}, {"servo_stiffness": 50.0}],
+        HOPPER: [{"leg_stiffness": 1e3}, {"max_torque": 9.0}, {"target_speed": 0.5}],
         QUADROTOR: [{"arm": 0.3}, {"inertia": 0.01}, {"motor_time_constant": None}],
     }.get(env_id, [{"mass_distribution": "point"}, {"length": 2.0}])
     assert len({hash_of("handmade", **change) for change in changes} | hashes) == 3 + len(changes)
@@ -187,7 +189,7 @@ def test_zero_never_acts(env_id, fallback):
 @pytest.mark.parametrize("name", ["random", "zero"])
 def test_no_skill_does_not_succeed(name):
     assert play(PENDULUM, name, 20, **(TIGHT | {"integrator": "rk4"})).success == 0.0
-    for env_id in (CART_POLE, SWING_UP, ELASTIC, QUADROTOR, REACHER):
+    for env_id in (CART_POLE, SWING_UP, ELASTIC, QUADROTOR, REACHER, HOPPER):
         assert play(env_id, name, 10, integrator="rk4").success == 0.0
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from playing import CART_POLE, ELASTIC, PENDULUM, QUADROTOR, REACHER, SWING_UP, TIGHT, play
+from playing import CART_POLE, ELASTIC, HOPPER, PENDULUM, QUADROTOR, REACHER, SWING_UP, TIGHT, play
 
 pytest.importorskip("scipy")
 
@@ -43,6 +43,16 @@ SUCCEEDS: list[tuple[str, dict[str, Any]]] = [
             {"integrator": "implicit_euler", "dt": 0.05},
             {"stiffness": 100.0, "damping": 0.1},
             {"control_period": 0.1},
+        )
+    ),
+    *(
+        (HOPPER, RK4 | {"dt": 0.002, "control_period": 0.02} | given)
+        for given in (
+            {},
+            {"integrator": "symplectic_euler", "dt": 0.001},
+            {"integrator": "implicit_midpoint", "dt": 0.01, "control_period": 0.01},
+            {"target_speed": 0.6},
+            {"mass": 7.0, "leg_stiffness": 1800.0, "ground_friction": 0.6},
         )
     ),
     *(

@@ -8,6 +8,7 @@ from functools import partial
 import gymnasium as gym
 import numpy as np
 import pytest
+from motions import draw_configuration
 from pairing import pairs
 from sameness import assert_same
 from variants import VARIANTS
@@ -59,7 +60,7 @@ def test_a_traced_step_equals_the_plain_one_to_the_bit(env_id, integrator, varia
     plain, step = partial(scalar_step, setup, SCALAR), trace_function(setup, scalar_step)
     assert step is not None
     rng, count = np.random.default_rng(1), len(setup.plant.coordinates)
-    q, v = rng.normal(0.0, 1.0, count), rng.normal(0.0, 2.0, count)
+    q, v = draw_configuration(setup.plant, rng), rng.normal(0.0, 2.0, count)
     state = initial_state(SCALAR, setup, tuple(q.tolist()), tuple(v.tolist()))
     unusual = [math.nan] if setup.task.discrete is not None else [math.nan, math.inf]
     for action in (*_actions(setup, rng, 18).tolist(), *unusual):
@@ -76,7 +77,7 @@ def test_a_traced_step_equals_the_plain_one_to_the_bit(env_id, integrator, varia
 def _lanes(setup, speed=2.0):
     rng = np.random.default_rng(1)
     count = len(setup.plant.coordinates)
-    q, v = rng.normal(0.0, 1.0, (count, LANES)), rng.normal(0.0, speed, (count, LANES))
+    q, v = draw_configuration(setup.plant, rng, LANES), rng.normal(0.0, speed, (count, LANES))
     state = initial_state(ARRAY, setup, tuple(q), tuple(v))
     return state._replace(steps=np.zeros(LANES, dtype=np.int64))
 

@@ -20,7 +20,7 @@ from integ_gym.envs.rendering.renderer import Renderer
 
 PENDULUM, CART_POLE, ELASTIC = "IntegPendulum-v0", "IntegCartPole-v0", "IntegElasticPendulum-v0"
 SQUARE = (PENDULUM, "IntegAcrobot-v0", "IntegAcrobotSwingUp-v0", "IntegReacher-v0")
-QUADROTOR = "IntegQuadrotor-v0"
+QUADROTOR, HOPPER = "IntegQuadrotor-v0", "IntegHopper-v0"
 
 
 def _draw(env_id, state, control=0.0, **arguments):
@@ -111,6 +111,18 @@ def test_quadrotor_is_where_it_is_and_thrusts_along_its_axis(theta):
     (x, y), (arrow_x, arrow_y) = (_centroid(frame, colour) for colour in (BLUE, VERMILION))
     assert math.hypot(x - 362.0, y - 169.0) < 8.0
     assert math.atan2(arrow_x - 362.0, 169.0 - arrow_y) == pytest.approx(theta, abs=0.05)
+
+
+@pytest.mark.parametrize(("theta", "hip"), [(0.0, 0.0), (0.3, -0.2), (-0.4, 0.3)])
+def test_the_hoppers_torso_and_force_are_where_they_are(theta, hip):
+    """The hip 130 pixels above the ground; a force on the foot leaves it along the leg."""
+    state = (7.3, 0.0, 0.5, 0.0, theta, 0.0, hip, 0.0, 0.4, 0.0)
+    frame = Renderer(environment_setup(HOPPER, {}), "rgb_array", 20).draw(
+        np.array(state), (0.0, 150.0), 0.0
+    )
+    (x, y), (arrow_x, arrow_y) = (_centroid(frame, colour) for colour in (BLUE, VERMILION))
+    assert math.atan2(x - 300.0, 190.0 - y) == pytest.approx(theta, abs=0.1)
+    assert math.atan2(arrow_x - 300.0, arrow_y - 190.0) == pytest.approx(hip - theta, abs=0.05)
 
 
 @pytest.mark.parametrize(("theta_1", "theta_2"), [(0.0, 0.0), (0.5, 0.4), (2.0, -1.0)])

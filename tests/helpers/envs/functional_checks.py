@@ -12,9 +12,9 @@ from integ_gym.envs import functional
 from integ_gym.envs.integrators.newton import TOLERANCE
 from integ_gym.envs.transition import STATUS_NAMES
 
-ROUNDED = {"solver_iterations": 1, "solver_residual": TOLERANCE}
+ROUNDED = {"solver_iterations": 3, "solver_residual": TOLERANCE}
 """How far the worlds may differ: rounding decides whether an iteration below the solver's tolerance
-still improves, and so whether it is the last."""
+still improves, and so whether it is the last, or where in a kink the next begins."""
 
 
 def vector_of(env_id, lanes, **arguments):

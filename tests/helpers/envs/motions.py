@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from integ_gym.envs.registries import INTEGRATORS, PLANTS
 
 ALL = INTEGRATORS.names()
@@ -24,4 +26,13 @@ STARTS = {
     "pendulum": ((2.0,), (1.5,)),
     "cart_pole": ((0.1, 2.0), (0.3, 3.0)),
     "elastic_pendulum": ((0.3, 0.1), (1.0, -0.5)),
+    "hopper": ((0.0, 3.0, 0.1, 0.3, 0.5), (1.0, 1.0, 0.5, -1.0, 0.5)),
 }
+
+
+def draw_configuration(plant, rng, *lanes):
+    """Normal about zero, or close about a plant's `probe`, shape (n, *lanes)."""
+    q = rng.normal(0.0, 1.0, (len(plant.coordinates), *lanes))
+    if not hasattr(plant, "probe"):
+        return q
+    return np.array(plant.probe)[0::2].reshape(-1, *(1,) * len(lanes)) + 0.1 * q

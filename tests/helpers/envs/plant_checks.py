@@ -47,6 +47,20 @@ def _quadrotor(p, q, v):
     return mass, forces, p.damping * (v[0] ** 2 + v[1] ** 2)
 
 
+def _hopper(p, q, v):
+    """By the foot's Jacobian; a leg pulls the foot and the hip towards each other."""
+    sine, cosine = math.sin(q[3] - q[2]), math.cos(q[3] - q[2])
+    across, down = q[4] * sine, q[4] * cosine
+    foot = np.array([[1.0, 0.0, -down, down, sine], [0.0, 1.0, -across, across, -cosine]])
+    mass = np.diag([p.mass, p.mass, p.inertia, 0.0, 0.0]) + p.foot_mass * foot.T @ foot
+    weight = -p.gravity * (p.foot_mass * foot[1] + [0.0, p.mass, 0.0, 0.0, 0.0])
+    return (
+        mass,
+        weight - [0, 0, 0, 0, p.leg_stiffness * (q[4] - p.leg_length)],
+        (p.damping * v[4] ** 2),
+    )
+
+
 def _double_pendulum(p, q, v):
     """By the centres' Jacobians: M = Σ m JᵀJ + I, and the weights' work along each coordinate."""
     upper, lower = q[0], q[0] + q[1]
@@ -69,6 +83,7 @@ CLOSED_FORMS = {
     "pendulum": _pendulum,
     "cart_pole": _cart_pole,
     "elastic_pendulum": _elastic_pendulum,
+    "hopper": _hopper,
     "quadrotor": _quadrotor,
     "reacher": _reacher,
 }
