@@ -212,7 +212,7 @@ def _find_rule(facts: EpisodeFacts, replays: Replays) -> tuple[str, str, dict[st
 
 
 def lacks_home(fields: Mapping[str, Any]) -> bool:
-    """Whether a record's label was not to be found for want of a replay at home."""
+    """Whether a record's label could not be found without a replay at home."""
     reasons = ("home_not_replayed", "the replay on its training discretization was not run")
     return str(fields["failure_reason"]).startswith(reasons)
 

@@ -249,8 +249,8 @@ def _next_result(
             return places, future.result()
     except BrokenExecutor:
         raise TrainingError(
-            "worker processes were killed again and again, perhaps for want of memory; give fewer "
-            f"workers, or the fleet a smaller `memory_gib`; {ending}"
+            "worker processes were killed again and again, perhaps because memory ran out; give "
+            f"fewer workers, or the fleet a smaller `memory_gib`; {ending}"
         ) from None
     except Exception as error:
         raise TrainingError(f"training failed: {error}; {ending}") from error

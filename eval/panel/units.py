@@ -205,8 +205,8 @@ class Work:
                 yield name, future.result()
         except BrokenExecutor as error:
             raise PanelError(
-                f"worker processes were lost again and again while {phase}, perhaps for want of "
-                "memory; run the same command again to go on, with fewer --workers if it happens "
+                f"worker processes were lost again and again while {phase}, perhaps because "
+                "memory ran out; run the same command again to go on, with fewer --workers if it happens "
                 "again"
             ) from error
 
