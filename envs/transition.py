@@ -373,6 +373,10 @@ def _outcome(
     worst = task.worst_return(ops, left, period, top_speed(setup))
     newer = after.sensed_time != before.sensed_time
     solved = ops.where(motion.converged, quiet_status(setup), NOT_CONVERGED)
+    efforts = tuple([ops.where(ok, x, 0.0) for x in motion.efforts])
+    saturated = orders.saturated
+    if efforts:
+        saturated = saturated | setup.system.at_effort_limit(efforts)
     return Outcome(
         reward=ops.where(ok, earned, worst),
         terminated=terminated,
@@ -385,9 +389,9 @@ def _outcome(
         clip_loss=clip_loss,
         residual_energy=after.energy - before.energy - work + dissipated + contact_loss + clip_loss,
         controls=orders.controls,
-        efforts=tuple([ops.where(ok, x, 0.0) for x in motion.efforts]),
+        efforts=efforts,
         commanded=orders.commands[0],
-        saturated=orders.saturated,
+        saturated=saturated,
         fallback_used=orders.fallback_used,
         held=orders.held,
         latency=orders.latency,

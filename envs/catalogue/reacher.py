@@ -138,7 +138,7 @@ class IntegReacherEnv(IntegEnv, Env[Any, Any]):
     | `theta_1_target_applied`, `theta_2_target_applied` | rad | targets in force at the end of the period |
     | `theta_1_target_commanded`, `theta_2_target_commanded` | rad | asked for by this decision, after saturation and fallback |
     | `theta_1_effort`, `theta_2_effort` | N m | torques of the servos at the end of the period |
-    | `saturated` | | whether an entry of the action was at a bound or beyond |
+    | `saturated` | | whether an entry of the action was at a bound or beyond, or a torque at its limit at the end of the period |
     | `fallback_used` | | whether the fallback acted in this period |
     | `sensor_time` | s | when the observed sample was taken |
     | `penetration` | m | 0: there are no stops |

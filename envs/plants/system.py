@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import reduce
-from operator import add
+from operator import add, or_
 from typing import NamedTuple
 
 from ..mechanics import Friction, Kink, Servo
@@ -142,6 +142,13 @@ class PlantSystem:
         return tuple(
             [ops.where(due, new, old) for new, old in zip(efforts, motion.efforts, strict=True)]
         )
+
+    def at_effort_limit(self, efforts: Components) -> Component:
+        """Whether the effort of some servo is at its limit."""
+        servo = self.servo or self.sampler
+        assert servo is not None
+        pairs = zip(efforts, servo.limits, strict=True)
+        return reduce(or_, [(x <= low) | (x >= high) for x, (low, high) in pairs])
 
     def forces(self, ops: Ops, q: Components, v: Components, controls: Components) -> Components:
         """Generalized force of the controls, one entry per coordinate."""

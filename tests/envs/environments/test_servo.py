@@ -61,8 +61,11 @@ def test_a_continuous_servo_is_the_closed_loop_that_scipy_solves():
 
 def test_an_effort_beyond_the_motors_limit_is_cut():
     limit = 1.5
-    efforts = [info["theta_effort"] for _, info in _driven(max_torque=limit, servo="step")]
-    assert max(map(abs, efforts)) == limit
+    told = [info for _, info in _driven(max_torque=limit, servo="step")]
+    assert max(abs(info["theta_effort"]) for info in told) == limit
+    assert [info["saturated"] for info in told] == [
+        abs(info["theta_effort"]) == limit for info in told
+    ]
 
 
 @pytest.mark.parametrize(("servo", "period"), [("step", 0.005), ("period", 0.02)])
