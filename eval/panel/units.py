@@ -206,8 +206,8 @@ class Work:
         except BrokenExecutor as error:
             raise PanelError(
                 f"worker processes were lost again and again while {phase}, perhaps because "
-                "memory ran out; run the same command again to go on, with fewer --workers if it happens "
-                "again"
+                "memory ran out; run the same command again to go on, with fewer --workers if it "
+                "happens again"
             ) from error
 
 
