@@ -10,6 +10,7 @@ from typing import Any, Final, NamedTuple
 import gymnasium as gym
 import numpy as np
 
+from integ_gym.envs.actuators import ServoPlant
 from integ_gym.envs.environment import environment_setup, is_integ_environment
 from integ_gym.envs.ops.ops import SCALAR
 from integ_gym.envs.settings import Setup
@@ -52,7 +53,7 @@ def describe_task(panel: Panel) -> Task | None:
             motor += f"; gravity pulls with up to {float(np.max(gravity)):g} {plant.controls[0][1]}"
         facts = [
             ("goal", goal),
-            ("motor", motor),
+            ("servos" if isinstance(plant, ServoPlant) else "motor", motor),
             ("decisions", decisions.format(setup.timing.control_period)),
             ("episode", f"{duration}, start: {setup.settings.start}"),
         ]
@@ -78,6 +79,11 @@ def describe_motors(setup: Setup) -> str:
         low, high = float(np.min(low)), float(np.max(high))
         within = f"up to ±{high:g}" if low == -high else f"from {low:g} to {high:g}"
         parts.append(f"{name.replace('_', ' ')} {within} {unit}")
+    if isinstance(setup.plant, ServoPlant):
+        plant, efforts = setup.plant, setup.task.effort_limits  # type: ignore[attr-defined]
+        most = max(float(np.max(np.abs(ends))) for ends in efforts)
+        gains = f"{np.max(plant.servo_stiffness):g} and {np.max(plant.servo_damping):g}"
+        parts.append(f"{plant.servo}, k_p and k_d {gains}, effort up to ±{most:g} (SI units)")
     return ", ".join(parts)
 
 
@@ -125,6 +131,7 @@ def _scene(setup: Setup) -> dict[str, Any] | None:
         "goal": goal,
         "pose": pose,
         "controls": [list(control) for control in plant.controls],
+        "targets": isinstance(plant, ServoPlant),
         "actuated": list(plant.actuated),
         "limits": list(setup.largest_controls),
         "upright": round(float(np.max(plant.energy(SCALAR, rest, rest))), 6),

@@ -161,6 +161,7 @@ class Stage {
   arrow(q, place, share) {
     const { scene } = this;
     const size = Math.max(-1, Math.min(1, share));
+    if (scene.targets) return this.aim(q, place, size * scene.limits[scene.actuated.indexOf(place)]);
     if (Math.abs(size) < 0.02) return "";
     if (scene.flyer) return this.thrust(q, place === scene.actuated[0] ? -1 : 1, size);
     if (scene.bob || scene.links[place].joint === "slide") {
@@ -179,6 +180,15 @@ class Stage {
     const back = b - side * 0.16;
     return `M${on(a, r)}A${r} ${r} 0 0 ${side > 0 ? 1 : 0} ${on(b, r)}` +
       `M${on(back, 0.84 * r)}L${on(b, r)}L${on(back, 1.16 * r)}`;
+  }
+
+  // Where a servo is to bring a coordinate.
+  aim(q, place, target) {
+    if (this.scene.bob || this.scene.links[place].joint === "slide") {
+      return `M${target} ${-14 * this.unit}V${14 * this.unit}`;
+    }
+    const { from, tip } = this.poses(q.map((x, k) => (k === place ? target : x)))[place];
+    return `M${from.join(" ")}L${tip.join(" ")}`;
   }
 
   // Of the rotor at one side of the body.
