@@ -8,12 +8,27 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from integ_gym.support.errors import InputError
 from integ_gym.support.optional import load
+from integ_gym.support.parameters import unknown_name
 
 from ..mechanics import Link
 from ..ops.ops import Components
 from .rigid import Array, RigidBodyEngine, moment
 from .simulator import Run, is_astray
+from .stepping import check_settings, solver_with
+
+PGS = {
+    "maxIteration": 30,
+    "deltaXTolerance": 1e-6,
+    "relativeDeltaXTolerance": 1e-3,
+    "epsilonForDivision": 1e-9,
+}
+"""Arguments of DART's `PgsBoxedLcpSolverOption`, with its own values."""
+
+_LCP = "boxedLcpSolver"
+_SOLVERS = ("DantzigBoxedLcpSolver", "PgsBoxedLcpSolver")
+"""What solves for joint limits: where Dantzig's fails, the other; its own value is the first."""
 
 _JOINTS = {"slide": ("Prismatic", (1.0, 0.0, 0.0)), "hinge": ("Revolute", (0.0, 1.0, 0.0))}
 
@@ -31,6 +46,19 @@ class DartEngine(RigidBodyEngine):
     maps: ClassVar[Mapping[str, str]] = {
         "semi_implicit_euler": "symplectic_euler_implicit_damping",
     }
+    solver_defaults: ClassVar[Mapping[str, Mapping[str, Any]]] = {
+        "semi_implicit_euler": {_LCP: _SOLVERS[0], **PGS}
+    }
+
+    def read_solver(self, given: Mapping[str, Any]) -> None:
+        """Take which solver comes first, and numbers of the projected Gauss-Seidel one."""
+        own = self.solver_defaults[self.integrator]
+        check_settings(self.name, given, own)
+        first = given.get(_LCP, own[_LCP])
+        if first not in _SOLVERS:
+            raise InputError(unknown_name(f"`solver.{_LCP}`", str(first), _SOLVERS))
+        numbers = {name: value for name, value in given.items() if name != _LCP}
+        self.settings = {_LCP: first, **solver_with(self.name, PGS, numbers)}
 
     def build(self) -> None:
         """Make the world with the mechanism as its only skeleton."""
@@ -46,11 +74,20 @@ class DartEngine(RigidBodyEngine):
         awake.mEnabled = False
         self._world.setDeactivationOptions(awake)
         self._world.addSkeleton(self._skeleton)
+        first, *numbers = self.settings.values()
+        solver, other = (w.getConstraintSolver() for w in (self._world, dart.simulation.World()))
+        pgs = solver.getSecondaryBoxedLcpSolver()
+        if first == pgs.getType():
+            solver.setBoxedLcpSolver(pgs := other.getSecondaryBoxedLcpSolver())
+            solver.setSecondaryBoxedLcpSolver(other.getBoxedLcpSolver())
+        pgs.setOption(dart.constraint.PgsBoxedLcpSolverOption(*numbers))
+        self.settings = {**self.settings, _LCP: solver.getBoxedLcpSolver().getType()}
         self._law = dart.constraint.JointConstraint
 
     def stop_parameters(self) -> dict[str, Any]:
-        """Parameters of DART's joint constraints, which are the process's."""
+        """Parameters of DART's joint constraints, which are the process's, and their solver's."""
         return {
+            **self.settings,
             "error_allowance": self._law.getErrorAllowance(),
             "error_reduction_parameter": self._law.getErrorReductionParameter(),
             "max_error_reduction_velocity": self._law.getMaxErrorReductionVelocity(),

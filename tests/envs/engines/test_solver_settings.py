@@ -153,6 +153,22 @@ def test_one_iteration_is_another_map_in_every_form(integrator):
     assert np.abs(env.unwrapped.state - plain.unwrapped.state).max() > 1e-6
 
 
+def test_darts_other_solver_acts_on_joint_limits():
+    needs("dart")
+    arguments = {"engine": "dart", "integrator": "semi_implicit_euler", "contact": "engine"}
+    ends = []
+    for changes in ({}, {"epsilonForDivision": 1e3}, {"boxedLcpSolver": "PgsBoxedLcpSolver"}):
+        solver = {"boxedLcpSolver": "PgsBoxedLcpSolver", **changes} if changes else None
+        env = gym.make("IntegCartPoleSwingUp-v0", dt=0.02, solver=solver, **arguments)
+        env.reset(seed=0)
+        for _ in range(100):
+            env.step(np.array([10.0]))
+        ends.append(env.unwrapped.state[0])
+    assert ends[0] == ends[2] < ends[1]
+    with pytest.raises(IntegGymError, match="Valid choices: DantzigBoxedLcpSolver"):
+        _settings("dart", "semi_implicit_euler", boxedLcpSolver="Lemke")
+
+
 def test_traced_programs_of_other_settings_are_others():
     import jax
 
