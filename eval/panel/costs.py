@@ -12,6 +12,7 @@ from integ_gym.envs.settings import Discretization, Timing
 from integ_gym.evidence.episodes import Layout
 
 from .cells import Cell, Home, SpecError, is_engine
+from .elsewhere import all_cells
 from .spec import PanelSpec
 from .units import Unit, has_controller, trained_units, training_config
 
@@ -106,6 +107,18 @@ BESIDE = 1.75
 It is the quick panel's time in the README over what would be computed without this.
 """
 
+START_SECONDS = 9.0
+"""Time of a panel beside training, trying and evaluating, s: Python's start and the page."""
+
+COMPILE_SECONDS = 9.0
+"""Time in which the fleet compiles the training of a row, s."""
+
+CELL_SECONDS = 0.15
+"""Time in which a cell's environments are made, compiled and committed from, by each worker, s."""
+
+INTERPRETER_SECONDS = 4.0
+"""Time in which an interpreter with other packages starts, for each worker, s."""
+
 POLICY_BYTES = 20_000.0
 """Storage of a policy's files without its weights."""
 
@@ -157,10 +170,22 @@ def policy_costs(spec: PanelSpec) -> list[ExpectedCost]:
     return [by_home[unit.home] for unit in units]
 
 
-def fixed_cost(spec: PanelSpec) -> ExpectedCost:
-    """Cost of what a panel does however many policies it trains: baselines, and what is tried."""
+def fixed_cost(spec: PanelSpec, workers: int = 1) -> ExpectedCost:
+    """Cost of what a panel does however many policies it trains: it starts, compiles and tries.
+
+    Args:
+        spec: the panel.
+        workers: processes, each of which makes every cell's environments.
+    """
     baselines = _evaluation(spec, None).times(len(spec.baselines))
-    return total_cost([baselines, ExpectedCost(0.0, 0.0, FILE_BYTES + _tried_bytes(spec))])
+    cells, columns = all_cells(spec), spec.columns()
+    interpreters = {cell.packages for cell in cells if cell.packages}
+    seconds = START_SECONDS + sum(trying_seconds(spec, cell) for cell in columns)
+    seconds += CELL_SECONDS * (workers * len(cells) + len(columns))
+    seconds += INTERPRETER_SECONDS * workers * len(interpreters)
+    compiling = COMPILE_SECONDS * len(spec.train) if spec.fleet else 0.0
+    storage = FILE_BYTES + _tried_bytes(spec)
+    return total_cost([baselines, ExpectedCost(compiling, seconds, storage)])
 
 
 def _tried_bytes(spec: PanelSpec) -> float:

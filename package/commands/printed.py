@@ -50,9 +50,9 @@ def print_plan(spec: PanelSpec, workers: int | None, trains: bool = True) -> Non
         trains: whether it does; False where another run's policies are judged.
     """
     count = workers or cores()
-    each, fixed = policy_costs(spec), fixed_cost(spec)
+    each, fixed = policy_costs(spec), fixed_cost(spec, count)
     if not trains:
-        each = [replace(cost, train_seconds=0.0) for cost in each]
+        fixed, *each = (replace(cost, train_seconds=0.0) for cost in (fixed, *each))
     mean = total_cost(each).times(1.0 / len(each)) if each else total_cost([])
     rows = []
     for policies in sorted({len(each), *(COUNTS if each else ())}):

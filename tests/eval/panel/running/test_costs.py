@@ -40,6 +40,7 @@ def test_the_command_tells_it_and_runs_nothing(tmp_path, capsys):
     trained, judged = (_hours(text) for text in (told, capsys.readouterr().out))
     assert trained[0] > judged[0] == 0.0
     assert trained[1] == judged[1] == judged[2]
+    assert 3600.0 * min(trained[:2]) > 8.0  # compilation and the page, however little is computed
 
 
 def _hours(told: str) -> list[float]:
