@@ -1,4 +1,4 @@
-"""Cells of a panel: discretizations, mixtures, perturbations and sweeps, read from tables."""
+"""Cells of a panel: anything that can be said of a simulation, read from tables."""
 
 from __future__ import annotations
 
@@ -7,14 +7,16 @@ import math
 import re
 import sys
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import product
 from typing import Annotated, Any, Final, Literal, TypeAlias, TypeVar
 
 import msgspec
 
-from integ_gym.envs.engines.stepping import without_idle_solver
+from integ_gym.envs.engines.maps import map_names
+from integ_gym.envs.engines.stepping import missing_modules, without_idle_solver
 from integ_gym.envs.lanes import DiscretizedVectorEnv
 from integ_gym.envs.registries import ENGINES, TRUTH
 from integ_gym.envs.settings import (
@@ -32,8 +34,9 @@ from integ_gym.envs.settings import (
 from integ_gym.envs.testbeds.gym_testbed import Testbed
 from integ_gym.envs.testbeds.making import make_checked
 from integ_gym.support.errors import InputError, IntegGymError
-from integ_gym.support.interpreters import PACKAGES
-from integ_gym.support.optional import running_version
+from integ_gym.support.interpreters import PACKAGES, parse_packages
+from integ_gym.support.isolated import ISOLATED
+from integ_gym.support.optional import install_command, running_version
 from integ_gym.support.parameters import positive, unknown_name
 
 from ..statistics import Part
@@ -54,7 +57,9 @@ def check_unique(label: str, values: Sequence[Any]) -> None:
     """Refuse a list that holds something twice."""
     twice = [value for value, count in Counter(values).items() if count > 1]
     if twice:
-        raise SpecError(f"`{label}` lists something twice: {', '.join(map(str, twice))}")
+        raise SpecError(
+            f"`{label}` lists something twice: {', '.join(map(str, twice))}; give each once"
+        )
 
 
 def many(value: Any) -> list[Any]:
@@ -85,6 +90,8 @@ def convert(place: str, value: Any, kind: type[T]) -> T:
 Name: TypeAlias = Annotated[str, msgspec.Meta(min_length=1)]
 Positive: TypeAlias = Annotated[float, msgspec.Meta(gt=0.0, le=sys.float_info.max)]
 Count: TypeAlias = Annotated[int, msgspec.Meta(ge=0, le=2**32 - 1)]
+Several: TypeAlias = Annotated[int, msgspec.Meta(ge=1, le=2**32 - 1)]
+Finite: TypeAlias = Annotated[float, msgspec.Meta(ge=-sys.float_info.max, le=sys.float_info.max)]
 
 
 @dataclass(frozen=True)
@@ -132,15 +139,15 @@ def main_home(home: Home | None) -> Discretization | None:
 SENSING = ("sensor_period", "observation_noise")
 """Arguments of what a policy is shown."""
 
-AXES: Final[Mapping[str, tuple[str, ...]]] = {
-    "integration": STEPPING,
-    "held action": ("control_period",),
-    "delay": (*DELAYS, "fallback"),
-    "sensing": SENSING,
-    "solver": ("solver",),
-    "version": (PACKAGES,),
+AXIS_OF: Final[Mapping[str, str]] = {
+    **dict.fromkeys(STEPPING, "integration"),
+    "control_period": "held action",
+    **dict.fromkeys((*DELAYS, "fallback"), "delay"),
+    **dict.fromkeys(SENSING, "sensing"),
+    "solver": "solver",
+    PACKAGES: "version",
 }
-"""What a cell can differ from home in, by constructor argument; others are of the plant."""
+"""What a constructor argument in which a cell differs from home is part of; others: the plant."""
 
 
 class Variation(Part, frozen=True):
@@ -326,17 +333,16 @@ def axes_between(home: Discretization, cell: Cell) -> dict[str, dict[str, Any]]:
 
     The truth's step follows its control period and is no difference of two truths.
     """
-    there = cell.discretization
-    apart = ("dt",) if there.integrator == home.integrator == TRUTH else ()
-    steps = {
-        name: value
-        for name, value in there.arguments().items()
-        if not agrees({name: value}, home.arguments()) and name not in apart
+    exact = ("dt",) if cell.integrator == home.integrator == TRUTH else ()
+    same = {
+        name
+        for name, value in cell.discretization.arguments().items()
+        if agrees({name: value}, home.arguments()) or name in exact
     }
-    axis_of = {name: axis for axis, names in AXES.items() for name in names}
     found: dict[str, dict[str, Any]] = {}
-    for name, value in {**steps, **cell.environment}.items():
-        found.setdefault(axis_of.get(name, "plant"), {})[name] = value
+    for name, value in {**cell.discretization.arguments(), **cell.environment}.items():
+        if name not in same:
+            found.setdefault(AXIS_OF.get(name, "plant"), {})[name] = value
     return found
 
 
@@ -345,13 +351,12 @@ def timing_fault(arguments: Mapping[str, Any]) -> str | None:
     problem = positive(arguments["dt"])
     if problem:
         return f"`dt` {problem}, got {arguments['dt']!r}"
-    for name in ("control_period", *LATENCIES, "sensor_period"):
-        value = arguments.get(name)
-        try:
-            if value:
-                whole_multiple(name, value, "dt", arguments["dt"])
-        except InputError as error:
-            return str(error)
+    try:
+        for name in ("control_period", *LATENCIES, "sensor_period"):
+            if arguments.get(name):
+                whole_multiple(name, arguments[name], "dt", arguments["dt"])
+    except InputError as error:
+        return str(error)
     return None
 
 
@@ -430,3 +435,259 @@ def engine_versions(engines: Iterable[str]) -> dict[str, str]:
     """Distribution and version behind each engine, this package itself left out."""
     packages = {ENGINES.load(n).package if is_engine(n) else n for n in engines} - {"integ-gym"}
     return {package: running_version(package) for package in sorted(packages)}
+
+
+class Places(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A table of `train` or `evaluate`: every integrator at every step and control period.
+
+    Attributes:
+        dt: integration step or steps, s.
+        integrator: integrator or integrators, as the engine calls them.
+        engine: what advances the plant; None: as at home. `installed`: every installed one.
+        control_period: time or times between two decisions, s; None: the panel's.
+        map: in place of `integrator` for all installed engines: names of one-step maps, the
+            preferred one first.
+    """
+
+    dt: Positive | list[Positive]
+    integrator: Name | list[Name] | None = None
+    engine: Name | None = None
+    control_period: Positive | list[Positive] | None = None
+    map: Name | list[Name] | None = None
+
+    def discretizations(self, key: str, home: Discretization) -> list[Discretization]:
+        """Every combination, possible or not; on every installed engine where it asks for these.
+
+        Args:
+            key: of the table.
+            home: what has their control period, and the engine of those that name none.
+
+        Raises:
+            SpecError: if it does not say all that it must, or more.
+        """
+        chosen = [(self.engine or home.engine, name) for name in many(self.integrator or [])]
+        if self.engine == INSTALLED and key == "evaluate":
+            if self.integrator is not None or self.map is None:
+                raise SpecError(
+                    f'engine "{INSTALLED}" takes `map` in place of `integrator`, for engines call '
+                    f"their integrators differently; known maps: {', '.join(map_names())}"
+                )
+            for name in many(self.map):
+                check_known("map in `evaluate`", name, map_names())
+            found = ((engine, self.applied_by(engine)) for engine in installed_engines())
+            chosen = [(engine, integrator) for engine, integrator in found if integrator]
+        elif self.integrator is None or self.map is not None:
+            raise SpecError(f"every entry of `{key}` needs `integrator` and `dt`, and no `map`")
+        return [
+            replace(home, engine=engine, integrator=integrator, dt=dt, control_period=period)
+            for engine, integrator in chosen
+            for period in many(self.control_period or home.control_period)
+            for dt in many(self.dt)
+        ]
+
+    def applied_by(self, engine: str) -> str | None:
+        """An engine's own name for the first of the maps that it applies, None without one."""
+        own = ENGINES.load(engine).maps
+        return next((name for map in many(self.map) for name in own if own[name] == map), None)
+
+
+class Member(Places, frozen=True):
+    """A table of a mixture's `members`.
+
+    Attributes:
+        weight: of each discretization of it.
+    """
+
+    weight: Positive = 1.0
+
+
+class MixtureTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A table of `train` with a name.
+
+    Attributes:
+        mixture: name.
+        members: what training episodes draw from.
+    """
+
+    mixture: Name
+    members: list[Member]
+
+
+INSTALLED = "installed"
+"""In place of an engine's name: every installed one but the native."""
+
+_EASIEST = "mujoco"
+"""Of the engines that could be installed, where it serves."""
+
+
+def absent_engines() -> tuple[str, ...]:
+    """Names of the engines whose extra is not installed."""
+    return tuple(name for name in ENGINES.names() if name != NATIVE and missing_modules(name))
+
+
+def installed_engines() -> tuple[str, ...]:
+    """Names of the installed engines, without the native one."""
+    return tuple(name for name in ENGINES.names() if name not in (NATIVE, *absent_engines()))
+
+
+def training_homes(entries: Sequence[Mapping[str, Any]], home: Discretization) -> tuple[Home, ...]:
+    """Training discretizations and mixtures, in order.
+
+    Args:
+        entries: the tables of `train`.
+        home: what has their control period, and the engine of those that name none.
+    """
+    found: list[Home] = []
+    for k, entry in enumerate(entries):
+        if "mixture" in entry:
+            found.append(_mixture(convert(f"train[{k}]", entry, MixtureTable), home))
+        else:
+            found += convert(f"train[{k}]", entry, Places).discretizations("train", home)
+    return tuple(dict.fromkeys(found))
+
+
+def _mixture(table: MixtureTable, home: Discretization) -> DiscretizationMixture:
+    label = f"members of {table.mixture}"
+    members = [(d, one.weight) for one in table.members for d in one.discretizations(label, home)]
+    if len(members) < 2:
+        raise SpecError(
+            f"mixture {table.mixture!r} needs at least two `members`, got {len(members)}; a single "
+            "discretization is trained on without a mixture"
+        )
+    check_unique(label, [place_name(one, home.control_period) for one, _ in members])
+    return DiscretizationMixture(table.mixture, tuple(members))
+
+
+def evaluation_cells(
+    entries: Sequence[Mapping[str, Any]], home: Discretization
+) -> tuple[tuple[Discretization, ...], tuple[Variation, ...], tuple[str, ...]]:
+    """What the tables of `evaluate` ask for: discretizations of the grid, and variations.
+
+    A table's lists are expanded, and combinations of a step and a control period that is no
+    multiple of it are left out, which sentences say. With `integrator` and `dt` alone a table is of
+    the grid; with any other argument of the environment it varies these discretizations, and with
+    `at` what that names.
+
+    Args:
+        entries: the tables of `evaluate`.
+        home: see :func:`training_homes`.
+
+    Raises:
+        SpecError: for a table of neither form, or if it asks for installed engines, and there is
+            none.
+    """
+    grid: list[Discretization] = []
+    variations: dict[str, Variation] = {}
+    installed: list[Places] = []
+    unmade: list[str] = []
+    for k, entry in enumerate(entries):
+        where, rest, places = f"evaluate[{k}]", dict(entry), list[Any]()
+        name, at = rest.pop("name", None), rest.pop("at", None)
+        if at is None and {"integrator", "map", "dt", "engine"} & set(rest):
+            own = {key: rest.pop(key) for key in Places.__struct_fields__ if key in rest}
+            table = convert(where, own, Places)
+            installed += [table] if table.engine == INSTALLED else []
+            places = table.discretizations("evaluate", home)
+            places, faults = fitting(places, [place.dt for place in places])
+            unmade += faults
+            grid += [] if rest else places
+        elif not rest:
+            raise SpecError(f"{where} does not say what is varied; give arguments, or no `at`")
+        else:
+            for place in many(["home", "truth"] if at is None else at):
+                if isinstance(place, Mapping):
+                    table = convert(f"{where}.at", dict(place), Places)
+                    places += table.discretizations("at", home)
+                else:
+                    check_known(f"`at` in {where}", str(place), ("home", "truth"))
+                    places.append(place)
+        if rest:
+            name = None if name is None else convert(where, name, Name)
+            for one in vary(name, rest, tuple(places)):
+                known = variations.setdefault(repr((one.name, one.changes)), one)
+                at = tuple(dict.fromkeys((*known.at, *one.at)))
+                variations[repr((one.name, one.changes))] = Variation(one.name, one.changes, at)
+    if installed and all(one.engine == NATIVE for one in grid):
+        could = [name for name in absent_engines() if name not in ISOLATED]
+        could = [name for name in could if any(table.applied_by(name) for table in installed)]
+        name = could[0] if could and _EASIEST not in could else _EASIEST
+        raise SpecError(
+            "it is about other engines, and none that it could use is installed; run: "
+            f"{install_command(name)}, or see `integ-gym engines` for the others"
+        )
+    return tuple(dict.fromkeys(grid)), tuple(variations.values()), tuple(unmade)
+
+
+def fitting(
+    places: Iterable[Discretization], steps: Collection[float] = ()
+) -> tuple[list[Discretization], list[str]]:
+    """Discretizations whose control period is a multiple of their step; sentences on the others.
+
+    Args:
+        places: to choose from.
+        steps: that were asked for, s.
+
+    Raises:
+        SpecError: if nothing is left, or nothing with one of these steps.
+    """
+    faults = {place: timing_fault(place.arguments()) for place in places}
+    fit = [place for place, fault in faults.items() if not fault]
+    wrong = {place: fault for place, fault in faults.items() if fault}
+    kept = {place.dt for place in fit}
+    for place, fault in wrong.items():
+        if not fit or (place.dt in steps and place.dt not in kept):
+            raise SpecError(fault)
+    return fit, [
+        f"{place.name} is not evaluated at a control period of {place.control_period:g} s: {fault}."
+        for place, fault in wrong.items()
+    ]
+
+
+def vary(name: str | None, table: Mapping[str, Any], at: tuple[Any, ...]) -> Iterator[Variation]:
+    """Every combination of a table's lists, named by its values where it has no other name."""
+    combinations = expand(table)
+    for changes in combinations:
+        told = changes_name(changes)
+        own = told if name is None else name if len(combinations) == 1 else f"{name}, {told}"
+        yield Variation(own, changes, at)
+
+
+def expand(table: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Every combination of the values in a table's lists, those of tables in it among them.
+
+    The value of `packages` is a list itself, and a list of such lists is expanded.
+
+    Raises:
+        ValueError: for `packages` that are no exact versions.
+    """
+    choices = [
+        _package_lists(value)
+        if name == PACKAGES
+        else expand(value)
+        if isinstance(value, Mapping)
+        else many(value)
+        for name, value in table.items()
+    ]
+    return [dict(zip(table, chosen, strict=True)) for chosen in product(*choices)]
+
+
+def _package_lists(value: Any) -> list[list[str]]:
+    listed = many(value)
+    several = bool(listed) and all(isinstance(one, list) for one in listed)
+    return [list(parse_packages(one)) for one in (listed if several else [listed])]
+
+
+def standard_variations(setup: Any) -> tuple[Variation, ...]:
+    """A heavier plant and a later command, of an environment that can have them.
+
+    Args:
+        setup: of its undisturbed cell.
+    """
+    found, arguments = [], setup.arguments()
+    if "mass" in arguments:
+        found.append(Variation("mass +20 %", {"mass": 1.2 * arguments["mass"]}))
+    if "action_latency" in arguments:
+        period = setup.timing.control_period
+        later = arguments["action_latency"] + period
+        found.append(Variation(f"latency +{1000.0 * period:g} ms", {"action_latency": later}))
+    return tuple(found)

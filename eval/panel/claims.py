@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Collection
 from typing import NamedTuple
 
 from integ_gym.support.errors import InputError
@@ -33,6 +34,15 @@ class Claim(NamedTuple):
     bound: float
     cell: str | None
 
+    def check_cell(self, known: Collection[str]) -> None:
+        """Refuse a cell that is none of some.
+
+        Raises:
+            ValueError: naming them.
+        """
+        if self.cell is not None and self.cell not in known:
+            raise InputError(unknown_name("cell in --fail-if", self.cell, known))
+
     def shown_in(self, panel: Panel) -> str | None:
         """What shows the claim about the policy that was given, in a sentence; None: nothing.
 
@@ -53,8 +63,7 @@ class Claim(NamedTuple):
             found = {cell: number for cell, number in numbers.items() if number is not None}
         if not found:
             raise InputError(f"there is no {self.measure} to fail on; state the home with --home")
-        if self.cell is not None and self.cell not in found:
-            raise InputError(unknown_name("cell in --fail-if", self.cell, found))
+        self.check_cell(found)
         standard = {
             one["name"]
             for one in panel.spec["variations"]

@@ -40,9 +40,13 @@ from .cells import (
     Variation,
     convert,
     environments_of,
+    evaluation_cells,
+    fitting,
     main_home,
     many,
     setup_of,
+    standard_variations,
+    vary,
 )
 from .checking.plan import check_records
 from .doubts import doubts_of
@@ -67,7 +71,6 @@ from .result import Policy as PanelPolicy
 from .run import as_there, resources_for
 from .run_directory import GIVEN, MANIFEST, RunDirectory, Seen
 from .spec import TRAINERS, PanelSpec, check_variations, read_toml
-from .tables import evaluation_cells, fitting, standard_variations, vary
 from .units import baseline_of
 
 
@@ -321,7 +324,7 @@ def _every_combination(
     at: Sequence[str],
     engines: Sequence[str],
 ) -> tuple[tuple[Discretization, ...], tuple[Variation, ...], tuple[str, ...]]:
-    """As :func:`~.tables.evaluation_cells`, of lists that are multiplied."""
+    """As :func:`~.cells.evaluation_cells`, of lists that are multiplied."""
     engine = around.engine if integrators else testbed.home.engine
     periods = (
         [around.control_period] if at else many(varied.get("control_period", around.control_period))
@@ -502,6 +505,7 @@ def evaluate(
     workers: int | None = None,
     progress: bool = True,
     on_home: Callable[[str], None] = lambda line: None,
+    on_cells: Callable[[Sequence[str]], None] = lambda names: None,
     on_doubt: Callable[[str], None] = tell_doubt,
     command: str = "integ_gym.evaluate",
     executor: str = "local",
@@ -542,6 +546,7 @@ def evaluate(
         workers: processes; 1: this one; by default one per core where that is worth it.
         progress: show a bar on stderr.
         on_home: told what is taken as home and why, before anything is run.
+        on_cells: told the names of the policy's cells, likewise; may refuse them.
         on_doubt: told each sentence that casts doubt on the result; by default stderr is.
         command: how to run this again, for the page.
         executor: what runs the processes; see :func:`run_panel`.
@@ -591,6 +596,7 @@ def evaluate(
     whole = plan(
         existing, env_id, integrators, dts, episodes, varied or {}, at, limit, cells, engines
     )
+    on_cells([cell.name for cell in whole.cells_of(existing.home)])
     on_home(str(existing.provenance))
     asked = resources_for(resources, workers, None)
     with open_cluster(executor, address, asked) as cluster, open_storage(out) as place:

@@ -3,36 +3,33 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Any, Final, get_type_hints
 
 import msgspec
 
-from integ_gym.envs.settings import WEIGHT, Discretization
+from integ_gym.envs.settings import DISCRETIZATION, WEIGHT, Discretization
 from integ_gym.support.parameters import texts_of
 from integ_gym.support.terminal import plural
 
 from ..power import Power, fewest_seeds, verdict_chances
 from ..verdict import ALPHA, Looks, Shares
-from .cells import UNNAMED, Cell, DiscretizationMixture, Home, SpecError, changes_name
+from .cells import (
+    UNNAMED,
+    Cell,
+    DiscretizationMixture,
+    Home,
+    SpecError,
+    changes_name,
+    convert,
+    flatten,
+)
 from .result import Look
-from .spec import LATER, NO_RESULT, TRAINERS, PanelSpec, derived_table
+from .spec import LATER, NO_RESULT, TRAINERS, PanelSpec
 
 _CODE = ("env_id", "environment", "train", "grid")
 """Parts whose texts may name code of somebody's own."""
-
-
-_Plan = derived_table(
-    "Plan",
-    {
-        "trainer": dict[str, str | None],
-        "train": list[dict[str, Any]],
-        **dict.fromkeys(NO_RESULT),
-    },
-    lambda key: key not in LATER,
-)
-"""What `PanelSpec.to_json` writes."""
 
 
 def planned_spec(plan: Mapping[str, Any]) -> PanelSpec:
@@ -44,13 +41,17 @@ def planned_spec(plan: Mapping[str, Any]) -> PanelSpec:
     Raises:
         SpecError: if it is no plan of a panel, in one sentence.
     """
-    fields = {key: value for key, value in plan.items() if key in _Plan.__struct_fields__}
     try:
-        table = msgspec.structs.asdict(msgspec.convert(fields, _Plan))
-        known = {key: value for key, value in table.items() if value is not msgspec.UNSET}
-        known["trainer"] = str(known["trainer"].get("name"))
-        spec = PanelSpec(**{**known, "train": tuple(map(_home, known["train"]))})
-    except (KeyError, msgspec.ValidationError) as error:
+        kinds = get_type_hints(PanelSpec, include_extras=True)
+        kinds |= {"trainer": dict[str, str | None], "train": list[dict[str, Any]]}
+        known = {
+            name: convert(name, plan[name], kind)
+            for name, kind in kinds.items()
+            if name not in NO_RESULT and (name in plan or name not in LATER)
+        }
+        told = {"trainer": known["trainer"].get("name"), "train": tuple(map(_home, known["train"]))}
+        spec = PanelSpec(**{**known, **told})
+    except (KeyError, SpecError, msgspec.ValidationError) as error:
         raise SpecError(f"its specification is damaged: {error}") from None
     if spec.trainer not in TRAINERS:
         raise SpecError("its specification is damaged: it names no trainer that there is")
@@ -162,54 +163,43 @@ def _sum_words(parts: Sequence[int]) -> str:
 
 
 def _missing_entries(name: str, one: Mapping[str, Any], other: Mapping[str, Any]) -> Iterator[str]:
-    """Entries of a list that another specification's lacks."""
+    """Entries of a list that another specification's lacks, in words."""
     there = [json.dumps(entry, sort_keys=True) for entry in other.get(name) or ()]
     for entry in one.get(name) or ():
         if json.dumps(entry, sort_keys=True) not in there:
-            yield _entry_words(name, entry)
+            yield f"{_LISTS[name]} {_entry_words(entry)}"
 
 
-def _entry_words(name: str, entry: Any) -> str:
+def _entry_words(entry: Any) -> str:
     """An entry in words; as it is in a manifest that is damaged."""
-    kind, words = _LISTS[name]
     try:
-        return f"{kind} {words(entry)}"
+        if "changes" in entry:
+            return f"{entry['name']!r} ({changes_name(entry['changes'])})"
+        if "dt" in entry:
+            return repr(Discretization(**{name: entry[name] for name in DISCRETIZATION}).name)
+        return repr(entry if isinstance(entry, str) else entry["mixture"])
     except (AttributeError, KeyError, TypeError, ValueError):
-        return f"{kind} {json.dumps(entry)}"
+        return json.dumps(entry)
 
 
-def _place_words(entry: Mapping[str, Any]) -> str:
-    if "mixture" in entry:
-        return repr(entry["mixture"])
-    return f"{Discretization(**entry).name!r}"
-
-
-def _change_words(entry: Mapping[str, Any]) -> str:
-    return f"{entry['name']!r} ({changes_name(entry['changes'])})"
-
-
-_LISTS: Final[Mapping[str, tuple[str, Callable[[Any], str]]]] = {
-    "train": ("row", _place_words),
-    "grid": ("cell", _place_words),
-    "variations": ("variation", _change_words),
-    "baselines": ("baseline", repr),
-    "limit": ("step of the limit", lambda entry: f"dt={entry['dt']:g}"),
+_LISTS: Final[Mapping[str, str]] = {
+    "train": "row",
+    "grid": "cell",
+    "variations": "variation",
+    "baselines": "baseline",
+    "limit": "step of the limit",
 }
-"""Lists to which more may be added anywhere, what an entry is called, and how it is told."""
+"""Lists to which more may be added anywhere, and what an entry is called."""
 
 
-def _differences(held: Mapping[str, Any], now: Mapping[str, Any], of: str = "") -> Iterator[str]:
+def _differences(held: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[str]:
     """What differs between two specifications: numbers and texts as they were and are."""
-    for key in {**held, **now}:
-        one, other, name = held.get(key), now.get(key), f"{of}{key}"
-        if one == other:
-            continue
-        if isinstance(one, dict) and isinstance(other, dict):
-            yield from _differences(one, other, f"{name}.")
-        elif isinstance(one, (dict, list)) or isinstance(other, (dict, list)):
-            yield f"another `{name}`"
-        else:
-            yield f"`{name}` {one} (now {other})"
+    before, after = dict(flatten(held)), dict(flatten(now))
+    for name in {**before, **after}:
+        one, other = before.get(name), after.get(name)
+        if one != other:
+            listed = isinstance(one, list) or isinstance(other, list)
+            yield f"another `{name}`" if listed else f"`{name}` {one} (now {other})"
 
 
 STAGES: Final = (4, 12)

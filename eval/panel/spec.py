@@ -5,13 +5,12 @@ from __future__ import annotations
 import json
 import math
 import tomllib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import lru_cache
-from importlib import resources
 from pathlib import Path
 from types import NoneType
-from typing import Any, get_type_hints
+from typing import Annotated, Any, get_type_hints
 
 import msgspec
 
@@ -29,40 +28,37 @@ from integ_gym.train.runs import ALGORITHMS, Algorithm
 
 from ..verdict import MIN_SEEDS
 from .cells import (
+    INSTALLED,
     SENSING,
     Cell,
     CellKind,
     Count,
     DiscretizationMixture,
+    Finite,
     Home,
     Name,
     Positive,
+    Several,
     SpecError,
     Variation,
+    absent_engines,
     axes_between,
     changes_name,
     check_known,
     check_unique,
     convert,
     engine_versions,
+    evaluation_cells,
     file_name,
     many,
     nominal_setup,
     place_name,
     setup_of,
-    timing_fault,
-)
-from .limit import PARTS, steps_of_limit
-from .tables import (
-    INSTALLED,
-    PerturbationTable,
-    SweepTable,
-    absent_engines,
-    evaluation_cells,
-    shorthand_variations,
     standard_variations,
+    timing_fault,
     training_homes,
 )
+from .limit import PARTS, steps_of_limit
 
 TRAINERS = {"fleet": ("jax",), "sb3": ("stable-baselines3", "torch")}
 """What trains policies, with the packages that these depend on beside those of every run."""
@@ -76,6 +72,9 @@ START_SETS = 5
 ALGORITHM = "algorithm"
 """Key in ``training`` that is no hyperparameter but says whose they are."""
 
+DEFAULT_ALGORITHM = next(iter(ALGORITHMS))
+"""What learns where nothing is said; the fleet trains by it alone."""
+
 NO_RESULT = ("memory_gib", "left_out")
 """Attributes that change no result."""
 
@@ -84,8 +83,8 @@ LATER = ("episode_parts", "looks", "unmade", "limit", "check")
 
 
 @dataclass(frozen=True, kw_only=True)
-class PanelSpec:
-    """One panel; see docs/reference/panel.md for the TOML form."""
+class Stated:
+    """What a panel is as its file states it; see docs/reference/panel.md."""
 
     name: Name
     question: Name = "Does a policy trained on one integrator and timestep survive another?"
@@ -95,34 +94,40 @@ class PanelSpec:
     training: Mapping[str, Any] = field(default_factory=dict)
     trainer: Name = "fleet"
     """`fleet` (compiled; all policies at once) or `sb3` (stable-baselines3)."""
-    train: tuple[Home, ...]
-    grid: tuple[Discretization, ...]
     seeds: tuple[Count, ...]
-    exploratory_seeds: Count | None = None
+    exploratory_seeds: Several | None = None
     """How many of the seeds rows are trained with that no declared comparison names; all."""
-    baselines: tuple[Name, ...] = ()
-    """Policies without training that the rows are held against."""
-    variations: tuple[Variation, ...] = ()
-    """Arguments that differ in other cells than those of the grid."""
     family: tuple[tuple[str, str], ...] = ()
     """Declared comparisons: (training discretization or mixture, cell)."""
     compare: tuple[tuple[str, str], ...] = ()
     """Pairs of the same whose policies are compared under refinement."""
     looks: tuple[Count, ...] = ()
     """Seeds at the planned looks at verdicts, which share the level; empty: none is planned."""
-    limit: tuple[Mapping[str, Any], ...] = ()
-    """Constructor arguments of the steps that the limit is extrapolated from; empty: no limit."""
     ladder: bool = True
     """Also refine each policy's own discretization with the control period following dt."""
-    episodes: Count = 20
-    """Starts of every seed."""
-    episode_parts: tuple[Count, ...] = ()
-    """How many of them came at a time, in order, where they did not come all at once."""
     episode_seed: Count = 1000
-    trace_every: Count = 1
+    trace_every: Several = 1
     """Every so many-th episode of a policy in a cell has a trace; all can be replayed."""
     memory_gib: Positive | None = None
     """What the fleet's processes may take together, GiB."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PanelSpec(Stated):
+    """One panel."""
+
+    train: tuple[Home, ...]
+    grid: tuple[Discretization, ...]
+    baselines: tuple[Name, ...] = ()
+    """Policies without training that the rows are held against."""
+    variations: tuple[Variation, ...] = ()
+    """Arguments that differ in other cells than those of the grid."""
+    limit: tuple[Mapping[str, Any], ...] = ()
+    """Constructor arguments of the steps that the limit is extrapolated from; empty: no limit."""
+    episodes: Several = 20
+    """Starts of every seed."""
+    episode_parts: tuple[Count, ...] = ()
+    """How many of them came at a time, in order, where they did not come all at once."""
     unmade: tuple[Name, ...] = ()
     """Combinations that were asked for and cannot be, in sentences."""
     left_out: tuple[Name, ...] = ()
@@ -200,9 +205,8 @@ class PanelSpec:
 
         They do not depend on how many training seeds there are, so that more may be added.
         """
-        if not self.seeds:
-            return (0,)
-        return tuple(range(self.seeds[0], self.seeds[0] + START_SETS))
+        first = self.seeds[0] if self.seeds else 0
+        return tuple(range(first, first + (START_SETS if self.seeds else 1)))
 
     def columns(self) -> tuple[Cell, ...]:
         """Cells that every row is evaluated in: the grid, the truth and the limit.
@@ -211,7 +215,7 @@ class PanelSpec:
         """
         periods = dict.fromkeys((self.control_period, *(d.control_period for d in self.grid)))
         truths = [truth for truth in map(self.testbed.truth, periods) if truth is not None]
-        steps = [cell for cell in self._limit_cells() if not cell.changes]
+        steps = (cell for cell in self._limit_cells() if not cell.changes)
         parts = {cell.discretization: cell.limit_part for cell in steps}
         cells = []
         for place in self.grid:
@@ -221,8 +225,8 @@ class PanelSpec:
         for place in truths:
             role = "reference" if place == self.reference else None
             cells.append(self._cell(place, "reference", role=role))
-        finest = (cell for cell in self._limit_cells() if cell.limit_part == PARTS[-1])
-        return (*cells, *(c for c in finest if c.changes or c.discretization not in self.grid))
+        finest = [cell for cell in self._limit_cells() if cell.limit_part == PARTS[-1]]
+        return _each_once(*cells, *finest)
 
     def _limit_cells(self) -> Iterator[Cell]:
         """The limit's steps, each by itself."""
@@ -264,7 +268,8 @@ class PanelSpec:
             found.append("No perturbation of the plant is evaluated.")
         if "action_latency" not in changed:
             found.append("No action latency is evaluated.")
-        faults = {cell.name: fault for cell, fault in self.varied(self.trained_on()) if fault}
+        varied = self.varied(self.trained_on())
+        faults = {cell.name: fault for cell, fault in varied if cell and fault}
         found += self.unmade
         found += [f"There is no cell {name!r}: {fault}." for name, fault in faults.items()]
         found += [
@@ -288,49 +293,52 @@ class PanelSpec:
         """
         own = () if home is None else tuple(home.shares)
         columns = sorted(self.columns(), key=lambda cell: cell.discretization not in own)
-        varied = [cell for cell, fault in self.varied(own) if fault is None]
+        varied = [cell for cell, fault in self.varied(own) if cell and not fault]
         separated = self._separated(home, varied) if isinstance(home, Discretization) else ()
-        found: dict[Any, Cell] = {}
-        for cell in (*columns, *self._limit_cells(), *varied, *separated, *self._ladder(home)):
-            found.setdefault((cell.discretization, cell.changes), cell)
-        return tuple(found.values())
+        return _each_once(*columns, *self._limit_cells(), *varied, *separated, *self._ladder(home))
 
-    def varied(self, own: Sequence[Discretization]) -> Iterator[tuple[Cell, str | None]]:
-        """Cells of variations, each with what is wrong with its times, if anything.
-
-        A discretization that a table states is a cell of its own where nothing changes in it.
-        """
+    def varied(self, own: Sequence[Discretization]) -> Iterator[tuple[Cell | None, str | None]]:
+        """Cells of variations, each with what is wrong with it, if anything."""
         truths = tuple(map(self.testbed.truth, (d.control_period for d in own)))
+        named: dict[Any, Sequence[Any]] = {"home": own, "truth": truths or (self.reference,)}
         for variation in self.variations:
-            for place in variation.at:
-                named = {"home": own, "truth": truths or (self.reference,)}
-                places = named[place] if isinstance(place, str) else (place,)
-                for one in dict.fromkeys(places):
-                    cell = None if one is None else self.vary(one, variation)
-                    if cell is None and one is place and not self._changes(one, variation):
-                        at = place_name(one, self.control_period)
-                        cell = self._cell(one, "varied", variation=variation.name, at=at)
+            for at in variation.at:
+                for place in filter(None, dict.fromkeys(named.get(at, (at,)))):
+                    cell = self._vary(place, variation, stated=place is at)
                     if cell is not None:
                         yield cell, timing_fault(cell.arguments(self.environment))
+                    elif {*variation.changes} == {"solver"} and not has_solver(
+                        place.engine, place.integrator
+                    ):
+                        yield (
+                            None,
+                            (
+                                f"{place.integrator} has no solver; choose an integrator that "
+                                "`integ-gym engines` lists with one"
+                            ),
+                        )
 
-    def vary(self, place: Discretization, variation: Variation) -> Cell | None:
+    def _vary(
+        self, place: Discretization, variation: Variation, stated: bool = False
+    ) -> Cell | None:
         """A discretization with a variation's changes; None where it changes nothing.
 
-        Of the truth's discretization the control period alone can be another.
+        Of the truth's discretization the control period alone can be another. One that a table
+        states is a cell of its own where nothing changes in it.
         """
-        changes = self._changes(place, variation)
-        steps = {name: changes.pop(name) for name in DISCRETIZATION if name in changes}
-        if not has_solver(
-            steps.get("engine", place.engine), steps.get("integrator", place.integrator)
-        ):
-            changes.pop("solver", None)
-        there: Discretization | None = replace(place, **steps)
+        nominal = self.nominal.arguments()
+        arguments = {**place.arguments(), **variation.changes}
+        there: Discretization | None
+        there = Discretization(**{name: arguments.pop(name) for name in DISCRETIZATION})
+        changes = {k: x for k, x in arguments.items() if not _is_same(nominal.get(k), x)}
+        stated = stated and not changes
         if place == self.testbed.truth(place.control_period):
-            period = steps.pop("control_period", None)
-            there = place if period is None else self.testbed.truth(period)
-            if steps:
-                return None
-        if there is None or (there == place and not changes):
+            period = there.control_period
+            only = there == replace(place, control_period=period)
+            there = self.testbed.truth(period) if only else None
+        if there is not None and not has_solver(there.engine, there.integrator):
+            changes.pop("solver", None)
+        if there is None or (there == place and not changes and not stated):
             return None
         name = variation.name
         if name == changes_name(variation.changes):
@@ -339,15 +347,6 @@ class PanelSpec:
         told = f"{where}, {name}" if changes else where
         varied = {"environment": changes, "variation": variation.name, "at": at}
         return self._cell(there, "varied", name=told, **varied)
-
-    def _changes(self, place: Discretization, variation: Variation) -> dict[str, Any]:
-        """What a variation sets to another value than the environment has there."""
-        undisturbed = {**self.nominal.arguments(), **place.arguments()}
-        return {
-            name: value
-            for name, value in variation.changes.items()
-            if not _is_same(undisturbed.get(name), value)
-        }
 
     def _separated(self, home: Discretization, varied: Sequence[Cell]) -> Iterator[Cell]:
         """Cells that tell what each axis in which others differ from home costs alone."""
@@ -358,16 +357,9 @@ class PanelSpec:
             for axis, alone in axes.items():
                 rest = {k: x for name, own in axes.items() if name != axis for k, x in own.items()}
                 for changes in (alone, rest):
-                    found = self.vary(home, Variation(changes_name(changes), changes))
-                    if found is not None and self._can_be_made(found):
+                    found = self._vary(home, Variation(changes_name(changes), changes))
+                    if found is not None and _can_be_made(self.testbed, found):
                         yield found
-
-    def _can_be_made(self, cell: Cell) -> bool:
-        """Whether its times fit and the engine has the settings of its solver, if it names some."""
-        fits = timing_fault(cell.arguments(self.environment)) is None
-        if not fits or "solver" not in cell.environment:
-            return fits
-        return _takes(self.testbed, cell.discretization, cell.changes)
 
     def _ladder(self, home: Home | None) -> tuple[Cell, ...]:
         """Of a single discretization whose control period can follow its step."""
@@ -386,11 +378,11 @@ class PanelSpec:
     def to_json(self) -> dict[str, Any]:
         """The specification as plain data, everything resolved."""
         silent = (*NO_RESULT, *(name for name in LATER if not getattr(self, name)))
-        told = [f.name for f in fields(self) if f.name not in silent]
-        plain = {name: _plain(getattr(self, name)) for name in told}
+        told = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in silent}
+        told["train"] = list(map(_table_of, self.train))
         packages = {name: package_version(name) for name in TRAINERS.get(self.trainer, ())}
-        trainer = {"name": self.trainer, **packages}
-        return {**plain, "trainer": trainer, "sources": self._sources()}
+        told |= {"trainer": {"name": self.trainer, **packages}, "sources": self._sources()}
+        return dict(json.loads(json.dumps(told, default=msgspec.to_builtins)))
 
     @property
     def fleet(self) -> bool:
@@ -400,7 +392,7 @@ class PanelSpec:
     @property
     def algorithm(self) -> Algorithm:
         """What learns: PPO where nothing is said."""
-        return ALGORITHMS[self.training.get(ALGORITHM, next(iter(ALGORITHMS)))]
+        return ALGORITHMS[self.training.get(ALGORITHM, DEFAULT_ALGORITHM)]
 
     def _sources(self) -> dict[str, str]:
         """SHA-256 of the source of every integrator of the user's own."""
@@ -410,12 +402,18 @@ class PanelSpec:
         return {name: digest for name, digest in hashes.items() if digest is not None}
 
 
+def _can_be_made(testbed: Testbed, cell: Cell) -> bool:
+    """Whether its times fit and the engine has the settings of its solver, if it names some."""
+    fits = timing_fault(cell.arguments(testbed.arguments)) is None
+    changes = cell.changes if "solver" in cell.environment else None
+    return fits and (changes is None or _takes(testbed, cell.discretization, changes))
+
+
 @lru_cache(maxsize=1024)
-def _takes(testbed: Testbed, place: Discretization, changes: str | None) -> bool:
-    """Whether a testbed's environment can be made with changes, as :attr:`Cell.changes`."""
-    cell = Cell.of(place, "varied", environment=json.loads(changes or "{}"))
+def _takes(testbed: Testbed, place: Discretization, changes: str) -> bool:
+    """Whether an environment can be made with changes, as :attr:`Cell.changes`."""
     try:
-        setup_of(testbed, cell)
+        setup_of(testbed, Cell.of(place, "varied", environment=json.loads(changes)))
     except InputError:
         return False
     return True
@@ -430,18 +428,20 @@ def _is_same(own: Any, value: Any) -> bool:
     return bool(own == value)
 
 
-def _plain(value: Any) -> Any:
-    """An attribute of a specification as plain data."""
-    if isinstance(value, tuple):
-        return [_plain(one) for one in value]
-    if isinstance(value, Discretization):
-        return value.arguments()
-    if isinstance(value, DiscretizationMixture):
-        members = [{**member.arguments(), WEIGHT: weight} for member, weight in value.weights]
-        return {"mixture": value.name, "members": members}
-    if isinstance(value, Variation):
-        return msgspec.to_builtins(value)
-    return dict(value) if isinstance(value, Mapping) else value
+def _each_once(*cells: Cell) -> tuple[Cell, ...]:
+    """Of cells that are one simulation the first."""
+    found: dict[Any, Cell] = {}
+    for cell in cells:
+        found.setdefault((cell.discretization, cell.changes), cell)
+    return tuple(found.values())
+
+
+def _table_of(home: Home) -> dict[str, Any]:
+    """What is trained on as a table of `train`."""
+    if isinstance(home, Discretization):
+        return home.arguments()
+    members = [{**member.arguments(), WEIGHT: weight} for member, weight in home.weights]
+    return {"mixture": home.name, "members": members}
 
 
 def check_parts(spec: PanelSpec) -> None:
@@ -452,52 +452,61 @@ def check_parts(spec: PanelSpec) -> None:
         TypeError, ValueError: for a cell that cannot be made.
     """
     check_known("trainer", spec.trainer, TRAINERS)
-    _check_algorithm(spec)
-    if spec.episodes < 1 or not spec.seeds or not spec.train:
-        raise SpecError("`episodes`, `seeds` and `train` must each hold at least one")
     if spec.episodes > STARTS_APART:
         raise SpecError(f"`episodes` must be at most {STARTS_APART}, got {spec.episodes}")
-    for name in ("exploratory_seeds", "trace_every"):
-        if (value := getattr(spec, name)) is not None and value < 1:
-            raise SpecError(f"`{name}` must be 1 or above, got {value}")
-    _check_looks(spec)
-    named: dict[str, Sequence[Any]] = {
-        "seeds": spec.seeds,
-        "train": [spec.name_of(home) for home in spec.train],
-        "baselines": spec.baselines,
-        "variations": [one.name for one in spec.variations],
-        "family": spec.family,
-        "compare": spec.compare,
-    }
-    for label, values in named.items():
-        check_unique(label, values)
+    learner = spec.training.get(ALGORITHM, DEFAULT_ALGORITHM)
+    check_known(f"`{ALGORITHM}` in `training`", learner, ALGORITHMS)
+    if spec.fleet and learner != DEFAULT_ALGORITHM:
+        raise SpecError(
+            f"the fleet does not train by {spec.algorithm.config.algorithm}; take "
+            '`trainer = "sb3"`, or --trainer sb3'
+        )
+    if list(spec.looks) != sorted({n for n in spec.looks if n >= MIN_SEEDS}):
+        raise SpecError(
+            f"`looks` must hold numbers of seeds from {MIN_SEEDS} on, each above the one before, "
+            f"got {list(spec.looks)}; with `looks = [{len(spec.seeds)}]` all is spent on one look"
+        )
     every = [spec.cells_of(home) for home in (*spec.train, None)]
+    columns = [cell.name for cell in spec.columns()]
+    homes = {spec.name_of(home): home for home in spec.train}
+    mixtures = [home.name for home in spec.train if isinstance(home, DiscretizationMixture)]
+    named: list[tuple[str, Sequence[Any]]] = [
+        ("seeds", spec.seeds),
+        ("train", [spec.name_of(home) for home in spec.train]),
+        ("baselines", spec.baselines),
+        ("variations", [one.name for one in spec.variations]),
+        ("family", spec.family),
+        ("compare", spec.compare),
+        *(("cells", [cell.name for cell in cells]) for cells in every),
+        (
+            "names of rows, cells and baselines, as files have them",
+            list(map(file_name, (*columns, *mixtures, *spec.baselines))),
+        ),
+    ]
+    for label, values in named:
+        check_unique(label, values)
     check_variations(spec, spec.trained_on())
-    for cells in every:
-        check_unique("cells", [cell.name for cell in cells])
     for cell in {cell.name: cell for cells in every for cell in cells}.values():
         setup_of(spec.testbed, cell)
-    for home in spec.trained_on():
-        if home not in spec.grid and home != spec.reference:
+    for place in spec.trained_on():
+        if place not in spec.grid and place != spec.reference:
             raise SpecError(
                 "every training discretization must also be evaluated, "
-                f"{spec.name_of(home)!r} is not; add it to `evaluate`"
+                f"{spec.name_of(place)!r} is not; add it to `evaluate`"
             )
-    columns = {cell.name for cell in spec.columns()}
-    _check_mixture_names(spec, columns)
-    homes = {spec.name_of(home): home for home in spec.train}
-    for home_name, cell_name in spec.family:
-        check_known("training discretization in `family`", home_name, homes)
+    for row, cell_name in spec.family:
+        check_known("training discretization in `family`", row, homes)
         check_known("cell in `family`", cell_name, columns)
-        if cell_name in spec.shares_of(homes[home_name]):
+        if cell_name in spec.shares_of(homes[row]):
             raise SpecError(
-                f"`family` compares {home_name!r} with its own home {cell_name!r}; name a cell "
-                "that it was not trained in"
+                f"`family` compares {row!r} with its own home {cell_name!r}; name a cell that it "
+                "was not trained in"
             )
     for pair in spec.compare:
-        for name in pair:
-            check_known("training discretization in `compare`", name, homes)
-        _check_comparison(spec, pair)
+        for row in pair:
+            check_known("training discretization in `compare`", row, homes)
+        check_unique("compare", pair)
+        _check_comparison(spec, [homes[row] for row in pair])
 
 
 def check_variations(spec: PanelSpec, homes: Sequence[Discretization]) -> None:
@@ -510,94 +519,29 @@ def check_variations(spec: PanelSpec, homes: Sequence[Discretization]) -> None:
     Raises:
         SpecError: for such a variation, with what is wrong.
     """
-    faults: dict[str, set[str | None]] = {}
-    for cell, fault in spec.varied(homes):
-        faults.setdefault(str(cell.variation), set()).add(fault)
     for one in spec.variations:
-        found = faults.get(one.name) or {_solver_fault(one, homes)}
-        if None not in found:
-            raise SpecError(f"{one.name!r} can be had in no cell: {min(map(str, found))}")
+        faults = {fault for _, fault in replace(spec, variations=(one,)).varied(homes)}
+        if faults and None not in faults:
+            raise SpecError(f"{one.name!r} can be had in no cell: {min(map(str, faults))}")
 
 
-def _solver_fault(variation: Variation, homes: Sequence[Discretization]) -> str | None:
-    """What is wrong with settings of a solver where no integrator has one; None: nothing."""
-    named = {"home": homes, "truth": ()}
-    places = [
-        place for at in variation.at for place in (named[at] if isinstance(at, str) else (at,))
-    ]
-    if set(variation.changes) != {"solver"} or not places:
-        return None
-    if any(has_solver(place.engine, place.integrator) for place in places):
-        return None
-    names = ", ".join(sorted({place.integrator for place in places}))
-    return f"{names} has no solver; choose an integrator that `integ-gym engines` lists with one"
-
-
-def _check_looks(spec: PanelSpec) -> None:
-    """Planned looks must be at ever more seeds, with each of which something is tested."""
-    if list(spec.looks) != sorted({n for n in spec.looks if n >= MIN_SEEDS}):
-        raise SpecError(
-            f"`looks` must hold numbers of seeds from {MIN_SEEDS} on, each above the one before, "
-            f"got {list(spec.looks)}; with `looks = [{len(spec.seeds)}]` all is spent on one look"
-        )
-
-
-def _check_algorithm(spec: PanelSpec) -> None:
-    name = spec.training.get(ALGORITHM)
-    if name is None:
-        return
-    check_known(f"`{ALGORITHM}` in `training`", str(name), ALGORITHMS)
-    if spec.fleet and name != next(iter(ALGORITHMS)):
-        raise SpecError(
-            f"the fleet does not train by {spec.algorithm.config.algorithm}; take "
-            '`trainer = "sb3"`, or --trainer sb3'
-        )
-
-
-def _check_environment(environment: Mapping[str, Any]) -> None:
-    """Refuse arguments of all cells that cells vary.
-
-    Raises:
-        SpecError: for such an argument, with where to give it.
-    """
-    for name in sorted({*environment} & {*DISCRETIZATION, "mixture"}):
-        raise SpecError(
-            f"`environment` gives `{name}`, which is what cells vary; use `control_period`, "
-            "`train` and `evaluate` for it"
-        )
-
-
-def _check_mixture_names(spec: PanelSpec, columns: set[str]) -> None:
-    """A mixture's name must be no other row's, no cell's, and one of its own as a file's."""
-    files = [file_name(name) for name in (*map(spec.name_of, spec.train), *spec.baselines)]
-    for home in spec.train:
-        if isinstance(home, Discretization):
-            continue
-        if home.name in columns or files.count(file_name(home.name)) > 1:
-            raise SpecError(
-                f"mixture {home.name!r} is named like another row or cell; give it another name"
-            )
-
-
-def _check_comparison(spec: PanelSpec, pair: tuple[str, str]) -> None:
+def _check_comparison(spec: PanelSpec, homes: Sequence[Home]) -> None:
     """A comparison is decided at a quarter of each home's step and on the reference.
 
     Of the steps that a mixture has of one integrator, the coarsest counts.
     """
-    if pair[0] == pair[1]:
-        raise SpecError(f"`compare` names {pair[0]!r} twice; name two training discretizations")
     if spec.reference is None:
         raise SpecError(
             f"`compare` is decided on the truth, and {spec.env_id} has none; leave it out"
         )
-    homes = {d for home in spec.train if spec.name_of(home) in pair for d in home.shares}
-    by_step = sorted(homes - {spec.reference}, key=lambda d: (d.dt, d.name))
-    for scheme, home in {d.scheme: d for d in by_step}.items():
+    places = {place for home in homes for place in home.shares} - {spec.reference}
+    by_step = sorted(places, key=lambda place: (place.dt, place.name))
+    for scheme, place in {place.scheme: place for place in by_step}.items():
         finest = min(d.dt for d in spec.grid if d.scheme == scheme)
-        if finest * 4.0 > home.dt * (1.0 + 1e-9):
+        if finest * 4.0 > place.dt * (1.0 + 1e-9):
             raise SpecError(
-                f"`compare` needs {home.integrator} evaluated at dt={home.dt / 4.0:g} or finer, a "
-                f"quarter of {spec.name_of(home)}'s; add it to `evaluate`"
+                f"`compare` needs {place.integrator} evaluated at dt={place.dt / 4.0:g} or finer, "
+                f"a quarter of {spec.name_of(place)}'s; add it to `evaluate`"
             )
 
 
@@ -608,42 +552,42 @@ LARGEST_FILE = 1 << 20
 """Bytes of a specification, at most."""
 
 
-def derived_table(name: str, others: Mapping[str, Any], required: Callable[[str], bool]) -> Any:
-    """A form of a specification: the fields of `PanelSpec`, some of them of another kind.
+class PerturbationTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A table of `perturbations`: arguments that differ at home and on the truth.
 
-    Args:
-        name: of the form.
-        others: kinds of fields that are of another kind; None: the form has not that field.
-        required: whether a field must be there.
+    Attributes:
+        name: unique.
+        environment: constructor arguments.
     """
-    kinds = {**get_type_hints(PanelSpec, include_extras=True), **others}
-    return msgspec.defstruct(
-        name,
-        [
-            (key, kind) if required(key) else (key, kind, msgspec.UNSET)
-            for key, kind in kinds.items()
-            if kind is not None
-        ],
-        kw_only=True,
-        forbid_unknown_fields=True,
-    )
+
+    name: Name
+    environment: Annotated[dict[str, Any], msgspec.Meta(min_length=1)]
 
 
-_REQUIRED = ("name", "env_id", "control_period", "seeds", "train", "evaluate")
+class SweepTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A table of `sweep`: an argument that takes several values at home and on the truth.
 
-_Toml = derived_table(
-    "Specification",
-    {
-        "train": list[dict[str, Any]],
-        "evaluate": list[dict[str, Any]],
-        "perturbations": list[PerturbationTable],
-        "sweep": list[SweepTable],
-        "episodes": Count | list[Count],
-        "limit": bool,
-        **dict.fromkeys(("grid", "variations", "episode_parts", "unmade", "left_out", "check")),
-    },
-    _REQUIRED.__contains__,
-)
+    Attributes:
+        argument: constructor argument of the environment.
+        values: what it takes, two numbers or more.
+    """
+
+    argument: Name
+    values: Annotated[list[Finite], msgspec.Meta(min_length=2)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Specification(Stated):
+    """A panel's file, before its tables are expanded."""
+
+    seeds: Annotated[tuple[Count, ...], msgspec.Meta(min_length=1)]
+    train: Annotated[list[dict[str, Any]], msgspec.Meta(min_length=1)]
+    evaluate: list[dict[str, Any]]
+    perturbations: list[PerturbationTable] | None = None
+    sweep: list[SweepTable] = field(default_factory=list)
+    baselines: tuple[Name, ...] | None = None
+    episodes: Several | Annotated[list[Several], msgspec.Meta(min_length=1)] = PanelSpec.episodes
+    limit: bool = False
 
 
 SCHEMA_PATH = Path(__file__).with_name("specification.schema.json")
@@ -651,21 +595,15 @@ SCHEMA_PATH = Path(__file__).with_name("specification.schema.json")
 
 def schema_text() -> str:
     """JSON Schema (2020-12) of a specification, for editors of TOML: the published file."""
-    (whole,), parts = msgspec.json.schema_components([_Toml], ref_template="#/$defs/{name}")
+    (whole,), parts = msgspec.json.schema_components([Specification])
+    parts[Specification.__name__]["additionalProperties"] = False
     head = schema_head("integ-gym panel specification")
     return published_text({**head, **whole, "$defs": parts})
 
 
-def write_schema() -> None:
-    """Write the published file."""
-    SCHEMA_PATH.write_text(schema_text(), encoding="utf-8")
-
-
 def built_in_spec(name: str = "quick") -> PanelSpec:
     """A panel that comes with the package."""
-    file = resources.files(__package__) / "built_in" / f"{name}.toml"
-    content = file.read_text(encoding="utf-8")
-    return parse_spec(tomllib.loads(content), source=f"built-in panel {name!r}")
+    return read_spec(Path(__file__).with_name("built_in") / f"{name}.toml")
 
 
 def read_spec(path: Path) -> PanelSpec:
@@ -690,20 +628,11 @@ def read_toml(path: Path, others: str = "") -> dict[str, Any]:
     """
     try:
         return tomllib.loads(read_bounded(path, LARGEST_FILE).decode())
-    except UnicodeDecodeError as error:
-        raise SpecError(f"{path} is not UTF-8 text; save it as UTF-8") from error
     except OSError as error:
-        raise SpecError(
-            f"cannot read the specification {path}: {error.strerror}; give the path of a TOML "
-            f"file{others}"
-        ) from error
-    except tomllib.TOMLDecodeError as error:
-        fault = f"is not valid TOML: {error}"
-    except RecursionError:
-        fault = "is nested too deep to be a specification"
-    except ValueError as error:
-        fault = f"cannot be a specification: {error}"
-    raise SpecError(f"{path} {fault}; docs/reference/panel.md has the format")
+        fault = f"cannot be read: {error.strerror}; give the path of a TOML file{others}"
+    except (RecursionError, ValueError) as error:
+        fault = f"is no TOML: {error}; docs/reference/panel.md has the format"
+    raise SpecError(f"the specification {path} {fault}")
 
 
 def parse_spec(data: Mapping[str, Any], source: str) -> PanelSpec:
@@ -722,38 +651,36 @@ def parse_spec(data: Mapping[str, Any], source: str) -> PanelSpec:
 
 def _parse(data: Mapping[str, Any]) -> PanelSpec:
     for key in data:
-        check_known("key", key, _Toml.__struct_fields__)
-    table = convert("", dict(data), _Toml)
-    given = {k: x for k, x in msgspec.structs.asdict(table).items() if x is not msgspec.UNSET}
-    parts = tuple(many(given.pop("episodes", PanelSpec.episodes)))
-    if 0 in parts or not parts:
+        check_known("key", key, get_type_hints(Specification))
+    stated = convert("", dict(data), Specification)
+    for name in sorted({*stated.environment} & {*DISCRETIZATION, "mixture"}):
         raise SpecError(
-            f"`episodes` must be 1 or above, or a list of such parts, got {data['episodes']!r}"
+            f"`environment` gives `{name}`, which is what cells vary; use `control_period`, "
+            "`train` and `evaluate` for it"
         )
-    given |= {"episodes": sum(parts), "episode_parts": parts if len(parts) > 1 else ()}
-    _check_environment(given.get("environment", {}))
-    testbed = find_testbed(given["env_id"], given.get("environment", {}))
-    home = replace(testbed.home, control_period=given["control_period"])
+    testbed = find_testbed(stated.env_id, stated.environment)
+    home = replace(testbed.home, control_period=stated.control_period)
     nominal = nominal_setup(testbed, home.control_period)
-    entries, sweeps = given.pop("evaluate"), given.pop("sweep", ())
-    perturbations = given.pop("perturbations", None)
-    grid, variations, unmade = evaluation_cells(entries, home)
-    installed = any(entry.get("engine") == INSTALLED for entry in entries)
-    train = training_homes(given["train"], home)
-    wanted = given.pop("limit", False)
-    given.setdefault("baselines", possible_baselines(nominal, testbed.controller))
+    grid, variations, unmade = evaluation_cells(stated.evaluate, home)
+    swept = [{"at": ["home", "truth"], x.argument: sorted(x.values)} for x in stated.sweep]
+    installed = any(entry.get("engine") == INSTALLED for entry in stated.evaluate)
+    train, parts = training_homes(stated.train, home), tuple(many(stated.episodes))
+    standard = standard_variations(nominal) if stated.perturbations is None else ()
+    possible = possible_baselines(nominal, testbed.controller)
     return PanelSpec(
-        **{
-            **given,
-            "train": train,
-            "limit": steps_of_limit(testbed, train, home) if wanted else (),
-            "grid": grid,
-            "unmade": unmade,
-            "variations": (
-                *(standard_variations(nominal) if perturbations is None else ()),
-                *shorthand_variations(perturbations or (), sweeps),
-                *variations,
-            ),
-            "left_out": absent_engines() if installed else (),
-        }
+        **{one.name: getattr(stated, one.name) for one in fields(Stated)},
+        train=train,
+        grid=grid,
+        baselines=possible if stated.baselines is None else stated.baselines,
+        variations=(
+            *standard,
+            *(Variation(one.name, one.environment) for one in stated.perturbations or ()),
+            *evaluation_cells(swept, home)[1],
+            *variations,
+        ),
+        limit=steps_of_limit(testbed, train, home) if stated.limit else (),
+        episodes=sum(parts),
+        episode_parts=parts if len(parts) > 1 else (),
+        unmade=unmade,
+        left_out=absent_engines() if installed else (),
     )

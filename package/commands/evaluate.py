@@ -188,6 +188,7 @@ def main(argv: Sequence[str]) -> int:
         own_code=given.own_code,
         workers=workers_of(given),
         progress=not given.no_progress,
+        on_cells=(lambda names: None) if claim is None else claim.check_cell,
         on_home=lambda line: print_wrapped(line, sys.stderr),
         command=options.display_command(["integ-gym", "evaluate", *argv]),
         executor=given.executor,

@@ -23,6 +23,7 @@ from integ_gym.commands import evaluate, panel, train, watch
 from integ_gym.eval import watch as of_policy
 from integ_gym.eval.panel import existing
 from integ_gym.eval.panel import run as calls
+from integ_gym.eval.panel.claims import parse_claim
 from integ_gym.eval.panel.spec import built_in_spec
 from integ_gym.support.executors import Resources
 from integ_gym.train import command as training
@@ -283,6 +284,7 @@ UNUSABLE: dict[str, dict[str, tuple[Any, str]]] = {
         "own_code": (True, "own_code lets a side-car name classes"),
         "at": (("home",), "nothing is varied at home"),
         "spec": ("absent.toml", "absent.toml"),
+        "on_cells": (parse_claim("loss > 0.1 in rk9").check_cell, "unknown cell in --fail-if"),
     },
     "panelled": NOT_FOR_THIS_MACHINE,
 }

@@ -9,11 +9,10 @@ from small_panel import small_data
 
 from integ_gym.cli import main
 from integ_gym.envs.engines.stepping import missing_modules
-from integ_gym.eval.panel import tables as engines
-from integ_gym.eval.panel.cells import SpecError, map_of
+from integ_gym.eval.panel import cells as engines
+from integ_gym.eval.panel.cells import SpecError, installed_engines, map_of
 from integ_gym.eval.panel.run import check_spec
 from integ_gym.eval.panel.spec import built_in_spec, parse_spec
-from integ_gym.eval.panel.tables import installed_engines
 from integ_gym.eval.panel.units import training_config, training_key
 
 

@@ -155,7 +155,7 @@ def test_parts_of_the_episodes_are_the_panel_as_it_was_with_each():
 
 @pytest.mark.parametrize("episodes", [[3, 0], []])
 def test_parts_without_episodes_are_refused(episodes):
-    with pytest.raises(SpecError, match="`episodes` must be 1 or above, or a list of such parts"):
+    with pytest.raises(SpecError, match=">= 1 - at `episodes"):
         parse_spec(small_data(episodes=episodes), "small")
 
 
@@ -195,7 +195,6 @@ def test_values_are_changes_and_the_undisturbed_one_is_there_already():
         ({"argument": "masss", "values": [1, 2]}, "Did you mean 'mass'"),
         ({"argument": "fallback", "values": [1, 2]}, "fallback"),
         ({"argument": "mass", "values": [1.0, "2"]}, "sweep.0..values"),
-        ({"argument": "mass", "values": [1.0, 1.0]}, "twice"),
         ({"argument": "mass", "value": [1.0, 2.0]}, "unknown field `value` - at `sweep"),
     ],
 )
@@ -217,6 +216,5 @@ def test_of_another_librarys_environment_what_is_stated_is_swept():
         assert [cell.environment["g"] for cell in cells if cell.environment] == varied
 
 
-def test_an_argument_is_swept_once():
-    with pytest.raises(SpecError, match="`sweep` lists something twice"):
-        _swept(LATENCY, LATENCY)
+def test_what_is_swept_twice_is_swept_once():
+    assert _swept(LATENCY, LATENCY).to_json() == _swept(LATENCY).to_json()

@@ -109,7 +109,7 @@ def test_cells_of_a_row_begin_at_home_and_replays_come_first():
         ({"env_id": "IntegPendulun-v0"}, ["unknown environment", "IntegPendulum-v0"]),
         ({"control_period": 0.0}, ["`float` > 0.0 - at `control_period`"]),
         ({"control_period": 0.06}, ["not a whole multiple"]),
-        ({"seeds": []}, ["at least one"]),
+        ({"seeds": []}, ["length >= 1 - at `seeds`"]),
         ({"seeds": [0, 0]}, ["twice"]),
         ({"baselines": ["best"]}, ["unknown baseline 'best'", "handmade"]),
         ({"family": [["rk4 dt=0.05", "no"]]}, ["unknown cell in `family`", "reference dt=0.05"]),
@@ -183,12 +183,12 @@ def test_the_reference_takes_a_step_that_delays_are_multiples_of(environment, st
 def test_missing_keys_and_files_are_named(tmp_path):
     with pytest.raises(SpecError, match="missing required field `env_id`"):
         parse_spec({"name": "x"}, "x.toml")
-    with pytest.raises(SpecError, match="cannot read the specification"):
+    with pytest.raises(SpecError, match="cannot be read: No such file"):
         read_spec(tmp_path / "none.toml")
     (tmp_path / "latin.toml").write_bytes('name = "é"'.encode("latin-1"))
-    with pytest.raises(SpecError, match="not UTF-8"):
+    with pytest.raises(SpecError, match="utf-8"):
         read_spec(tmp_path / "latin.toml")
-    with pytest.raises(SpecError, match="/dev/zero: it is a device or a pipe and no file"):
+    with pytest.raises(SpecError, match=r"/dev/zero .*: it is a device or a pipe and no file"):
         read_spec(Path("/dev/zero"))
 
 
@@ -239,10 +239,10 @@ def test_what_would_only_fail_or_mislead_later_is_refused(changes, fragment):
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ("a = " + "[" * 5000, "nested too deep"),
-        ("a = " + "1" * 5000, "cannot be a specification"),
+        ("a = " + "[" * 5000, "recursion"),
+        ("a = " + "1" * 5000, "4300 digits"),
         ("a = 1\n" * 300_000, "has more than 1048576 bytes"),
-        ("a = ", "is not valid TOML"),
+        ("a = ", "is no TOML"),
     ],
 )
 def test_files_that_are_no_specification_are_refused(tmp_path, content, message):

@@ -222,6 +222,9 @@ def test_a_pipeline_fails_on_a_claim(tmp_path, capsys, monkeypatch):
         "--home", "stock", "--integrator", "rk4", "--dt", "0.02", "--episodes", "5",
         "--workers", "1", "--env-arg", "duration=1.0", "--no-progress",
     ]  # fmt: skip
+    assert main([*command, "--fail-if", "success > 0.99 in rk5 dt=0.02"]) == 2
+    assert "Did you mean 'rk4 dt=0.02'" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
     assert main([*command, "--fail-if", "success > 0.99 in rk4 dt=0.02"]) == 0
     assert main([*command, "--fail-if", "success < 0.99"]) == 3
     assert "success < 0.99" in capsys.readouterr().err

@@ -136,8 +136,8 @@ def test_a_reference_in_a_mixture_takes_a_step_that_delays_are_multiples_of():
             _train(members=[{"integrator": "rk4", "dt": [0.05, 0.0025]}]),
             ["'rk4 dt=0.0025' is not; add it to `evaluate`"],
         ),
-        (_train(mixture="handmade"), ["mixture 'handmade' is named like another row or cell"]),
-        (_train(mixture="explicit_euler-dt-0.05"), ["is named like another row or cell"]),
+        (_train(mixture="handmade"), ["lists something twice: handmade"]),
+        (_train(mixture="explicit_euler-dt-0.05"), ["twice: explicit_euler-dt-0.05"]),
         (_data(family=[["both", "rk4 dt=0.025"]]), ["its own home 'rk4 dt=0.025'"]),
         (
             _data(evaluate=[{"integrator": ["explicit_euler", "rk4"], "dt": [0.05, 0.025]}]),
