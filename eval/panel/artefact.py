@@ -196,8 +196,8 @@ _COMMAND: Final = ".query"
 """End of the places of commands, which name the directory."""
 
 
-def differences(said: result.Panel, made: result.Panel) -> Iterator[tuple[str, Any, Any]]:
-    """What a panel says and is not what comes of its plan and records.
+def differences(said: Mapping[str, Any], made: result.Panel) -> Iterator[tuple[str, Any, Any]]:
+    """What ``panel.json`` says and is not what comes of its plan and records.
 
     Place, in words, what is said there, and what comes out.
     """
@@ -212,15 +212,14 @@ def as_sealed(directory: RunDirectory, made: result.Panel) -> result.Panel:
         held = result.read_panel(directory.path / result.FILE_NAME)
     except result.OtherVersionError:
         return made
-    other = (place for place, *_ in _of_parts(held, made, (*VOLATILE, *_CALLED)))
+    told = msgspec.to_builtins(held)
+    other = (place for place, *_ in _of_parts(told, made, (*VOLATILE, *_CALLED)))
     return made if any(not place.endswith(_COMMAND) for place in other) else held
 
 
 def _of_parts(
-    said: result.Panel, made: result.Panel, but: tuple[str, ...]
+    said: Mapping[str, Any], made: result.Panel, but: tuple[str, ...]
 ) -> Iterator[tuple[str, Any, Any]]:
     """What differs in all parts but some."""
-    one, other = (msgspec.to_builtins(panel) for panel in (said, made))
-    for part in one:
-        if part not in but:
-            yield from differing(part, one[part], other[part], ROUNDING, ROUNDING)
+    both = ({**panel, **dict.fromkeys(but)} for panel in (said, msgspec.to_builtins(made)))
+    yield from differing("", *both, ROUNDING, ROUNDING)

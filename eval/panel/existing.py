@@ -74,7 +74,7 @@ from .spec import TRAINERS, PanelSpec, check_variations, read_toml
 from .units import baseline_of
 
 
-class Facts(msgspec.Struct, frozen=True):
+class Facts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What is known of a policy beside its hash and its home.
 
     Attributes:

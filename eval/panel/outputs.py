@@ -172,7 +172,7 @@ def reduce_records(
     return layout, Matrix(rows, table.to_pylist(), spec.episodes, spec.trace_every)
 
 
-class Call(msgspec.Struct, frozen=True):
+class Call(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """How a run was called, as its manifest keeps it.
 
     Attributes:

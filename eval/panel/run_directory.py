@@ -66,9 +66,11 @@ _LOOKS = "looks"
 _NOTED: Kinds = {"key": str, "start": float, "end": float, "seconds": float}
 _NOTED_BY: dict[str, Kinds] = {
     "train": {"policy": str, RECORDS: (str, type(None))},
-    "evaluate": {"policies": dict, "cells": dict, RECORDS: str},
-    "achieve": {"cell": str, "success": list, "recovered": list, "search": (dict, type(None))},
-}
+    "evaluate": {FIRST: int, "policies": dict, "cells": dict, RECORDS: str},
+    "achieve": {
+        FIRST: int, "cell": str, "success": list, "recovered": list, "search": (dict, type(None)),
+    },
+}  # fmt: skip
 """What a marker holds, and by the first word of the unit's name what else."""
 
 
@@ -570,8 +572,8 @@ def _few(values: Sequence[Any]) -> str:
 
 
 def first_of(marker: Mapping[str, Any]) -> int:
-    """First episode of a unit; 0 of one from before there could be others."""
-    return int(marker.get(FIRST, 0))
+    """First episode of a unit that evaluates or tries."""
+    return int(marker[FIRST])
 
 
 def name_start(episode: int) -> str:
@@ -626,14 +628,13 @@ def _read_marker(path: Path) -> dict[str, Any]:
     """What was noted of a finished unit, with all that units of its kind note."""
     remedy = "remove it to do the unit again"
     held = _read(path, _noted(path.stem), remedy)
-    if type(held.get(FIRST, 0)) is not int:
-        raise RunDirectoryError(f"{path} is damaged: {FIRST!r} must be a whole number; {remedy}")
     if not all(isinstance(x, str) for x in held.get("policies", {}).values()):
         raise RunDirectoryError(f"{path} is damaged: 'policies' must hold hashes; {remedy}")
     for names in held.get("cells", {}).values():
-        if not (isinstance(names, list) and all(isinstance(name, str) for name in names)):
+        told = names if isinstance(names, list) else [None]
+        if not all(isinstance(name, str) for name in told) or len({*told}) < len(told):
             raise RunDirectoryError(
-                f"{path} is damaged: 'cells' must hold lists of names; {remedy}"
+                f"{path} is damaged: 'cells' must hold lists of names, each once; {remedy}"
             )
     return held
 

@@ -1,7 +1,8 @@
 """Every leaf of finished runs is held against something, or listed as not proven.
 
-All leaves of records are changed in all ways, of files one of each kind in one way;
-``python tests/helpers/reliability/sweep.py --every`` changes all in all ways.
+All leaves of records are changed in all ways. Of files one of each kind is changed in one way, and
+in each in which what is read may stay the same: a key is gone, one is added, an entry is there
+twice. ``python tests/helpers/reliability/sweep.py --every`` changes all in all ways.
 """
 
 from __future__ import annotations

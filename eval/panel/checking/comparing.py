@@ -16,6 +16,16 @@ _NAMES: Final = ("name", "row", "a", "b", "cell", "policy", "episode_index")
 """Keys that tell an entry of a list."""
 
 
+class _Nothing:
+    """What stands under a key that is not there."""
+
+    def __repr__(self) -> str:
+        return "nothing"
+
+
+_NOTHING: Final = _Nothing()
+
+
 def differing(
     place: str, said: Any, made: Any, tolerance: float = 1e-12, least: float = 0.0
 ) -> Iterator[tuple[str, Any, Any]]:
@@ -30,7 +40,8 @@ def differing(
     """
     if isinstance(said, Mapping) and isinstance(made, Mapping):
         for key in {**said, **made}:
-            name, one, other = f"{place}.{key}".removeprefix("."), said.get(key), made.get(key)
+            name = f"{place}.{key}".removeprefix(".")
+            one, other = said.get(key, _NOTHING), made.get(key, _NOTHING)
             if key in said and key in made:
                 yield from differing(name, one, other, tolerance, least)
             else:

@@ -7,6 +7,8 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
+import msgspec
+
 from integ_gym.evidence.schema import Finding
 from integ_gym.evidence.sealing import broken_seals
 from integ_gym.evidence.store import EvidenceStore
@@ -48,7 +50,8 @@ def deviations(
     else:
         part = _part(directory, spec, said)
         made = panel_of(part, directory, called, None if part is spec else spec)
-    for place, *both in differences(said, made):
+    written = msgspec.json.decode((directory.path / FILE_NAME).read_bytes())
+    for place, *both in differences(written, made):
         yield denial(FILE_NAME, None, place, *both, how="comes out")
 
 

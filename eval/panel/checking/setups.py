@@ -28,7 +28,7 @@ from ..cells import Cell, Home, engine_versions, setup_of
 from ..plan import planned_home
 from ..run_directory import PACKAGES as OF_EVERY_RUN
 from ..run_directory import key_of
-from ..spec import PanelSpec
+from ..spec import TRAINERS, PanelSpec
 from ..units import Unit, trained_units, training_config
 from .comparing import deny, differing
 
@@ -367,7 +367,8 @@ class Trained:
         """Versions that a side-car must tell; where they decide no result, those that it tells."""
         known = told if isinstance(told, Mapping) else {}
         free = {n: x for n, x in known.items() if n in _WRITERS and n not in self.versions}
-        return {**{n: self.versions.get(n) for n in (*known, *BASE)}, **free}
+        needed = (*known, *BASE, *TRAINERS[self.spec.trainer])
+        return {**{n: self.versions.get(n) for n in needed}, **free}
 
     def _last_episodes(self, policy: str) -> dict[str, Any] | None:
         """Their number, and the means of what they came to; None where one is not finite."""

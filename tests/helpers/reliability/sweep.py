@@ -80,6 +80,8 @@ _FLEET = f"{RECORDS}fleet training, "
 WHOLE = {
     "grown": (MANIFEST, f"{_FLEET}traced", f"{_FLEET}untraced"),
     "evaluated": (MANIFEST, f"{RECORDS}evaluation, traced"),
+    "published": (MANIFEST, FILE_NAME, "units/contract-*.json"),
+    "checked": (MANIFEST, FILE_NAME),
 }
 """The other runs, and their kinds whose leaves are all changed, for their plan is of another form.
 
@@ -91,7 +93,8 @@ def make_runs(folder: Path) -> None:
     """Make the runs whose leaves are changed, without pictures, each in a folder of its name.
 
     The first has all kinds of files and records. Of the others one is of the fleet, on a mixture,
-    with a seed more than it began with; one evaluates a policy of the first.
+    with a seed more than it began with; one evaluates a policy of the first, and one its zip alone,
+    on another engine too; one checks what a discretization costs.
     """
     first = write_spec(
         folder / "first.toml",
@@ -131,14 +134,22 @@ members = [
         evaluate='integrator = ["rk4", "symplectic_euler"]\ndt = 0.05',
     )
     policy = folder / "first/policies/rk4-dt-0.05-seed0/policy.zip"
-    cells = ("--integrator=rk4", "--dt=0.05", "--episodes=2")
-    for words in (
-        ("panel", str(first)),
-        *(("panel", str(grown), "--seeds", str(count)) for count in (1, 2)),
-        ("evaluate", str(policy), "--env", "IntegPendulum-v0", *cells),
+    bare = folder / "published.zip"
+    cells = "--env=IntegPendulum-v0 --integrator=rk4 --dt=0.05 --episodes=2"
+    home = "--home=integrator=rk4,dt=0.05,control_period=0.05 --env-arg=duration=0.5"
+    engines = "--engine=native --engine=mujoco --integrator=RK4"
+    small = "--train-arg=total_steps=128 --train-arg=n_steps=32 --train-arg=batch_size=32"
+    checked = "--integrator=rk4 --dt=0.05 --env-arg=duration=0.5 --seeds=2 --trainer=sb3"
+    for name, words in (
+        ("first", f"panel {first}"),
+        *(("grown", f"panel {grown} --seeds={count}") for count in (1, 2)),
+        ("evaluated", f"evaluate {policy} {cells}"),
+        ("published", f"evaluate {bare} {cells} {home} {engines}"),
+        ("checked", f"check {checked} {small}"),
     ):
-        out = folder / ("evaluated" if words[0] == "evaluate" else Path(words[1]).stem)
-        code, told = Task(words, out).run(out)
+        if name == "published":
+            shutil.copy(policy, bare)
+        code, told = Task(tuple(words.split()), folder / name).run(folder / name)
         assert code == 0, told
     for run in ("first", *WHOLE):
         for name in PICTURES:
@@ -147,7 +158,8 @@ members = [
 
 
 def leaves_of(run: Path, every: bool = False) -> list[Leaf]:
-    """The leaves of a run: one change of each kind of leaf of its files, and all of its records.
+    """The leaves of a run: one change of each kind of leaf of its files, and those of its form, and
+    all of its records.
 
     Args:
         run: the run.
@@ -157,7 +169,7 @@ def leaves_of(run: Path, every: bool = False) -> list[Leaf]:
     policies = [policy["id"] for row in panel["rows"] for policy in row["policies"]]
     names = [*policies, *(one["name"] for part in ("rows", "cells") for one in panel[part])]
     files = [*json_leaves(run, names, every), *zip_leaves(run), *schema_leaves(run)]
-    return [*(files if every else first_of_kind(files)), *record_leaves(run, every)]
+    return [*(files if every else first_of_kind(files, _OF_FORM)), *record_leaves(run, every)]
 
 
 def others_of(run: Path, known: Sequence[Leaf], every: bool = False) -> list[Leaf]:
@@ -173,10 +185,15 @@ def others_of(run: Path, known: Sequence[Leaf], every: bool = False) -> list[Lea
     return [x for x in leaves_of(run, every) if x.file in whole or x.kind not in kinds]
 
 
-def first_of_kind(leaves: Sequence[Leaf]) -> list[Leaf]:
-    first: dict[tuple[str, str], Leaf] = {}
+_OF_FORM = ("gone", "key added", "entry twice")
+"""Changes after which what is read may be what it was."""
+
+
+def first_of_kind(leaves: Sequence[Leaf], apart: Sequence[str] = ()) -> list[Leaf]:
+    """One leaf of each kind, and one of each with a change that is looked at apart."""
+    first: dict[tuple[str, ...], Leaf] = {}
     for leaf in leaves:
-        first.setdefault(leaf.kind, leaf)
+        first.setdefault((*leaf.kind, leaf.change if leaf.change in apart else ""), leaf)
     return list(first.values())
 
 
@@ -354,7 +371,8 @@ class Sweep:
         files = {leaf.file for leaf in leaves}
         if files <= {FILE_NAME, MANIFEST}:
             try:  # what `verify` compares as well, and takes less time
-                said = read_panel(run / FILE_NAME)
+                read_panel(run / FILE_NAME)
+                said = json.loads((run / FILE_NAME).read_text(encoding="utf-8"))
                 made = self.panel if files == {FILE_NAME} else remade(run)
                 told = next((str(x) for x in differences(said, made)), None)
             except ValueError as error:
