@@ -377,7 +377,7 @@ class Sweep:
                 told = next((str(x) for x in differences(said, made)), None)
             except ValueError as error:
                 told = str(error) if files == {FILE_NAME} else None
-            except (AttributeError, LookupError, TypeError):  # of what has lost its form
+            except (AssertionError, AttributeError, LookupError, TypeError):  # without its form
                 told = None
             if told is not None or files == {FILE_NAME}:
                 return told
