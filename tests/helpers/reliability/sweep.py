@@ -41,6 +41,7 @@ from leaves import (
     schema_leaves,
     zip_leaves,
 )
+from msgspec import to_builtins
 from victim import PICTURES, Task, write_spec
 
 from integ_gym.eval.panel.artefact import differences
@@ -460,7 +461,7 @@ def _is_record(leaf: Leaf) -> bool:
 def changed_places(sweep: Sweep, leaves: Sequence[Leaf]) -> list[str]:
     """Places of ``panel.json`` that come out otherwise when leaves are changed together."""
     return sweep.with_changed(
-        leaves, lambda run: [x for x, *_ in differences(remade(run), sweep.panel)]
+        leaves, lambda run: [x for x, *_ in differences(to_builtins(remade(run)), sweep.panel)]
     )
 
 
