@@ -221,5 +221,6 @@ def _of_parts(
     said: Mapping[str, Any], made: result.Panel, but: tuple[str, ...]
 ) -> Iterator[tuple[str, Any, Any]]:
     """What differs in all parts but some."""
-    both = ({**panel, **dict.fromkeys(but)} for panel in (said, msgspec.to_builtins(made)))
-    yield from differing("", *both, ROUNDING, ROUNDING)
+    left_out = dict.fromkeys(but)
+    come = {**msgspec.to_builtins(made), **left_out}
+    yield from differing("", {**said, **left_out}, come, ROUNDING, ROUNDING)
