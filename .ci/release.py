@@ -1,6 +1,7 @@
 """Build wheel and sdist, check them, and use the wheel in an empty environment of each Python.
 
     .venv/bin/python .ci/release.py --out dist --python python3.11 --python python3.12
+    python .ci/release.py --built dist     # uses a wheel that was built before
 
 The wheel is built from the sdist, so that what lacks there lacks here. Each environment gets the
 wheel with the extra `panel` and the pins; there the README's first example runs, Gymnasium's
@@ -154,8 +155,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
     )
     parser.add_argument("--out", type=Path, default=ROOT / "dist", help="folder (default: dist)")
     parser.add_argument("--python", action="append", default=[], help="to use the wheel on")
+    parser.add_argument("--built", type=Path, help="folder of a wheel to use; builds none")
+    parser.add_argument("--tag", help="that names the version, v1.0.0; another is refused")
     given = parser.parse_args(arguments)
-    wheel = built(given.out)
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    if given.tag not in (None, f"v{project['version']}"):
+        raise SystemExit(f"the tag {given.tag} does not name the version {project['version']}")
+    wheel = max(given.built.glob("*.whl"), key=_age) if given.built else built(given.out)
     for python in given.python or [sys.executable]:
         use(wheel, python)
 

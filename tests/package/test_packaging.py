@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import os
+import re
 import subprocess
 import sys
 import tomllib
 from pathlib import Path
 
 import pytest
+import yaml
 
 ROOT = Path(__file__).parent.parent.parent
 RUN = """
@@ -84,3 +87,36 @@ def test_every_dependency_is_pinned():
     for requirement in wanted:
         name = requirement.split(">")[0].split("[")[0].lower()
         assert name in pinned | {"integ-gym"}, name
+
+
+WORKFLOWS = sorted((ROOT / ".github" / "workflows").glob("*.yml"))
+
+
+@pytest.mark.parametrize("path", WORKFLOWS, ids=lambda path: path.name)
+def test_actions_are_pinned_by_commit_and_may_write_nothing_unasked(path):
+    workflow = yaml.safe_load(path.read_text(encoding="utf-8"))
+    assert workflow["permissions"] == {"contents": "read"}
+    used = re.findall(r"uses: (.+)", path.read_text(encoding="utf-8"))
+    for action in used:
+        assert re.fullmatch(r"[\w-]+/[\w-]+@[0-9a-f]{40} # v\d+\.\d+\.\d+", action), action
+    for job in workflow["jobs"].values():
+        assert job["timeout-minutes"] <= 90
+
+
+def test_versions_and_names_agree():
+    project = _configuration()["project"]
+    cited = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    zenodo = json.loads((ROOT / ".zenodo.json").read_text(encoding="utf-8"))
+    recipe = yaml.safe_load((ROOT / ".ci/conda-forge/recipe.yaml").read_text(encoding="utf-8"))
+    assert cited["version"] == project["version"]
+    assert zenodo["title"] == cited["title"]
+    assert zenodo["keywords"] == cited["keywords"]
+    assert zenodo["license"] == cited["license"] == recipe["about"]["license"] == project["license"]
+    asked = {line.replace(" ", "") for line in recipe["requirements"]["run"]}
+    assert asked == {*project["dependencies"], f"python{project['requires-python']}"}
+    done = subprocess.run(
+        [sys.executable, str(ROOT / ".ci" / "release.py"), "--tag", "v0"],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 1
+    assert project["version"] in done.stderr
