@@ -100,7 +100,7 @@ def test_numbers_that_blow_up_are_said_to():
     [
         (["--env", "Nowhere-v0"], "unknown environment 'Nowhere-v0'"),
         (["--integrator", "rk5"], "unknown integrator 'rk5'"),
-        (["--env-arg", "control_period=0.1"], "follows the step while somebody plays"),
+        (["--env-arg", "control_period=0.1"], "follows the step during play"),
         (["--env-arg", 'mixture=[{"dt": 0.05}]'], "nothing is drawn from a `mixture`"),
     ],
 )

@@ -49,7 +49,8 @@ def _cases(owner, rough, count):
     """Parameters, states, controls and dt of lanes, all at random.
 
     Parameters are within a factor of two of the defaults, dampings up to 0.5; where ``rough``, with
-    friction and stops too. States are around the plant's `probe` where it has one.
+    friction and stops too. States are around the plant's `probe` where it has one, and steps short:
+    on its ground a step that is too long blows up, and then rounding with it.
     """
     rng, n = np.random.default_rng(0), len(owner.coordinates)
     for _ in range(count):
@@ -63,7 +64,9 @@ def _cases(owner, rough, count):
             ),
             tuple(rng.uniform(-6.0, 6.0, (n, LANES))),
             rng.uniform(-5.0, 5.0, LANES),
-            rng.uniform(1e-3, 0.03, LANES),
+            rng.uniform(1e-4, 1e-3, LANES)
+            if hasattr(owner, "probe")
+            else rng.uniform(1e-3, 0.03, LANES),
         )
 
 

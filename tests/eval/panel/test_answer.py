@@ -73,6 +73,7 @@ def judged(
             "time_to_success": None, "energy_residual_total": 0.0,
             "energy_residual_abs_total": 0.0, "solver_status": "ok", "failure_label": "none",
             "failure_reason": "", "arrival_energy": 10.0, "arrival_residual": 1.0, "duration": 10.0,
+            "command_error": None, "terminated": False,
         }
         for row in rows
         for cell in cells

@@ -168,7 +168,7 @@ def judged(rates: dict[float, float], starts: int = 100, known: bool = True) -> 
             "record_id": f"{row.name}{name}{k}", "failure_label": "none", "solver_status": "ok",
             "success": row.name == "mine" and k < round(rates[cell.dt] * starts),
             "return": (0.0 if row.name == "mine" else -100.0) + np.sin(k), "duration": 10.0,
-            "failure_reason": "",
+            "failure_reason": "", "command_error": None, "terminated": False,
         }
         for row in rows
         for name, cell in cells.items()
