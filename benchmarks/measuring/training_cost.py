@@ -19,7 +19,7 @@ from integ_gym.support.processes import Progress, peak_memory
 from integ_gym.train.config import TrainingEvidence
 from integ_gym.train.fleet import training as fleet
 from integ_gym.train.fleet import worker as fleet_worker
-from integ_gym.train.fleet.learning import permutations
+from integ_gym.train.fleet.learning import permutations, update
 from integ_gym.train.ppo import PPOConfig, train_run
 
 MATRICES, SIDE, PRODUCTS = 32, 64, 500
@@ -133,9 +133,9 @@ def part_seconds(configs: Sequence[PPOConfig]) -> dict[str, float]:
     orders = part(
         "orders of the minibatches", partial(permutations, program.algorithm), learner.keys
     )
-    orders = np.swapaxes(orders, 0, 1)
     given = learner.stack, learner.adam, batch, orders, knobs, knobs.learning_rate
-    part("updates", lambda *given: program._each(program._learn, given), *given)
+    learn = partial(update, program.algorithm)
+    part("updates", lambda *given: program._each(learn, given), *given)
     return parts
 
 
