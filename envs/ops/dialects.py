@@ -30,7 +30,11 @@ class Python:
 
     def assigned(self, names: Sequence[str], values: Sequence[str]) -> list[str]:
         """Values taken all at once, as each may be made of any of the names."""
-        return [f"{', '.join(names)} = {', '.join(values)}"] if names else []
+        if len(names) <= _LONGEST:
+            return [f"{', '.join(names)} = {', '.join(values)}"] if names else []
+        cuts = range(0, len(names), _LONGEST)
+        sides = ([self.together(side[k : k + _LONGEST]) for k in cuts] for side in (names, values))
+        return [" = ".join(map(self.together, sides))]
 
     def counting(self, index: str, count: int | str, body: Sequence[str]) -> list[str]:
         """A loop over 0 … count - 1."""
@@ -63,6 +67,10 @@ class Python:
         lines = [f"{target} = {name}" for name, target in zip(arguments, targets, strict=True)]
         lines += [*body, f"return {result}"]
         return f"def traced({', '.join(arguments)}):\n" + "".join(f"    {line}\n" for line in lines)
+
+
+_LONGEST = 30
+"""Entries of a tuple that Python makes without a list, which Numba does not turn into a tuple."""
 
 
 class JavaScript(Python):
