@@ -79,8 +79,8 @@ def _write(
                     message = {"data": float(numbers[place])}
                     writer.write_message(f"{PREFIX}{name}", real, message, **stamp)
         summary = record.summary().items()
-        told = {name: x if isinstance(x, str) else json.dumps(x) for name, x in summary}
-        writer.add_metadata("integ_gym.record", told)
+        texts = {name: x if isinstance(x, str) else json.dumps(x) for name, x in summary}
+        writer.add_metadata("integ_gym.record", texts)
         for about in ("unit", "frame", "meaning", "at"):
             said = {name: facts[name][about] for name in values}
             writer.add_metadata(f"integ_gym.{about}", said)

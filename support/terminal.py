@@ -90,6 +90,13 @@ def step(value: float | None) -> str:
     return NONE if value is None else f"{value:.6g}"
 
 
+def list_some(names: Sequence[str], most: int) -> str:
+    """Names in a sentence, cut where it gets too long to read."""
+    if len(names) > most:
+        return f"{', '.join(names[:most])} and {len(names) - most} more"
+    return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
+
+
 def plural(count: int, noun: str, more: str | None = None) -> str:
     """``1 cell``, ``2 cells``."""
     return f"{count:,} {noun if count == 1 else more or noun + 's'}"

@@ -16,6 +16,7 @@ from .interface import (
     BoxTask,
     Command,
     Limits,
+    choose,
     draw_uniform,
     wrap_angle,
 )
@@ -81,10 +82,7 @@ class AcrobotReach:
 
     def command(self, ops: Ops, action: Components) -> Command:
         """Actions 0, 1 and 2 turn the second link with -`torque`, 0 and `torque`."""
-        (choice,) = action
-        valid = ops.assume_true(ops.isfinite(choice))
-        torque = ops.where(valid, (choice - 1.0) * self.torque, 0.0)
-        return Command((torque,), valid, valid & False)
+        return choose(ops, action, lambda choice: (choice - 1.0) * self.torque)
 
     def observe(self, ops: Ops, q: Components, v: Components) -> Components:
         """(cos θ₁, sin θ₁, cos θ₂, sin θ₂, θ̇₁, θ̇₂)."""

@@ -16,6 +16,7 @@ from .interface import (
     BoxTask,
     Command,
     Limits,
+    choose,
     draw_uniform,
     wrap_angle,
 )
@@ -58,10 +59,8 @@ class CartPoleBalance:
 
     def command(self, ops: Ops, action: Components) -> Command:
         """Action 0 pushes towards -x, action 1 towards +x."""
-        (choice,) = action
-        valid = ops.assume_true(ops.isfinite(choice))
-        force = ops.where(choice == 1, self.force_mag, -self.force_mag)
-        return Command((ops.where(valid, force, 0.0),), valid, valid & False)
+        most = self.force_mag
+        return choose(ops, action, lambda choice: ops.where(choice == 1, most, -most))
 
     def observe(self, ops: Ops, q: Components, v: Components) -> Components:
         """(x, ẋ, θ, θ̇), x and θ up to their limits, which a coarse step may pass at the end."""

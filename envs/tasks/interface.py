@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import reduce
 from math import isfinite, pi
 from operator import and_, or_
@@ -104,6 +104,13 @@ def saturate(ops: Ops, action: Components, limits: Limits) -> Command:
     within = [ops.maximum(low, ops.minimum(value, high)) for value, (low, high) in pairs]
     controls = tuple([ops.where(valid, value, 0.0) for value in within])
     return Command(controls, valid, valid & reduce(or_, at_limits))
+
+
+def choose(ops: Ops, action: Components, control_of: Callable[[Component], Component]) -> Command:
+    """The control that a choice of a `Discrete` action space asks for."""
+    (choice,) = action
+    valid = ops.assume_true(ops.isfinite(choice))
+    return Command((ops.where(valid, control_of(choice), 0.0),), valid, valid & False)
 
 
 def _is_at_limit(value: Component, low: Component, high: Component) -> Component:

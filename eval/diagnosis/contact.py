@@ -52,6 +52,24 @@ _FREE = 1e-9
 """Acceleration that is none, m/s^2 or rad/s^2."""
 
 
+def approaching(touching: Array, dt: float, run_up: float, phases: int) -> Array:
+    """Starts from which a state is reached at evenly spaced places within a step.
+
+    Args:
+        touching: a state of free motion, state order, shape (n,).
+        dt: step, s.
+        run_up: time before it is reached, at least, s.
+        phases: how many.
+
+    Returns:
+        Shape (phases, n).
+    """
+    starts = np.tile(touching, (phases, 1))
+    before = run_up + dt * (np.arange(phases) + 0.5) / phases
+    starts[:, 0::2] -= np.outer(before, touching[1::2])
+    return starts
+
+
 @dataclass(frozen=True)
 class Impact:
     """An impact without gravity and without anything that swings.
@@ -82,9 +100,7 @@ class Impact:
             run_up: time before the first touch, at least, s.
             phases: how many.
         """
-        starts = np.tile(self.touching, (phases, 1))
-        starts[:, self.place] -= SPEED * (run_up + dt * (np.arange(phases) + 0.5) / phases)
-        return starts
+        return approaching(self.touching, dt, run_up, phases)
 
     def rate(self, stiffness: float) -> float:
         """Frequency of the mass on the stop, rad/s."""
@@ -204,9 +220,8 @@ def _add_landing(diagnosis: Diagnosis, name: str) -> None:
     if landing is None:
         return
     fine = subject.ladder(landing.rate, SMALL)[-1]
-    early = subject.control_period * (1.0 + (np.arange(PHASES) + 0.5) / PHASES)
-    starts = np.tile(landing.touching, (PHASES, 1))
-    starts[:, 0::2] -= np.outer(early, landing.touching[1::2])
+    period = subject.control_period
+    starts = approaching(landing.touching, period, period, PHASES)
 
     def land(integrator: str, dt: float) -> Rollout:
         period = subject.sampling(dt, math.pi / landing.rate / PARTS)

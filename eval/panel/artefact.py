@@ -212,8 +212,8 @@ def as_sealed(directory: RunDirectory, made: result.Panel) -> result.Panel:
         held = result.read_panel(directory.path / result.FILE_NAME)
     except result.OtherVersionError:
         return made
-    told = msgspec.to_builtins(held)
-    other = (place for place, *_ in _of_parts(told, made, (*VOLATILE, *_CALLED)))
+    sealed = msgspec.to_builtins(held)
+    other = (place for place, *_ in _of_parts(sealed, made, (*VOLATILE, *_CALLED)))
     return made if any(not place.endswith(_COMMAND) for place in other) else held
 
 

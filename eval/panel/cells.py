@@ -647,8 +647,8 @@ def vary(name: str | None, table: Mapping[str, Any], at: tuple[Any, ...]) -> Ite
     """Every combination of a table's lists, named by its values where it has no other name."""
     combinations = expand(table)
     for changes in combinations:
-        told = changes_name(changes)
-        own = told if name is None else name if len(combinations) == 1 else f"{name}, {told}"
+        values = changes_name(changes)
+        own = values if name is None else name if len(combinations) == 1 else f"{name}, {values}"
         yield Variation(own, changes, at)
 
 

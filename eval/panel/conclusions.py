@@ -18,7 +18,7 @@ from typing import Final, Literal, TypeAlias
 
 from integ_gym.envs.environment import is_integ_environment
 from integ_gym.envs.settings import NATIVE
-from integ_gym.support.terminal import fixed, percent, plural, true_minus
+from integ_gym.support.terminal import fixed, list_some, percent, plural, true_minus
 
 from ..contract import BoundaryCheck, Contract
 from ..power import WITHOUT_VERDICT, Verdict
@@ -737,7 +737,9 @@ def _family(panel: Panel, judged: Sequence[Verdict]) -> str:
         ("inconclusive", "is undecided", "are undecided"),
     ):
         own = [x for x in judged if x.verdict == verdict]
-        names = _listed([f"{panel.in_words(x.row)} on {panel.in_words(x.cell)}" for x in own])
+        names = list_some(
+            [f"{panel.in_words(x.row)} on {panel.in_words(x.cell)}" for x in own], _MOST_NAMES
+        )
         if own:
             parts.append(f"{len(own)} {one if len(own) == 1 else more} ({names})")
     some = " that can be judged" if len(judged) < len(panel.verdicts) else ""
@@ -830,14 +832,7 @@ def _closed(panel: Panel) -> list[str]:
 
 
 def _list_cells(panel: Panel, names: Iterable[str]) -> str:
-    return _listed([panel.in_words(name) for name in names])
-
-
-def _listed(names: Sequence[str]) -> str:
-    """Names in a sentence, cut where it gets too long to read."""
-    if len(names) > _MOST_NAMES:
-        return f"{', '.join(names[:_MOST_NAMES])} and {len(names) - _MOST_NAMES} more"
-    return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else list(names))
+    return list_some([panel.in_words(name) for name in names], _MOST_NAMES)
 
 
 # Reasons, from the codes and numbers that are stored.

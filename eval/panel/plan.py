@@ -49,8 +49,11 @@ def planned_spec(plan: Mapping[str, Any]) -> PanelSpec:
             for name, kind in kinds.items()
             if name not in NO_RESULT and (name in plan or name not in LATER)
         }
-        told = {"trainer": known["trainer"].get("name"), "train": tuple(map(_home, known["train"]))}
-        spec = PanelSpec(**{**known, **told})
+        stated = {
+            "trainer": known["trainer"].get("name"),
+            "train": tuple(map(_home, known["train"])),
+        }
+        spec = PanelSpec(**{**known, **stated})
     except (KeyError, SpecError, msgspec.ValidationError) as error:
         raise SpecError(f"its specification is damaged: {error}") from None
     if spec.trainer not in TRAINERS:

@@ -631,8 +631,8 @@ def _read_marker(path: Path) -> dict[str, Any]:
     if not all(isinstance(x, str) for x in held.get("policies", {}).values()):
         raise RunDirectoryError(f"{path} is damaged: 'policies' must hold hashes; {remedy}")
     for names in held.get("cells", {}).values():
-        told = names if isinstance(names, list) else [None]
-        if not all(isinstance(name, str) for name in told) or len({*told}) < len(told):
+        listed = names if isinstance(names, list) else [None]
+        if not all(isinstance(name, str) for name in listed) or len({*listed}) < len(listed):
             raise RunDirectoryError(
                 f"{path} is damaged: 'cells' must hold lists of names, each once; {remedy}"
             )

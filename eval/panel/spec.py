@@ -378,11 +378,11 @@ class PanelSpec(Stated):
     def to_json(self) -> dict[str, Any]:
         """The specification as plain data, everything resolved."""
         silent = (*NO_RESULT, *(name for name in LATER if not getattr(self, name)))
-        told = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in silent}
-        told["train"] = list(map(_table_of, self.train))
+        plan = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in silent}
+        plan["train"] = list(map(_table_of, self.train))
         packages = {name: package_version(name) for name in TRAINERS.get(self.trainer, ())}
-        told |= {"trainer": {"name": self.trainer, **packages}, "sources": self._sources()}
-        return dict(json.loads(json.dumps(told, default=msgspec.to_builtins)))
+        plan |= {"trainer": {"name": self.trainer, **packages}, "sources": self._sources()}
+        return dict(json.loads(json.dumps(plan, default=msgspec.to_builtins)))
 
     @property
     def fleet(self) -> bool:

@@ -8,11 +8,15 @@ from typing import Any, Final
 
 from integ_gym.support.errors import InputError, translate_errors
 from integ_gym.support.optional import load
+from integ_gym.support.terminal import list_some
 
 from .card import PolicyFileError
 from .reading import POLICY_ENDINGS
 
 HUB_SCHEME: Final = "hf://"
+
+_SHOWN: Final = 8
+"""Files of a repository that a sentence names, at most."""
 
 _PLACE: Final = re.compile(
     r"hf://(?P<repo>[\w.-]+/[\w.-]+)(?:@(?P<revision>[^/]+))?(?:/(?P<file>.+))?"
@@ -54,7 +58,9 @@ def fetch_file(place: str) -> Path:
             names = hub.HfApi().list_repo_files(repo, revision=revision)
             name = found["file"] or choose_policy(names, repo)
             if name not in names:
-                raise PolicyFileError(f"hf://{repo} has no file {name}; it has {_listed(names)}")
+                raise PolicyFileError(
+                    f"hf://{repo} has no file {name}; it has {list_some(names, _SHOWN)}"
+                )
             wanted = [f"{name}*", str(PurePosixPath(name).with_suffix(".json"))]
             folder = hub.snapshot_download(repo, revision=revision, allow_patterns=wanted)
     except InputError as error:
@@ -80,13 +86,6 @@ def choose_policy(names: list[str], repo: str) -> str:
     if len(chosen) == 1:
         return chosen[0]
     if not policies:
-        raise PolicyFileError(f"hf://{repo} holds no policy; it has {_listed(names)}")
-    raise PolicyFileError(
-        f"hf://{repo} holds several policies; give hf://{repo}/FILE of {_listed(policies)}"
-    )
-
-
-def _listed(names: list[str]) -> str:
-    shown = 8
-    more = f" and {len(names) - shown} more" if len(names) > shown else ""
-    return ", ".join(names[:shown]) + more
+        raise PolicyFileError(f"hf://{repo} holds no policy; it has {list_some(names, _SHOWN)}")
+    place, several = f"hf://{repo}", list_some(policies, _SHOWN)
+    raise PolicyFileError(f"{place} holds several policies; give {place}/FILE of {several}")
