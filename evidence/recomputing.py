@@ -131,7 +131,7 @@ def differences(
             those that this makes are let pass.
     """
     fields = record.fields
-    decided_here = decided or not _may_have_fallen_back(record)
+    decided_here = decided or not may_have_fallen_back(record)
     left_out = _NOT_REPLAYED if decided_here else _NOT_REPLAYED | _OF_ACTIONS
     if fields["engine"] == NATIVE:
         left_out = left_out | {"engine_version"}  # integ-gym's own, which follows from the record
@@ -191,7 +191,7 @@ def _other_reason(
             yield f"failure_numbers.{name}", recorded, computed
 
 
-def _may_have_fallen_back(record: EvidenceRecord) -> bool:
+def may_have_fallen_back(record: EvidenceRecord) -> bool:
     """Whether some control is what the fallback gives where a decision was no number."""
     for column, asked in record.trace.items():
         if column.endswith("_commanded"):
@@ -283,6 +283,7 @@ def _find_deviations(record: EvidenceRecord) -> Deviations:
     fields, trace, course = record.fields, record.trace, None
     yield from _differ(fields, _derive_fields(fields), 1e-12)
     yield from _check_ledger(fields)
+    yield from _check_counts(fields)
     every, index = fields["trace_every"], fields["episode_index"]
     if bool(trace) != (index % every == 0):
         fault = "it has a trace" if trace else "its trace is gone"
@@ -394,6 +395,17 @@ def _check_ledger(fields: Any) -> Deviations:
     absolute, least = fields["energy_residual_abs_total"], abs(fields["energy_residual_total"])
     if absolute is None or absolute < least * (1.0 - tolerance):
         yield "energy_residual_abs_total", absolute, least
+
+
+def _check_counts(fields: Any) -> Deviations:
+    """Of the fallback both counts are there, or where an environment tells none, neither is."""
+    fell, rose = fields["fallback_count"], fields["recovery_count"]
+    if fell is None and fields["env_id"] in ENVIRONMENTS:
+        yield "fallback_count", None, "a number"
+    elif (fell is None) != (rose is None):
+        yield "recovery_count", rose, "null" if fell is None else "a number"
+    elif fell is not None and not 0 <= rose <= min(fell, fields["length"] - fell):
+        yield "recovery_count", rose, f"at most {min(fell, fields['length'] - fell)}"
 
 
 def _add_up(record: EvidenceRecord) -> Iterator[tuple[str, Any, float]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import random
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence, Set
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import chain, groupby, islice
@@ -45,6 +45,7 @@ from .recomputing import (
     deviation,
     differences,
     drawn_again,
+    may_have_fallen_back,
     noise_source,
     replays_of,
 )
@@ -93,6 +94,8 @@ class Replayed:
             file.
         of_file: records that were played again, by file.
         skipped: reason to number of records that were not.
+        undecided: the same of those whose trace leaves open whether the fallback acted, and whose
+            policy did not decide again.
     """
 
     records: int = 0
@@ -102,6 +105,7 @@ class Replayed:
     close: dict[str, list[Finding]] = field(default_factory=dict)
     of_file: Counter[str] = field(default_factory=Counter)
     skipped: Counter[str] = field(default_factory=Counter)
+    undecided: Counter[str] = field(default_factory=Counter)
 
     def add(self, other: Replayed) -> None:
         """Count what came of further records."""
@@ -628,7 +632,8 @@ def replay_some(
     """Play records of a run again: with recorded controls, or without a trace by their policy.
 
     Of records without a trace all episodes of a policy in a cell are played, which it sees
-    together; those among them that have one are held against it.
+    together; those among them that have one are held against it. Where a trace leaves open whether
+    the fallback acted in place of a policy, that decides again too.
 
     Args:
         store: of the run.
@@ -641,17 +646,41 @@ def replay_some(
         report: see :func:`replay`.
     """
     repeated, decided = _draw(store, count, chance, decide)
-    done = Replayed()
-    again = partial(replay, exact=exact, own_code=own_code, report=report, done=done)
+    done, of_policies = Replayed(), Replayed()
+    again = partial(replay, exact=exact, own_code=own_code)
     records = store.named_records(repeated) if repeated else iter(())
+    unsaid: set[str] = set()
     while block := list(islice(records, BLOCK)):
-        again(block)
-    records = store.named_records(decided) if decided else iter(())
-    for _, of_file in groupby(records, key=itemgetter(0)):  # a cell's episodes are in one file
-        again(list(of_file), policy=policy)
+        again(block, report=report, done=done)
+        unsaid.update(
+            record.fields["record_id"]
+            for _, record in block
+            if record.fields["policy_hash"]
+            and record.fields["fallback_count"] is not None
+            and may_have_fallen_back(record)
+        )
+    for of_file in _by_file(store, decided):
+        again(of_file, policy=policy, report=report, done=done)
+    for of_file in _by_file(store, _together(store, unsaid)):
+        again(of_file, policy=policy, done=of_policies)
     bare = "" if decide else " AND reward IS NULL"
     done.skipped[UNDECIDED] += store.query(_HOPELESS + bare).num_rows
+    done.findings += of_policies.settle().findings
+    done.undecided = of_policies.skipped
     return done.settle()
+
+
+def _by_file(store: EvidenceStore, names: Set[str]) -> Iterator[list[Named]]:
+    """Records of those ids, file by file, which holds all of a cell's episodes."""
+    records = store.named_records(frozenset(names)) if names else iter(())
+    for _, of_file in groupby(records, key=itemgetter(0)):
+        yield list(of_file)
+
+
+def _together(store: EvidenceStore, names: Set[str]) -> set[str]:
+    """All records of the policies' cells in which one of those ids is."""
+    cells = store.query(_CELLS).column("ids").to_pylist() if names else []
+    return {name for ids in cells if not names.isdisjoint(ids) for name in ids}
 
 
 def _draw(

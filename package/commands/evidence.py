@@ -96,6 +96,10 @@ def replay(
     sentences += [
         f"not replayed: {plural(n, 'record')} {why}" for why, n in done.skipped.items() if n
     ]
+    sentences += [
+        f"not decided again: {plural(n, 'record')} {why}; how often the fallback acted is as told"
+        for why, n in done.undecided.items()
+    ]
     left = count - done.records - sum(done.skipped.values())
     if left:
         sentences.append(f"not replayed: {plural(left, 'record')} not drawn, see --all")

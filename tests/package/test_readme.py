@@ -93,6 +93,12 @@ def test_readme_is_short_and_begins_with_what_to_type():
     assert all(f"`make {target}`" in README for target in ("panel", "train", "test"))
 
 
+def test_lines_of_the_readme_s_commands_fit_where_it_is_shown():
+    lines = "\n".join(page_blocks("README.md", "sh")).splitlines()
+    assert lines
+    assert max(map(len, lines)) <= 88  # characters that GitHub shows of a line at 1440 px
+
+
 def test_queries_of_the_documents_print_few_rows():
     """Each groups its records, or says how many it wants."""
     found = 0
@@ -106,7 +112,7 @@ def test_queries_of_the_documents_print_few_rows():
 
 
 def test_shell_lines_name_what_exists():
-    lines = "\n".join(page_blocks("README.md", "sh")).splitlines()
+    lines = "\n".join(page_blocks("README.md", "sh")).replace("\\\n", "").splitlines()
     for line in filter(str.strip, lines):
         words = shlex.split(line.split("  #")[0])
         if words[0] == "make":
