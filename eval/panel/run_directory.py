@@ -63,6 +63,7 @@ was given."""
 _LOOKS = "looks"
 """Of a manifest: what there was at every look at verdicts, in order."""
 
+_OF_MANIFEST: Kinds = {"specification": dict, "versions": dict}
 _NOTED: Kinds = {"key": str, "start": float, "end": float, "seconds": float}
 _NOTED_BY: dict[str, Kinds] = {
     "train": {"policy": str, RECORDS: (str, type(None))},
@@ -70,8 +71,13 @@ _NOTED_BY: dict[str, Kinds] = {
     "achieve": {
         FIRST: int, "cell": str, "success": list, "recovered": list, "search": (dict, type(None)),
     },
+    "contract": {"home": dict, "place": dict, "contract": (dict, type(None))},
 }  # fmt: skip
-"""What a marker holds, and by the first word of the unit's name what else."""
+"""What a manifest holds, and a marker, and by the first word of the unit's name what else."""
+
+_MAY_SAY = (CALLED, GIVEN, _LOOKS)
+_MAY_NOTE = (RECORDS, "card", AFTER, ADOPTED)
+"""What else a manifest may hold, and a marker; nothing that they hold goes unread."""
 
 
 class RunDirectoryError(IntegGymError, ValueError):
@@ -599,8 +605,7 @@ def read_manifest(path: Path) -> dict[str, Any]:
         RunDirectoryError: if it is damaged.
     """
     remedy = "restore it from a copy, or give another directory with --out"
-    kinds: Kinds = {"specification": dict, "versions": dict}
-    held = _read(path, kinds, remedy)
+    held = _read(path, _OF_MANIFEST, _MAY_SAY, remedy)
     try:
         _looks_in(held)
     except msgspec.ValidationError as error:
@@ -627,7 +632,7 @@ def _is_cut_off(file: Path) -> bool:
 def _read_marker(path: Path) -> dict[str, Any]:
     """What was noted of a finished unit, with all that units of its kind note."""
     remedy = "remove it to do the unit again"
-    held = _read(path, _noted(path.stem), remedy)
+    held = _read(path, _noted(path.stem), _MAY_NOTE, remedy)
     if not all(isinstance(x, str) for x in held.get("policies", {}).values()):
         raise RunDirectoryError(f"{path} is damaged: 'policies' must hold hashes; {remedy}")
     for names in held.get("cells", {}).values():
@@ -644,8 +649,12 @@ def _noted(unit: str) -> Kinds:
     return {**_NOTED, **_NOTED_BY.get(unit.partition("-")[0], {})}
 
 
-def _read(path: Path, kinds: Kinds, remedy: str) -> dict[str, Any]:
+def _read(path: Path, kinds: Kinds, others: Sequence[str], remedy: str) -> dict[str, Any]:
+    """A file with some keys, and perhaps some others, but none besides."""
     try:
-        return read_object(path, kinds, remedy)
+        held = read_object(path, kinds, remedy)
     except ValueError as error:
         raise RunDirectoryError(str(error)) from None
+    for name in sorted(held.keys() - {*kinds, *others}):
+        raise RunDirectoryError(f"{path} is damaged: {name!r} means nothing there; {remedy}")
+    return held

@@ -87,8 +87,8 @@ def json_leaves(run: Path, names: Sequence[str], every: bool) -> list[Leaf]:
         if path == "seal.json":
             continue
         held = json.loads(file.read_text(encoding="utf-8"))
-        for keys, value in _walk(held):
-            place = _place(keys, names)
+        for keys, value in (((), held), *_walk(held)):
+            place = _place(keys, names) or "top"
             if place in _FITTED.get(file_kind(path), ("records",)):
                 continue
             for change in changes_of(value, keys):
@@ -119,7 +119,9 @@ def _place(keys: tuple[Any, ...], names: Sequence[str]) -> str:
 
 
 def changes_of(value: Any, keys: tuple[Any, ...]) -> list[str]:
-    """What can be done to a value."""
+    """What can be done to a value; to a whole file, no more than to add a key."""
+    if not keys:
+        return ["key added"]
     if isinstance(value, dict):
         own = ["other kind", "key added"]
     elif isinstance(value, list):
@@ -133,6 +135,9 @@ def changes_of(value: Any, keys: tuple[Any, ...]) -> list[str]:
 
 def change_json(held: Any, keys: tuple[Any, ...], change: str) -> None:
     """Do it, in place."""
+    if not keys:
+        held.update(changed(held, change))
+        return
     *before, last = keys
     for key in before:
         held = held[key]
