@@ -192,6 +192,9 @@ _CALLED: Final = ("command", "directory", "cost")
 """Attributes that say how the run was called, and what it took."""
 
 
+_ADDED: Final = ("command_error", "terminated")
+"""Attributes of entries that no entry has in a file from before there were any."""
+
 _COMMAND: Final = ".query"
 """End of the places of commands, which name the directory."""
 
@@ -223,4 +226,6 @@ def _of_parts(
     """What differs in all parts but some."""
     left_out = dict.fromkeys(but)
     come = {**msgspec.to_builtins(made), **left_out}
+    unsaid = {name for name in _ADDED if not any(name in entry for entry in said["matrix"])}
+    come["matrix"] = [{k: x for k, x in one.items() if k not in unsaid} for one in come["matrix"]]
     yield from differing("", {**said, **left_out}, come, ROUNDING, ROUNDING)

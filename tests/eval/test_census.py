@@ -226,6 +226,15 @@ def test_the_page_is_one_file_that_loads_nothing(census: Path, document: Any) ->
     assert "<script>alert" not in render_census(document)
 
 
+def test_one_environment_is_not_called_several(document: Any) -> None:
+    for count, told in ((1, "1 published pendulum takes"), (2, "2 published pendulums take")):
+        some = [line for line in document["lines"] if line["name"] == "Pendulum-v1"] * count
+        html = render_census({**document, "lines": some})
+        assert told in html
+        tile = html[html.index("published environment") :]
+        assert tile.startswith("published environments") is (count > 1)
+
+
 @pytest.mark.slow
 def test_the_page_fits_a_desktop_and_a_phone(document: Any, tmp_path: Path) -> None:
     published = [line for line in document["lines"] if line["published"]]

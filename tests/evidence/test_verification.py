@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import shutil
+from functools import partial
+from random import Random
 
 import numpy as np
 import pyarrow as pa
@@ -17,7 +19,7 @@ from integ_gym.evidence import replaying
 from integ_gym.evidence.hashing import with_hashes
 from integ_gym.evidence.labels import EpisodeContext, Replays
 from integ_gym.evidence.recomputing import recompute
-from integ_gym.evidence.replaying import missing_episodes, replay
+from integ_gym.evidence.replaying import missing_episodes, replay, replay_some
 from integ_gym.evidence.schema import EvidenceError
 from integ_gym.evidence.sealing import (
     SEAL_FILE,
@@ -308,6 +310,26 @@ def test_a_policy_decides_again_without_a_trace_and_with_noise(settings, tmp_pat
     assert (done.findings, done.records, done.exact, done.skipped) == ([], 3, 3, {})
 
 
+def test_a_count_of_the_fallback_that_no_trace_tells_is_what_the_policy_comes_to(tmp_path):
+    """Where a control is repeated, the fallback may have held it."""
+    store = _acted(tmp_path, trace_every=1)
+    again = partial(replay_some, store, None, Random(0))
+    done = again(lambda record: _lean)
+    assert (done.findings, done.records, done.undecided) == ([], 3, {})
+    _forge(store, "fallback_count", lambda counts: [counts[0] + 1, *counts[1:]])
+    assert _found(store) == []
+    (finding,) = again(lambda record: _lean).findings
+    assert "`fallback_count`" in finding.message
+    done = again(_gone)
+    assert (done.findings, done.undecided.total()) == ([], 3)
+    _forge(store, "recovery_count", lambda counts: [*counts[:2], None])
+    assert [line for line in _found(store) if "`recovery_count` is recorded as None" in line]
+
+
+def _gone(record):
+    raise ValueError("it is gone")
+
+
 def test_the_noise_of_later_episodes_is_drawn_again_and_an_earlier_version_s_is_not(tmp_path):
     """Once it came from the generator of the starts, and is not held against ours."""
     store = _acted(tmp_path, (4, None, None), 1, observation_noise=0.05)
@@ -334,10 +356,7 @@ def test_what_another_policy_did_is_named_and_one_that_is_gone_decides_nothing(t
         record["record_id"] for record in store.records(trace=False)
     }
 
-    def none(record):
-        raise ValueError("it is gone")
-
-    done = _replayed(store, policy=none)
+    done = _replayed(store, policy=_gone)
     assert done.skipped == {"whose policy cannot decide again: it is gone": 3}
     reason = "of training or of a policy without a hash, whose controls are unknown"
-    assert _replayed(untouched, policy=none).skipped == {reason: 4}
+    assert _replayed(untouched, policy=_gone).skipped == {reason: 4}

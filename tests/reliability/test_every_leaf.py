@@ -8,7 +8,7 @@ twice. ``python tests/helpers/reliability/sweep.py --every`` changes all in all 
 from __future__ import annotations
 
 import pytest
-from leaves import Leaf
+from leaves import Leaf, record_leaves
 from sweep import (
     KINDS,
     RECORDS,
@@ -92,6 +92,16 @@ def test_leaves_that_other_runs_alone_have_are_found(sweeps, leaves, name):
     own = [leaf for leaf in leaves[name] if not is_listed(leaf, PATTERNS)]
     assert own
     found = sweeps[name].silent(own)
+    assert not found, "\n".join(map(str, found))
+
+
+@pytest.mark.slow
+def test_no_count_of_the_fallback_is_silent_where_all_records_have_traces(runs, sweeps):
+    """They are changed in each record whose controls may be the fallback's, and in others."""
+    counts = ("fallback_count", "recovery_count", "saturated_share")
+    own = [leaf for leaf in record_leaves(runs / "evaluated", True) if leaf.place in counts]
+    assert {leaf.place for leaf in own} == set(counts)
+    found = sweeps["evaluated"].silent(own, every=True)
     assert not found, "\n".join(map(str, found))
 
 

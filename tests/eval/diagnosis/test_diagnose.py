@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import io
 import json
 import math
 import os
@@ -24,6 +25,7 @@ from integ_gym.envs.registries import INTEGRATORS
 from integ_gym.eval.diagnosis import drift, identity, run
 from integ_gym.eval.diagnosis.bench import Bench
 from integ_gym.eval.diagnosis.contact import impact_of
+from integ_gym.eval.diagnosis.page import print_diagnosis
 from integ_gym.eval.diagnosis.run import SECTIONS
 from integ_gym.eval.diagnosis.subject import rest_state, subjects, theory_of
 from integ_gym.evidence.store import EvidenceStore
@@ -81,6 +83,17 @@ def test_an_integrator_that_says_nothing_is_told_what_it_is(diagnosis):
     assert (told["symplectic"], told["reversible"]) == (False, False)
     assert (told["stable_up_to_h_omega"], told["stable_up_to_dt_s"]) == (0.0, 0.0)
     assert f"pendulum planted:Silent 1.00 no no {told['stable']}" in " ".join(printed.split())
+
+
+def test_nothing_is_said_of_what_does_not_hold_where_all_does(diagnosis):
+    _, result, printed = diagnosis
+    assert "NO" in printed.split()
+    holding = [line for line in result["findings"] if line["holds"] is not False]
+    told = io.StringIO()
+    print_diagnosis({**result, "findings": holding}, told, every_line=True)
+    count = sum(line["holds"] is True for line in holding)
+    assert f"\n{count} of {count} expectations hold.\n" in told.getvalue()
+    assert not re.search(r"\bNO\b|not hold", told.getvalue())
 
 
 def _plain(row: str) -> str:

@@ -216,6 +216,19 @@ def test_numbers_that_the_records_do_not_come_to_are_named(run, capsys):
     assert "comes out as" in capsys.readouterr().err
 
 
+def test_a_page_from_before_it_told_of_falls_is_read_and_verified_as_it_is(run, capsys):
+    """No entry has what came later; where some have it, it was taken out of the others."""
+    file = run / "panel.json"
+    panel = json.loads(file.read_text())
+    for entries, code in ((panel["matrix"][1:], 1), (panel["matrix"][:1], 0)):
+        for entry in entries:
+            del entry["command_error"], entry["terminated"]
+        file.write_text(json.dumps(panel))
+        seal(run)
+        assert _verify(run, capsys)[0] == code
+    assert main(["report", str(run)]) == 0
+
+
 def test_a_unit_that_is_gone_with_its_marker_and_file_is_named(run, capsys):
     gone = ["evaluate-random*", "achieve-explicit_euler-dt-0.05*"]
     for file in (x for name in gone for x in [*run.glob(f"*/{name}.json"), *run.glob(f"*/{name}")]):
