@@ -150,20 +150,6 @@ class Successes:
         return all(plain.get(n, getattr(Settings, n)) == getattr(Settings, n) for n in names)
 
 
-def with_what_they_rest_on(
-    missing: Sequence[Cell], cells: Sequence[Cell], home: Home | None
-) -> tuple[Cell, ...]:
-    """Cells that are to be evaluated, and those that labels in them rest on, in order.
-
-    Args:
-        missing: cells without records.
-        cells: of the policy, those among them.
-        home: what it was trained on.
-    """
-    keys = {key for cell in missing for key in (_key(cell), *_rests_on(cell, home))}
-    return tuple(cell for cell in cells if _key(cell) in keys)
-
-
 def _rests_on(cell: Cell, home: Home | None) -> set[Key]:
     shares = () if home is None else home.shares
     at_home = {(d, disturbance) for d in shares for disturbance in (cell.changes, None)}
@@ -202,8 +188,8 @@ class Subject:
         seed: training seed, or None.
         starts: training seed whose starts it acts from.
         home_known: whether ``home`` tells all; False for what was trained nobody says where.
-        recorded: cells, by name, of which there are records; they are run again only where
-            labels in others rest on them.
+        recorded: success of the episodes in cells of which there are records, by their names;
+            labels in other cells may rest on it.
         at_home: earlier episodes in what it was trained on: of how many of how many it succeeded.
     """
 
@@ -213,7 +199,7 @@ class Subject:
     seed: int | None = None
     starts: int = 0
     home_known: bool = True
-    recorded: frozenset[str] = frozenset()
+    recorded: Mapping[str, Flags] = field(default_factory=dict)
     at_home: Mapping[Discretization, tuple[int, int]] = field(default_factory=dict)
 
     @property
@@ -221,16 +207,28 @@ class Subject:
         """Cells without records."""
         return tuple(cell for cell in self.cells if cell.name not in self.recorded)
 
-    def within(self, packages: tuple[str, ...]) -> Subject:
-        """The same in the cells alone that have these versions, or, with none, those that are
-        here."""
-        own = (c for c in self.cells if c.packages == packages or not (packages or _apart(c)))
-        return replace(self, cells=tuple(own))
+    @property
+    def trained_on(self) -> tuple[Discretization, ...]:
+        """The discretizations that it was trained on, as far as they are known."""
+        return () if self.home is None else tuple(self.home.shares)
 
-    def waiting(self, recorded: Iterable[str]) -> Subject:
-        """The same with the cells alone that are wanted where there are records of some."""
-        told = replace(self, recorded=frozenset(recorded))
-        return replace(told, cells=with_what_they_rest_on(told.missing, self.cells, self.home))
+    @property
+    def known(self) -> dict[Key, Flags]:
+        """Success in the cells with records."""
+        own = (cell for cell in self.cells if cell.name in self.recorded)
+        return {_key(cell): self.recorded[cell.name] for cell in own}
+
+    def within(self, packages: tuple[str, ...]) -> Subject:
+        """The same, of cells without records only with those that have these versions, or, with
+        none, those that are here."""
+        return self.among(
+            c.name for c in self.cells if c.packages == packages or not (packages or _apart(c))
+        )
+
+    def among(self, names: Iterable[str]) -> Subject:
+        """The same, of cells without records only with some."""
+        chosen = {*names, *self.recorded}
+        return replace(self, cells=tuple(cell for cell in self.cells if cell.name in chosen))
 
 
 class _Played(NamedTuple):
@@ -284,18 +282,23 @@ def evaluate(
     """
     everywhere = subjects
     subjects = [subject.within(()) for subject in everywhere]
-    (recorded,) = {subject.recorded for subject in subjects}
+    these = slice(episodes.start - spec.latest.start, episodes.stop - spec.latest.start)
+    before = {
+        (place, key): success[these]
+        for place, subject in enumerate(subjects)
+        for key, success in subject.known.items()
+    }
     latencies = inference_latencies(spec, subjects)
     successes = Successes(
         [subject.home for subject in subjects],
-        [subject.cells for subject in subjects],
+        [subject.missing for subject in subjects],
         spec.environment,
         episodes.start,
         statuses,
         whole=spec.testbed.batched,
         before=[subject.at_home for subject in subjects],
         homeless=[place for place, subject in enumerate(subjects) if not subject.home_known],
-        known=dict(known or {}),
+        known={**before, **(known or {})},
         contracts=contracts or {},
     )
     waiting: list[_Played] = []
@@ -306,17 +309,17 @@ def evaluate(
         recovered, later = _second_horizon(spec, cell, own, episodes, success, times, store)
         successes.note(cell, places, success, recovered)
         report_work(len(episodes) / spec.episodes * len(places) * cell_seconds(spec, cell))
-        if cell.name not in recorded:
-            waiting.append(_Played(cell, places, recorder))
-            if later is not None:
-                yield later.take()
+        waiting.append(_Played(cell, places, recorder))
+        if later is not None:
+            yield later.take()
         ready = [played for played in waiting if successes.suffice(played.cell, played.places)]
         waiting = [played for played in waiting if played not in ready]
         for played in ready:
             yield played.recorder.take(successes.replays(played.cell, played.places))
-    for packages in other_packages(cell for subject in everywhere for cell in subject.cells):
-        within = enumerate(subject.within(packages) for subject in everywhere)
-        at, there = zip(*((k, own) for k, own in within if own.cells), strict=True)
+    for packages in other_packages(cell for subject in everywhere for cell in subject.missing):
+        within = [subject.within(packages) for subject in everywhere]
+        at = [place for place, own in enumerate(within) if own.missing]
+        there = [replace(within[place], cells=within[place].missing, recorded={}) for place in at]
         cells = [cell for subject in there for cell in subject.cells]
         policies = [subject.policy for subject in there]
         interpreter = interpreter_for(packages, spec, cells, policies)
@@ -326,21 +329,25 @@ def evaluate(
             if place in at
         }
         yield from call_there(
-            interpreter, evaluate, spec, [*there], episodes, store, statuses, renumbered
+            interpreter, evaluate, spec, there, episodes, store, statuses, renumbered
         )
 
 
 def _schedule(subjects: Sequence[Subject]) -> list[tuple[Cell, list[int]]]:
-    """Every cell with the policies that are evaluated in it; those that label others come first."""
-    cells = {cell.name: cell for subject in subjects for cell in subject.cells}
-    homes = {subject.home for subject in subjects}
-    names = [{cell.name for cell in subject.cells} for subject in subjects]
+    """Every cell without records, with the policies in it; those that label others come first."""
+    cells = {cell.name: cell for subject in subjects for cell in subject.missing}
+    names = [{cell.name for cell in subject.missing} for subject in subjects]
     return [
         (cell, [place for place, own in enumerate(names) if cell.name in own])
-        for cell in sorted(
-            cells.values(), key=lambda c: (c.changes is not None, c.discretization not in homes)
-        )
+        for cell in in_order(cells.values(), {d for s in subjects for d in s.trained_on})
     ]
+
+
+def in_order(cells: Iterable[Cell], homes: Collection[Discretization]) -> list[Cell]:
+    """Cells, those first that labels in others rest on."""
+    return sorted(
+        cells, key=lambda c: (_apart(c), c.changes is not None, c.discretization not in homes)
+    )
 
 
 def _recorded(
@@ -510,7 +517,7 @@ def inference_latencies(spec: PanelSpec, subjects: Sequence[Subject]) -> list[tu
 
     Nothing where there is no cell.
     """
-    cell = next((cell for subject in subjects for cell in subject.cells), None)
+    cell = next((cell for subject in subjects for cell in subject.missing), None)
     if cell is None:
         return []
     environments = environments_of(spec.testbed, cell, 1)

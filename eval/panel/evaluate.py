@@ -15,7 +15,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from integ_gym.envs.settings import Discretization
 from integ_gym.evidence.episodes import Layout
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.support.executors import Cluster
@@ -24,7 +23,7 @@ from .achieve import Tried, not_tried, tried, try_cells
 from .cells import Cell, engine_versions
 from .contracts import Contracts, compare_engines, contracts_in, not_compared
 from .costs import cell_seconds, cell_timing, trying_seconds
-from .episodes import Subject, divided, evaluate
+from .episodes import Subject, divided, evaluate, in_order
 from .plan import inputs
 from .run_directory import RunDirectory, first_of, key_of, name_start
 from .spec import PanelSpec
@@ -35,6 +34,10 @@ PREFIX = "evaluate-"
 
 LONGEST = 60.0
 """What a batch should take at most, s."""
+
+ROUND = 20.0
+"""What a policy's cells should take at most between two commits where lanes are run one by one, s:
+episodes of a robot take some 2 MB each."""
 
 MEMORY = 1 << 30
 """What the episodes of a batch may take, bytes."""
@@ -94,7 +97,8 @@ def not_evaluated(
 ) -> list[Subject]:
     """Subjects with cells that are not evaluated from the starts that came last.
 
-    What killed or damaged units left is removed.
+    Each knows how it did in the others, and at home from earlier starts. What killed or damaged
+    units left is removed.
 
     Raises:
         RunDirectoryError: if one was evaluated under another specification, version or hash.
@@ -111,33 +115,46 @@ def not_evaluated(
             directory.discard_remains(unit)
     directory.discard_unmarked(PREFIX)
     done = evaluated(directory, first=spec.latest.start)
-    waiting = [
-        subject.waiting(done[policy].cells) if policy in done else subject
+    cells_of = {policy: done[policy].cells if policy in done else frozenset() for policy in hashes}
+    waiting = {
+        policy: subject
         for policy, subject in zip(hashes, subjects, strict=True)
-    ]
-    return [subject for subject in waiting if subject.missing]
+        if not cells_of[policy].issuperset(cell.name for cell in subject.cells)
+    }
+    store = EvidenceStore(directory.evidence)
+    if not waiting or not store.files():
+        return [*waiting.values()]
+    rows = store.query(_OUTCOMES.format(spec.latest.start, spec.latest.stop)).to_pylist()
+    found = {(row["policy_id"], row["cell"]): row for row in rows}
+
+    def knowing(policy: str, subject: Subject) -> Subject:
+        homes = {d: found.get((policy, spec.name_of(d))) for d in subject.trained_on}
+        earlier = {d: (row["succeeded"], row["episodes"]) for d, row in homes.items() if row}
+        own = {cell: np.array(found[policy, cell]["latest"]) for cell in cells_of[policy]}
+        return replace(subject, at_home=earlier, recorded=own)
+
+    return [knowing(*each) for each in waiting.items()]
 
 
-def knowing_home(
-    spec: PanelSpec, directory: RunDirectory, subjects: Sequence[Subject]
-) -> list[Subject]:
-    """Subjects, each told how it did at home in earlier episodes, all of which are on record."""
-    if not subjects or not spec.latest.start:
-        return list(subjects)
-    rows = EvidenceStore(directory.evidence).query(_EARLIER.format(spec.latest.start)).to_pylist()
-    found = {(row["policy_id"], row["cell"]): (row["succeeded"], row["episodes"]) for row in rows}
-
-    def earlier(subject: Subject) -> dict[Discretization, tuple[int, int]]:
-        homes = () if subject.home is None else subject.home.shares
-        return {d: found[subject.policy.policy_id, spec.name_of(d)] for d in homes}
-
-    return [replace(subject, at_home=earlier(subject)) for subject in subjects]
-
-
-_EARLIER = """
-SELECT policy_id, cell, count(*) FILTER (success) AS succeeded, count(*) AS episodes FROM records
-WHERE phase = 'evaluation' AND perturbation IS NULL AND episode_index < {} GROUP BY ALL
+_OUTCOMES = """
+SELECT policy_id, cell, count(*) FILTER (success AND episode_index < {0}) AS succeeded,
+    count(*) FILTER (episode_index < {0}) AS episodes,
+    list(success ORDER BY episode_index) FILTER (episode_index >= {0}) AS latest
+FROM records WHERE phase = 'evaluation' AND episode_index < {1} GROUP BY ALL
 """
+
+
+def next_cells(spec: PanelSpec, subject: Subject) -> Subject:
+    """A subject with what is evaluated before the next commit: all cells, where that is quick."""
+    if spec.testbed.batched:
+        return subject
+    chosen: dict[str, float] = {}
+    for cell in in_order(subject.missing, subject.trained_on):
+        seconds = cell_seconds(spec, cell) * len(spec.latest) / spec.episodes
+        if chosen and sum(chosen.values()) + seconds > ROUND:
+            break
+        chosen[cell.name] = seconds
+    return subject.among(chosen)
 
 
 def batches_of(
@@ -149,7 +166,7 @@ def batches_of(
     """
     alike: dict[frozenset[str], list[Subject]] = {}
     for subject in subjects:
-        alike.setdefault(subject.recorded, []).append(subject)
+        alike.setdefault(frozenset(subject.recorded), []).append(subject)
     return [batch for own in alike.values() for batch in _batches(spec, own, workers)]
 
 
@@ -195,9 +212,10 @@ def evaluate_all(
         work.skip(seconds - left)
         compare_engines(spec, directory, homes, work)
         try_cells(spec, directory, work)
-        for part, own in waiting:
-            batch_subjects = knowing_home(part, directory, own)
-            _evaluate_part(part, directory, batch_subjects, work, max(1, cluster.workers))
+        for part in spec.parts():
+            while own := not_evaluated(part, directory, subjects):
+                parts = [next_cells(part, subject) for subject in own]
+                _evaluate_part(part, directory, parts, work, max(1, cluster.workers))
 
 
 def _evaluate_part(
@@ -251,7 +269,7 @@ def evaluate_batch(
 def evaluation_seconds(spec: PanelSpec, subjects: Sequence[Subject]) -> float:
     """Time that the evaluation of subjects from the starts that came last takes one worker, s."""
     share = len(spec.latest) / spec.episodes
-    return share * sum(cell_seconds(spec, cell) for subject in subjects for cell in subject.cells)
+    return share * sum(cell_seconds(spec, cell) for own in subjects for cell in own.missing)
 
 
 def all_seconds(spec: PanelSpec, subjects: Sequence[Subject]) -> float:
@@ -333,9 +351,9 @@ def _fitting(spec: PanelSpec, subjects: Sequence[Subject]) -> int:
     """How many policies fit a batch: one where each lane costs its own."""
     if not spec.testbed.batched:
         return 1
-    cells = {cell.name: cell for subject in subjects for cell in subject.cells}
+    cells = {cell.name: cell for subject in subjects for cell in subject.missing}
     times = {name: cell_seconds(spec, cell) for name, cell in cells.items()}
-    whole = max(sum(times[cell.name] for cell in subject.cells) for subject in subjects)
+    whole = max(sum(times[cell.name] for cell in subject.missing) for subject in subjects)
     seconds = whole * len(spec.latest) / spec.episodes
     most_bytes = COPIES * len(spec.latest) * max(_bytes(spec, cell) for cell in cells.values())
     return max(1, int(min(LONGEST / seconds, MEMORY / most_bytes)))
