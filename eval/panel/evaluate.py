@@ -35,9 +35,9 @@ PREFIX = "evaluate-"
 LONGEST = 60.0
 """What a batch should take at most, s."""
 
-ROUND = 20.0
+ROUND = 10.0
 """What a policy's cells should take at most between two commits where lanes are run one by one, s:
-episodes of a robot take some 2 MB each."""
+an episode of a robot takes 1 to 3 MB."""
 
 MEMORY = 1 << 30
 """What the episodes of a batch may take, bytes."""
