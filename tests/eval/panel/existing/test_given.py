@@ -17,7 +17,10 @@ from torch import nn
 
 import integ_gym
 from integ_gym.cli import main
+from integ_gym.eval.panel import evaluate as panel_evaluate
 from integ_gym.eval.panel.policies import given_policy, read_existing
+from integ_gym.eval.panel.run_directory import RunDirectory
+from integ_gym.evidence.store import EvidenceStore
 from integ_gym.train.policy import MlpPolicy, start_acting
 
 PENDULUM = "IntegPendulum-v0"
@@ -25,6 +28,10 @@ PENDULUM = "IntegPendulum-v0"
 
 def swing(observation):
     return [0.5 * observation[1]]
+
+
+def lean(observation):
+    return [-observation[1]]
 
 
 class Predicting:
@@ -203,6 +210,47 @@ def test_an_evaluation_does_without_jax(tmp_path):
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "out" / "report.html").exists()
+
+
+@pytest.mark.slow
+def test_a_killed_evaluation_goes_on_and_its_records_are_those_of_an_undisturbed_one(
+    tmp_path, monkeypatch
+):
+    """A testbed that runs lane by lane commits a policy's cells in rounds, here one cell each."""
+
+    def run(out, commits=None):
+        finished, finish = [], RunDirectory.finish
+
+        def counted(self, unit, *given, **named):
+            if len(finished) == commits:
+                raise KeyboardInterrupt
+            finish(self, unit, *given, **named)
+            finished.append(unit)
+
+        monkeypatch.setattr(RunDirectory, "finish", counted)
+        try:
+            integ_gym.evaluate(
+                lean, "InvertedPendulum-v5", tmp_path / out, home="stock", integrators=["Euler"],
+                dts=[0.02], varied={"action_latency": [0.02]}, episodes=2, workers=1,
+                limit=False, progress=False,
+            )  # fmt: skip
+        finally:
+            monkeypatch.setattr(RunDirectory, "finish", finish)
+        return finished
+
+    def hashes(out):
+        wanted = "policy_id, cell, phase, episode_index, content_hash"
+        store = EvidenceStore(tmp_path / out / "evidence")
+        return store.query(f"SELECT {wanted} FROM records ORDER BY ALL").to_pylist()
+
+    once = run("once")
+    monkeypatch.setattr(panel_evaluate, "ROUND", 0.0)
+    with pytest.raises(KeyboardInterrupt):
+        run("rounds", commits=5)
+    left = run("rounds")
+    assert len(left) > len(once)
+    assert hashes("rounds") == hashes("once")
+    assert main(["evidence", "verify", str(tmp_path / "rounds"), "--all", "--exact"]) == 0
 
 
 def test_what_is_for_files_is_refused_of_others(tmp_path):
