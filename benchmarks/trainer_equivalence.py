@@ -32,7 +32,7 @@ from measuring import results
 from scipy import stats
 
 import integ_gym  # noqa: F401
-from integ_gym.eval.panel.spec import built_in_spec
+from integ_gym.eval.panel.spec import read_spec
 from integ_gym.eval.statistics import iqm_interval, p_equivalent, rate_interval
 from integ_gym.evidence.labels import EpisodeContext
 from integ_gym.evidence.store import EvidenceStore
@@ -42,7 +42,7 @@ from integ_gym.train.policy_files.sidecar import read_trained
 from integ_gym.train.ppo import PPOConfig
 from integ_gym.train.runs import train_ppo
 
-_QUICK = built_in_spec("quick")
+_QUICK = read_spec("quick")
 CASES: dict[str, tuple[str, dict[str, Any]]] = {
     "pendulum": ("IntegPendulum-v0", {"total_steps": 100_000}),
     "cart-pole": ("IntegCartPole-v0", {"total_steps": 100_000}),

@@ -27,6 +27,7 @@ from integ_gym.envs.settings import (
     STEPPING,
     WEIGHT,
     Discretization,
+    Settings,
     agrees,
     dividing_step,
     whole_multiple,
@@ -37,7 +38,7 @@ from integ_gym.support.errors import InputError, IntegGymError
 from integ_gym.support.interpreters import PACKAGES, parse_packages
 from integ_gym.support.isolated import ISOLATED
 from integ_gym.support.optional import install_command, running_version
-from integ_gym.support.parameters import positive, unknown_name
+from integ_gym.support.parameters import check_values, unknown_name
 
 from ..statistics import Part
 from ..verdict import Achievability, Attempt, CellRole, Search
@@ -91,7 +92,6 @@ Name: TypeAlias = Annotated[str, msgspec.Meta(min_length=1)]
 Positive: TypeAlias = Annotated[float, msgspec.Meta(gt=0.0, le=sys.float_info.max)]
 Count: TypeAlias = Annotated[int, msgspec.Meta(ge=0, le=2**32 - 1)]
 Several: TypeAlias = Annotated[int, msgspec.Meta(ge=1, le=2**32 - 1)]
-Finite: TypeAlias = Annotated[float, msgspec.Meta(ge=-sys.float_info.max, le=sys.float_info.max)]
 
 
 @dataclass(frozen=True)
@@ -136,14 +136,11 @@ def main_home(home: Home | None) -> Discretization | None:
     return max(shares, key=lambda member: shares[member], default=None)
 
 
-SENSING = ("sensor_period", "observation_noise")
-"""Arguments of what a policy is shown."""
-
 AXIS_OF: Final[Mapping[str, str]] = {
     **dict.fromkeys(STEPPING, "integration"),
     "control_period": "held action",
     **dict.fromkeys((*DELAYS, "fallback"), "delay"),
-    **dict.fromkeys(SENSING, "sensing"),
+    **dict.fromkeys(("sensor_period", "observation_noise"), "sensing"),
     "solver": "solver",
     PACKAGES: "version",
 }
@@ -229,11 +226,9 @@ class Cell(Part, frozen=True, kw_only=True):
     search: Search | None = None
 
     @classmethod
-    def of(
-        cls, place: Discretization, kind: CellKind, name: str | None = None, **others: Any
-    ) -> Cell:
+    def of(cls, place: Discretization, kind: CellKind, **others: Any) -> Cell:
         """A cell before anything was evaluated in it, by default named as its discretization."""
-        return cls(name=name or place.name, **place.arguments(), kind=kind, **others)
+        return cls(**{"name": place.name, **place.arguments(), "kind": kind, **others})
 
     @property
     def discretization(self) -> Discretization:
@@ -254,11 +249,6 @@ class Cell(Part, frozen=True, kw_only=True):
     def scheme(self) -> str:
         """Integrator, and the engine where it is not ours."""
         return self.integrator if self.engine == NATIVE else f"{self.engine} {self.integrator}"
-
-    @property
-    def plain(self) -> bool:
-        """Whether nothing is varied in it."""
-        return self.kind != "varied"
 
     @property
     def packages(self) -> tuple[str, ...]:
@@ -309,14 +299,11 @@ def place_arguments(
 
 def changes_name(changes: Mapping[str, Any]) -> str:
     """What a variation is called by default: its arguments with their values."""
-    return ", ".join(
-        " ".join(value)
-        if path == PACKAGES
-        else f"{path}={value:g}"
-        if isinstance(value, float)
-        else f"{path}={value}"
-        for path, value in flatten(changes)
-    )
+    words = []
+    for path, value in flatten(changes):
+        short = f"{value:g}" if isinstance(value, float) else value
+        words.append(" ".join(value) if path == PACKAGES else f"{path}={short}")
+    return ", ".join(words)
 
 
 def flatten(changes: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
@@ -333,25 +320,18 @@ def axes_between(home: Discretization, cell: Cell) -> dict[str, dict[str, Any]]:
 
     The truth's step follows its control period and is no difference of two truths.
     """
-    exact = ("dt",) if cell.integrator == home.integrator == TRUTH else ()
-    same = {
-        name
-        for name, value in cell.discretization.arguments().items()
-        if agrees({name: value}, home.arguments()) or name in exact
-    }
+    own, exact = home.arguments(), cell.integrator == home.integrator == TRUTH
     found: dict[str, dict[str, Any]] = {}
     for name, value in {**cell.discretization.arguments(), **cell.environment}.items():
-        if name not in same:
+        if not ((name in own and agrees({name: value}, own)) or (exact and name == "dt")):
             found.setdefault(AXIS_OF.get(name, "plant"), {})[name] = value
     return found
 
 
 def timing_fault(arguments: Mapping[str, Any]) -> str | None:
     """What is wrong with the times of an environment's arguments, in words; None: nothing."""
-    problem = positive(arguments["dt"])
-    if problem:
-        return f"`dt` {problem}, got {arguments['dt']!r}"
     try:
+        check_values(Settings, {"dt": arguments["dt"]})
         for name in ("control_period", *LATENCIES, "sensor_period"):
             if arguments.get(name):
                 whole_multiple(name, arguments[name], "dt", arguments["dt"])
@@ -512,12 +492,21 @@ class MixtureTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     mixture: Name
     members: list[Member]
 
+    def made(self, home: Discretization) -> DiscretizationMixture:
+        """The mixture; see :meth:`Places.discretizations`."""
+        label = f"members of {self.mixture}"
+        members = [(d, x.weight) for x in self.members for d in x.discretizations(label, home)]
+        if len(members) < 2:
+            raise SpecError(
+                f"mixture {self.mixture!r} needs at least two `members`, got {len(members)}; a "
+                "single discretization is trained on without a mixture"
+            )
+        check_unique(label, [place_name(one, home.control_period) for one, _ in members])
+        return DiscretizationMixture(self.mixture, tuple(members))
+
 
 INSTALLED = "installed"
 """In place of an engine's name: every installed one but the native."""
-
-_EASIEST = "mujoco"
-"""Of the engines that could be installed, where it serves."""
 
 
 def absent_engines() -> tuple[str, ...]:
@@ -540,22 +529,10 @@ def training_homes(entries: Sequence[Mapping[str, Any]], home: Discretization) -
     found: list[Home] = []
     for k, entry in enumerate(entries):
         if "mixture" in entry:
-            found.append(_mixture(convert(f"train[{k}]", entry, MixtureTable), home))
+            found.append(convert(f"train[{k}]", entry, MixtureTable).made(home))
         else:
             found += convert(f"train[{k}]", entry, Places).discretizations("train", home)
     return tuple(dict.fromkeys(found))
-
-
-def _mixture(table: MixtureTable, home: Discretization) -> DiscretizationMixture:
-    label = f"members of {table.mixture}"
-    members = [(d, one.weight) for one in table.members for d in one.discretizations(label, home)]
-    if len(members) < 2:
-        raise SpecError(
-            f"mixture {table.mixture!r} needs at least two `members`, got {len(members)}; a single "
-            "discretization is trained on without a mixture"
-        )
-    check_unique(label, [place_name(one, home.control_period) for one, _ in members])
-    return DiscretizationMixture(table.mixture, tuple(members))
 
 
 def evaluation_cells(
@@ -563,10 +540,11 @@ def evaluation_cells(
 ) -> tuple[tuple[Discretization, ...], tuple[Variation, ...], tuple[str, ...]]:
     """What the tables of `evaluate` ask for: discretizations of the grid, and variations.
 
-    A table's lists are expanded, and combinations of a step and a control period that is no
-    multiple of it are left out, which sentences say. With `integrator` and `dt` alone a table is of
-    the grid; with any other argument of the environment it varies these discretizations, and with
-    `at` what that names.
+    A table's lists are expanded. Combinations of a step and a control period that is no multiple
+    of it are left out, and so are engines that are not installed, which sentences say.
+
+    With `integrator` and `dt` alone a table is of the grid; with any other argument of the
+    environment it varies these discretizations, and with `at` what that names.
 
     Args:
         entries: the tables of `evaluate`.
@@ -594,27 +572,28 @@ def evaluation_cells(
         elif not rest:
             raise SpecError(f"{where} does not say what is varied; give arguments, or no `at`")
         else:
-            for place in many(["home", "truth"] if at is None else at):
-                if isinstance(place, Mapping):
-                    table = convert(f"{where}.at", dict(place), Places)
-                    places += table.discretizations("at", home)
-                else:
-                    check_known(f"`at` in {where}", str(place), ("home", "truth"))
-                    places.append(place)
+            named = many(["home", "truth"] if at is None else at)
+            for one in convert(f"{where}.at", named, list[Literal["home", "truth"] | Places]):
+                places += one.discretizations("at", home) if isinstance(one, Places) else [one]
         if rest:
             name = None if name is None else convert(where, name, Name)
-            for one in vary(name, rest, tuple(places)):
-                known = variations.setdefault(repr((one.name, one.changes)), one)
-                at = tuple(dict.fromkeys((*known.at, *one.at)))
-                variations[repr((one.name, one.changes))] = Variation(one.name, one.changes, at)
+            for new in vary(name, rest, tuple(places)):
+                known = variations.setdefault(repr((new.name, new.changes)), new)
+                at = tuple(dict.fromkeys((*known.at, *new.at)))
+                variations[repr((new.name, new.changes))] = Variation(new.name, new.changes, at)
     if installed and all(one.engine == NATIVE for one in grid):
         could = [name for name in absent_engines() if name not in ISOLATED]
         could = [name for name in could if any(table.applied_by(name) for table in installed)]
-        name = could[0] if could and _EASIEST not in could else _EASIEST
+        easiest = "mujoco" if "mujoco" in could or not could else could[0]
         raise SpecError(
             "it is about other engines, and none that it could use is installed; run: "
-            f"{install_command(name)}, or see `integ-gym engines` for the others"
+            f"{install_command(easiest)}, or see `integ-gym engines` for the others"
         )
+    if installed:
+        unmade += [
+            f"Engine {name} is not installed, so it is left out: {install_command(name)}."
+            for name in absent_engines()
+        ]
     return tuple(dict.fromkeys(grid)), tuple(variations.values()), tuple(unmade)
 
 
@@ -633,9 +612,8 @@ def fitting(
     faults = {place: timing_fault(place.arguments()) for place in places}
     fit = [place for place, fault in faults.items() if not fault]
     wrong = {place: fault for place, fault in faults.items() if fault}
-    kept = {place.dt for place in fit}
     for place, fault in wrong.items():
-        if not fit or (place.dt in steps and place.dt not in kept):
+        if not fit or (place.dt in steps and place.dt not in {one.dt for one in fit}):
             raise SpecError(fault)
     return fit, [
         f"{place.name} is not evaluated at a control period of {place.control_period:g} s: {fault}."
@@ -660,18 +638,13 @@ def expand(table: Mapping[str, Any]) -> list[dict[str, Any]]:
     Raises:
         ValueError: for `packages` that are no exact versions.
     """
-    choices = [
-        _package_lists(value)
-        if name == PACKAGES
-        else expand(value)
-        if isinstance(value, Mapping)
-        else many(value)
-        for name, value in table.items()
-    ]
+    choices = (_choices(name, value) for name, value in table.items())
     return [dict(zip(table, chosen, strict=True)) for chosen in product(*choices)]
 
 
-def _package_lists(value: Any) -> list[list[str]]:
+def _choices(name: str, value: Any) -> list[Any]:
+    if name != PACKAGES:
+        return expand(value) if isinstance(value, Mapping) else many(value)
     listed = many(value)
     several = bool(listed) and all(isinstance(one, list) for one in listed)
     return [list(parse_packages(one)) for one in (listed if several else [listed])]

@@ -607,7 +607,7 @@ def _compared(panel: Panel, finding: Finding, row: Row) -> Iterator[str]:
     columns = {cell.name for cell in panel.columns if cell.achievability not in UNSOLVABLE}
     own = [one for one in panel.paired if one.row == row.name and one.difference(finding.measure)]
     others = [one for one in own if one.cell in columns and one.cell != finding.cell]
-    varied = [one for one in own if not panel.cell(one.cell).plain]
+    varied = [one for one in own if panel.cell(one.cell).kind == "varied"]
     for noun, found in (("other discretization", others), ("variation", varied)):
         if found:
             yield _tally(panel, finding, row, noun, found)

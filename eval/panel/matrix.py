@@ -397,7 +397,7 @@ class PanelLayout:
             called: cells that are called a limit, see :func:`limits_called`.
         """
         own = self.cells[cell]
-        if not own.plain or own.kind in ("ladder", "limit"):
+        if own.kind in ("varied", "ladder", "limit"):
             return None
         if self.achieved(matrix, cell).status in rules.UNSOLVABLE:
             return None

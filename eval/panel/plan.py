@@ -49,17 +49,15 @@ def planned_spec(plan: Mapping[str, Any]) -> PanelSpec:
             for name, kind in kinds.items()
             if name not in NO_RESULT and (name in plan or name not in LATER)
         }
-        stated = {
-            "trainer": known["trainer"].get("name"),
-            "train": tuple(map(_home, known["train"])),
-        }
-        spec = PanelSpec(**{**known, **stated})
+        known["train"] = tuple(map(_home, known["train"]))
+        known["trainer"] = known["trainer"].get("name")
+        if known["trainer"] not in TRAINERS:
+            raise SpecError("it names no trainer that there is")
+        spec = PanelSpec(**known)
+        if spec.episode_parts and sum(spec.episode_parts) != spec.episodes:
+            raise SpecError("`episode_parts` do not add up")
     except (KeyError, SpecError, msgspec.ValidationError) as error:
         raise SpecError(f"its specification is damaged: {error}") from None
-    if spec.trainer not in TRAINERS:
-        raise SpecError("its specification is damaged: it names no trainer that there is")
-    if spec.episode_parts and sum(spec.episode_parts) != spec.episodes:
-        raise SpecError("its specification is damaged: `episode_parts` do not add up")
     return spec
 
 
@@ -109,8 +107,7 @@ def additions(held: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[str]:
         held: the earlier one, as plain data.
         now: the other.
     """
-    for name in _LISTS:
-        yield from _missing_entries(name, now, held)
+    yield from _missing_entries(now, held)
     new = list(now.get(GROWING) or ())[len(held.get(GROWING) or ()) :]
     if new:
         yield f"{GROWING} {', '.join(map(str, new))}"
@@ -128,12 +125,10 @@ def contradictions(held: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[
         held: what a directory was begun with, as plain data.
         now: what is asked for there.
     """
-    for name in _LISTS:
-        for lost in _missing_entries(name, held, now):
-            yield f"it has {lost}, which is missing now"
+    for lost in _missing_entries(held, now):
+        yield f"it has {lost}, which is missing now"
     one, other = _episode_parts(held), _episode_parts(now)
-    differ = any(held.get(name) != now.get(name) for name in EPISODES)
-    if differ and not (one and other[: len(one)] == one):
+    if not one or other[: len(one)] != one:
         yield f"`episodes` {_sum_words(one)} (now {_sum_words(other)})"
     same = {name: now.get(name) for name in (GROWING, *EPISODES, *WORDS, *_LISTS)}
     yield from _differences({**held, **same}, {**now, **same})
@@ -165,12 +160,13 @@ def _sum_words(parts: Sequence[int]) -> str:
     return " + ".join(map(str, parts)) or "none"
 
 
-def _missing_entries(name: str, one: Mapping[str, Any], other: Mapping[str, Any]) -> Iterator[str]:
-    """Entries of a list that another specification's lacks, in words."""
-    there = [json.dumps(entry, sort_keys=True) for entry in other.get(name) or ()]
-    for entry in one.get(name) or ():
-        if json.dumps(entry, sort_keys=True) not in there:
-            yield f"{_LISTS[name]} {_entry_words(entry)}"
+def _missing_entries(one: Mapping[str, Any], other: Mapping[str, Any]) -> Iterator[str]:
+    """Entries of lists that another specification's lack, in words."""
+    for name, kind in _LISTS.items():
+        there = [json.dumps(entry, sort_keys=True) for entry in other.get(name) or ()]
+        for entry in one.get(name) or ():
+            if json.dumps(entry, sort_keys=True) not in there:
+                yield f"{kind} {_entry_words(entry)}"
 
 
 def _entry_words(entry: Any) -> str:
@@ -228,8 +224,8 @@ def with_seed_count(spec: PanelSpec, seeds: int) -> PanelSpec:
         raise SpecError(f"panel {spec.name!r} trains nothing, so it has no seeds to add to")
     if not 1 <= seeds <= MOST_SEEDS:
         raise SpecError(f"a panel takes 1 to {MOST_SEEDS} seeds, got {seeds}")
-    last = max(spec.seeds)
-    new = range(last + 1, last + 1 + max(0, seeds - len(spec.seeds)))
+    first = max(spec.seeds) + 1
+    new = range(first, first + seeds - len(spec.seeds))
     return replace(spec, seeds=(*spec.seeds[:seeds], *new))
 
 
@@ -254,8 +250,8 @@ def inputs(spec: PanelSpec, cells: Iterable[Cell]) -> dict[str, Any]:
     used = {place["integrator"] for _, place, _ in places}
     sources = {name: source for name, source in told["sources"].items() if name in used}
     shared = {name: value for name, value in told.items() if name not in FREE}
-    own = {"start_sets": list(spec.start_sets), "sources": sources, "cells": sorted(places)}
-    return {**shared, **own}
+    shared |= {"start_sets": list(spec.start_sets), "cells": sorted(places)}
+    return {**shared, "sources": sources}
 
 
 @dataclass(frozen=True)
@@ -263,14 +259,12 @@ class FamilyPower:
     """Power of a panel's declared transfers.
 
     Attributes:
-        family: how many are declared.
         seeds: of the rows that they name.
         natives: seeds of the row with the fewest that was trained in a cell that they name.
         power: by true overfitting.
         fewest: seeds with which `transfers` can be shown where every episode succeeds.
     """
 
-    family: int
     seeds: int
     natives: int
     power: tuple[Power, ...]
@@ -296,6 +290,5 @@ def family_power(spec: PanelSpec, before: Sequence[Look] = ()) -> FamilyPower | 
     counts = {spec.name_of(home): len(spec.seeds_of(home)) for home in spec.train}
     seeds = min(counts[row] for row, _ in spec.family)
     natives = min((counts[cell] for _, cell in spec.family if cell in counts), default=0)
-    family = len(spec.family)
-    found = verdict_chances(seeds, natives, spec.episodes, family, looks)
-    return FamilyPower(family, seeds, natives, found, fewest_seeds(family, looks))
+    found = verdict_chances(seeds, natives, spec.episodes, len(spec.family), looks)
+    return FamilyPower(seeds, natives, found, fewest_seeds(len(spec.family), looks))

@@ -27,7 +27,7 @@ from .outputs import phases, write_artefact
 from .plan import stages, with_episode_parts
 from .result import Panel
 from .run_directory import MANIFEST, RunDirectory, read_manifest
-from .spec import BUILT_IN, PanelSpec, built_in_spec, read_spec
+from .spec import PanelSpec, read_spec
 from .training import bring, check_training, finished_policies, memory_of, train_units
 from .units import PanelError, Unit, baseline_of, is_card_of, units_of
 
@@ -156,9 +156,7 @@ def specified(spec: PanelSpec | str | os.PathLike[str]) -> PanelSpec:
     Raises:
         SpecError: for a file that cannot be read or says what cannot be.
     """
-    if isinstance(spec, PanelSpec):
-        return spec
-    return built_in_spec(str(spec)) if spec in BUILT_IN else read_spec(Path(spec))
+    return spec if isinstance(spec, PanelSpec) else read_spec(os.fspath(spec))
 
 
 def run_panel(

@@ -3,45 +3,40 @@
 from __future__ import annotations
 
 import json
-import math
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import lru_cache
 from pathlib import Path
-from types import NoneType
 from typing import Annotated, Any, get_type_hints
 
 import msgspec
 
 from integ_gym.envs.engines.stepping import has_solver
 from integ_gym.envs.registries import INTEGRATORS, TRUTH
-from integ_gym.envs.settings import DELAYS, DISCRETIZATION, WEIGHT, Discretization
+from integ_gym.envs.settings import DISCRETIZATION, WEIGHT, Discretization
 from integ_gym.envs.testbeds.gym_testbed import Testbed
 from integ_gym.envs.testbeds.making import find_testbed
 from integ_gym.evidence.schema import published_text, schema_head
 from integ_gym.support.errors import InputError
 from integ_gym.support.files import read_bounded
-from integ_gym.support.optional import install_command, package_version
+from integ_gym.support.optional import package_version
 from integ_gym.train.baselines import BASELINES, possible_baselines
 from integ_gym.train.runs import ALGORITHMS, Algorithm
 
 from ..verdict import MIN_SEEDS
 from .cells import (
-    INSTALLED,
-    SENSING,
+    AXIS_OF,
     Cell,
     CellKind,
     Count,
     DiscretizationMixture,
-    Finite,
     Home,
     Name,
     Positive,
     Several,
     SpecError,
     Variation,
-    absent_engines,
     axes_between,
     changes_name,
     check_known,
@@ -75,11 +70,14 @@ ALGORITHM = "algorithm"
 DEFAULT_ALGORITHM = next(iter(ALGORITHMS))
 """What learns where nothing is said; the fleet trains by it alone."""
 
-NO_RESULT = ("memory_gib", "left_out")
+NO_RESULT = ("memory_gib",)
 """Attributes that change no result."""
 
 LATER = ("episode_parts", "looks", "unmade", "limit", "check")
 """Attributes that are told where there is something to tell; specifications of before lack them."""
+
+
+_WITH_SOLVER = "choose an integrator that `integ-gym engines` lists with one"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,9 +127,7 @@ class PanelSpec(Stated):
     episode_parts: tuple[Count, ...] = ()
     """How many of them came at a time, in order, where they did not come all at once."""
     unmade: tuple[Name, ...] = ()
-    """Combinations that were asked for and cannot be, in sentences."""
-    left_out: tuple[Name, ...] = ()
-    """Engines that are not installed, where the grid asks for all that are."""
+    """What was asked for and cannot be, in sentences."""
     check: bool = False
     """Whether seeds are added until the interval of the loss is narrow; see `eval.loss_check`."""
 
@@ -215,8 +211,8 @@ class PanelSpec(Stated):
         """
         periods = dict.fromkeys((self.control_period, *(d.control_period for d in self.grid)))
         truths = [truth for truth in map(self.testbed.truth, periods) if truth is not None]
-        steps = (cell for cell in self._limit_cells() if not cell.changes)
-        parts = {cell.discretization: cell.limit_part for cell in steps}
+        limit = tuple(self._limit_cells())
+        parts = {cell.discretization: cell.limit_part for cell in limit if not cell.changes}
         cells = []
         for place in self.grid:
             if place not in truths:
@@ -225,20 +221,18 @@ class PanelSpec(Stated):
         for place in truths:
             role = "reference" if place == self.reference else None
             cells.append(self._cell(place, "reference", role=role))
-        finest = [cell for cell in self._limit_cells() if cell.limit_part == PARTS[-1]]
-        return _each_once(*cells, *finest)
+        return _each_once(*cells, *(cell for cell in limit if cell.limit_part == PARTS[-1]))
 
     def _limit_cells(self) -> Iterator[Cell]:
         """The limit's steps, each by itself."""
         for arguments in self.limit:
             changes = {name: arguments[name] for name in ("solver",) if name in arguments}
             place = Discretization(**{name: arguments[name] for name in DISCRETIZATION})
-            name = f"{place_name(place, self.control_period)}{', tight solver' if changes else ''}"
-            part = arguments["part"]
+            name, part = self.name_of(place) + ", tight solver" * bool(changes), arguments["part"]
             yield self._cell(place, "limit", name=name, environment=changes, limit_part=part)
 
     def _cell(self, place: Discretization, kind: CellKind, **others: Any) -> Cell:
-        return Cell.of(place, kind, **{"name": place_name(place, self.control_period), **others})
+        return Cell.of(place, kind, **{"name": self.name_of(place), **others})
 
     def trained_on(self) -> tuple[Discretization, ...]:
         """All discretizations that something is trained on."""
@@ -246,12 +240,10 @@ class PanelSpec(Stated):
 
     def _decides(self, discretization: Discretization) -> bool:
         """Whether it is its integrator's finest step, a quarter of what it was trained at."""
-        scheme = discretization.scheme
-        dts = [d.dt for d in self.grid if d.scheme == scheme]
-        homes = [d.dt for d in self.trained_on() if d.scheme == scheme]
+        dts = [d.dt for d in self.grid if d.scheme == discretization.scheme]
+        homes = [d.dt for d in self.trained_on() if d.scheme == discretization.scheme]
         coarsest = max(homes, default=discretization.control_period)
-        finest = discretization.dt <= min(dts)
-        return finest and discretization.dt * 4.0 <= coarsest * (1.0 + 1e-9)
+        return discretization.dt <= min(*dts, coarsest * (1.0 + 1e-9) / 4.0)
 
     def gaps(self) -> list[str]:
         """What every panel has and this one lacks, in sentences."""
@@ -264,7 +256,7 @@ class PanelSpec(Stated):
             )
         found += [f"There is no baseline {b!r}." for b in BASELINES if b not in self.baselines]
         changed = {name for one in self.variations for name in one.changes}
-        if not changed - {*DELAYS, *SENSING, *DISCRETIZATION}:
+        if all(name in AXIS_OF for name in changed):
             found.append("No perturbation of the plant is evaluated.")
         if "action_latency" not in changed:
             found.append("No action latency is evaluated.")
@@ -272,10 +264,6 @@ class PanelSpec(Stated):
         faults = {cell.name: fault for cell, fault in varied if cell and fault}
         found += self.unmade
         found += [f"There is no cell {name!r}: {fault}." for name, fault in faults.items()]
-        found += [
-            f"Engine {name} is not installed, so it is left out: {install_command(name)}."
-            for name in self.left_out
-        ]
         setup = self.nominal
         if setup.settings.duration < setup.task.goal_stay:
             found.append(
@@ -301,22 +289,13 @@ class PanelSpec(Stated):
         """Cells of variations, each with what is wrong with it, if anything."""
         truths = tuple(map(self.testbed.truth, (d.control_period for d in own)))
         named: dict[Any, Sequence[Any]] = {"home": own, "truth": truths or (self.reference,)}
-        for variation in self.variations:
-            for at in variation.at:
-                for place in filter(None, dict.fromkeys(named.get(at, (at,)))):
-                    cell = self._vary(place, variation, stated=place is at)
-                    if cell is not None:
-                        yield cell, timing_fault(cell.arguments(self.environment))
-                    elif {*variation.changes} == {"solver"} and not has_solver(
-                        place.engine, place.integrator
-                    ):
-                        yield (
-                            None,
-                            (
-                                f"{place.integrator} has no solver; choose an integrator that "
-                                "`integ-gym engines` lists with one"
-                            ),
-                        )
+        for variation, at in ((one, at) for one in self.variations for at in one.at):
+            for place in filter(None, dict.fromkeys(named.get(at, (at,)))):
+                solves = has_solver(place.engine, place.integrator)
+                if {*variation.changes} == {"solver"} and not solves:
+                    yield None, f"{place.integrator} has no solver; {_WITH_SOLVER}"
+                elif cell := self._vary(place, variation, stated=place is at):
+                    yield cell, timing_fault(cell.arguments(self.environment))
 
     def _vary(
         self, place: Discretization, variation: Variation, stated: bool = False
@@ -328,24 +307,20 @@ class PanelSpec(Stated):
         """
         nominal = self.nominal.arguments()
         arguments = {**place.arguments(), **variation.changes}
-        there: Discretization | None
         there = Discretization(**{name: arguments.pop(name) for name in DISCRETIZATION})
         changes = {k: x for k, x in arguments.items() if not _is_same(nominal.get(k), x)}
-        stated = stated and not changes
         if place == self.testbed.truth(place.control_period):
-            period = there.control_period
-            only = there == replace(place, control_period=period)
-            there = self.testbed.truth(period) if only else None
-        if there is not None and not has_solver(there.engine, there.integrator):
+            if there != replace(place, control_period=there.control_period):
+                return None
+            there = self.testbed.truth(there.control_period) or there
+        if not has_solver(there.engine, there.integrator):
             changes.pop("solver", None)
-        if there is None or (there == place and not changes and not stated):
+        if there == place and not changes and not stated:
             return None
-        name = variation.name
-        if name == changes_name(variation.changes):
-            name = changes_name(changes)
-        at, where = (place_name(one, self.control_period) for one in (place, there))
-        told = f"{where}, {name}" if changes else where
-        varied = {"environment": changes, "variation": variation.name, "at": at}
+        named = variation.name != changes_name(variation.changes)
+        name = variation.name if named else changes_name(changes)
+        told = self.name_of(there) + (f", {name}" if changes else "")
+        varied = {"environment": changes, "variation": variation.name, "at": self.name_of(place)}
         return self._cell(there, "varied", name=told, **varied)
 
     def _separated(self, home: Discretization, varied: Sequence[Cell]) -> Iterator[Cell]:
@@ -358,7 +333,7 @@ class PanelSpec(Stated):
                 rest = {k: x for name, own in axes.items() if name != axis for k, x in own.items()}
                 for changes in (alone, rest):
                     found = self._vary(home, Variation(changes_name(changes), changes))
-                    if found is not None and _can_be_made(self.testbed, found):
+                    if found and _can_be_made(self.testbed, found.discretization, found.changes):
                         yield found
 
     def _ladder(self, home: Home | None) -> tuple[Cell, ...]:
@@ -366,8 +341,8 @@ class PanelSpec(Stated):
         fixed = self.testbed.control_period is not None
         if fixed or not self.ladder or not isinstance(home, Discretization):
             return ()
-        steps = [home.dt / 2.0, home.dt / 4.0]
-        return tuple(self._cell(replace(home, dt=dt, control_period=dt), "ladder") for dt in steps)
+        finer = (replace(home, dt=dt, control_period=dt) for dt in (home.dt / 2.0, home.dt / 4.0))
+        return tuple(self._cell(place, "ladder") for place in finer)
 
     def engine_versions(self) -> dict[str, str]:
         """Version of the distribution behind each foreign engine that is used."""
@@ -402,30 +377,23 @@ class PanelSpec(Stated):
         return {name: digest for name, digest in hashes.items() if digest is not None}
 
 
-def _can_be_made(testbed: Testbed, cell: Cell) -> bool:
-    """Whether its times fit and the engine has the settings of its solver, if it names some."""
-    fits = timing_fault(cell.arguments(testbed.arguments)) is None
-    changes = cell.changes if "solver" in cell.environment else None
-    return fits and (changes is None or _takes(testbed, cell.discretization, changes))
-
-
 @lru_cache(maxsize=1024)
-def _takes(testbed: Testbed, place: Discretization, changes: str) -> bool:
-    """Whether an environment can be made with changes, as :attr:`Cell.changes`."""
+def _can_be_made(testbed: Testbed, place: Discretization, changes: str | None) -> bool:
+    """Whether times fit, and the engine has the settings of a solver among :attr:`Cell.changes`."""
+    cell = Cell.of(place, "varied", environment=json.loads(changes or "{}"))
     try:
-        setup_of(testbed, Cell.of(place, "varied", environment=json.loads(changes)))
+        if "solver" in cell.environment:
+            setup_of(testbed, cell)
     except InputError:
         return False
-    return True
+    return timing_fault(cell.arguments(testbed.arguments)) is None
 
 
 def _is_same(own: Any, value: Any) -> bool:
     """Whether a value is an argument's own; a delay of 0 s is none."""
-    if isinstance(value, (int, float)) and isinstance(own, (int, float, NoneType)):
-        return math.isclose(float(own or 0.0), float(value), rel_tol=1e-12)
     if isinstance(own, Mapping) and isinstance(value, Mapping):
-        return all(_is_same(own.get(name), one) for name, one in value.items())
-    return bool(own == value)
+        return bool({**own, **value} == own)
+    return bool(own == value or (own is None and value == 0))
 
 
 def _each_once(*cells: Cell) -> tuple[Cell, ...]:
@@ -470,21 +438,14 @@ def check_parts(spec: PanelSpec) -> None:
     columns = [cell.name for cell in spec.columns()]
     homes = {spec.name_of(home): home for home in spec.train}
     mixtures = [home.name for home in spec.train if isinstance(home, DiscretizationMixture)]
-    named: list[tuple[str, Sequence[Any]]] = [
-        ("seeds", spec.seeds),
-        ("train", [spec.name_of(home) for home in spec.train]),
-        ("baselines", spec.baselines),
-        ("variations", [one.name for one in spec.variations]),
-        ("family", spec.family),
-        ("compare", spec.compare),
-        *(("cells", [cell.name for cell in cells]) for cells in every),
-        (
-            "names of rows, cells and baselines, as files have them",
-            list(map(file_name, (*columns, *mixtures, *spec.baselines))),
-        ),
-    ]
-    for label, values in named:
-        check_unique(label, values)
+    for label in ("seeds", "baselines", "family", "compare"):
+        check_unique(label, getattr(spec, label))
+    check_unique("train", list(map(spec.name_of, spec.train)))
+    check_unique("variations", [one.name for one in spec.variations])
+    for cells in every:
+        check_unique("cells", [cell.name for cell in cells])
+    files = list(map(file_name, (*columns, *mixtures, *spec.baselines)))
+    check_unique("names of rows, cells and baselines, as files have them", files)
     check_variations(spec, spec.trained_on())
     for cell in {cell.name: cell for cells in every for cell in cells}.values():
         setup_of(spec.testbed, cell)
@@ -573,7 +534,7 @@ class SweepTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """
 
     argument: Name
-    values: Annotated[list[Finite], msgspec.Meta(min_length=2)]
+    values: Annotated[list[float], msgspec.Meta(min_length=2)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -601,19 +562,15 @@ def schema_text() -> str:
     return published_text({**head, **whole, "$defs": parts})
 
 
-def built_in_spec(name: str = "quick") -> PanelSpec:
-    """A panel that comes with the package."""
-    return read_spec(Path(__file__).with_name("built_in") / f"{name}.toml")
-
-
-def read_spec(path: Path) -> PanelSpec:
-    """Read a specification from a TOML file.
+def read_spec(path: Path | str) -> PanelSpec:
+    """Read a specification from a TOML file, or by the name of a built-in one.
 
     Raises:
         SpecError: if the file cannot be read, or is no valid specification.
     """
     others = f", or a built-in panel: {', '.join(BUILT_IN)}"
-    return parse_spec(read_toml(path, others), source=str(path))
+    own = Path(__file__).with_name("built_in") / f"{path}.toml" if path in BUILT_IN else Path(path)
+    return parse_spec(read_toml(own, others), source=str(own))
 
 
 def read_toml(path: Path, others: str = "") -> dict[str, Any]:
@@ -663,7 +620,6 @@ def _parse(data: Mapping[str, Any]) -> PanelSpec:
     nominal = nominal_setup(testbed, home.control_period)
     grid, variations, unmade = evaluation_cells(stated.evaluate, home)
     swept = [{"at": ["home", "truth"], x.argument: sorted(x.values)} for x in stated.sweep]
-    installed = any(entry.get("engine") == INSTALLED for entry in stated.evaluate)
     train, parts = training_homes(stated.train, home), tuple(many(stated.episodes))
     standard = standard_variations(nominal) if stated.perturbations is None else ()
     possible = possible_baselines(nominal, testbed.controller)
@@ -682,5 +638,4 @@ def _parse(data: Mapping[str, Any]) -> PanelSpec:
         episodes=sum(parts),
         episode_parts=parts if len(parts) > 1 else (),
         unmade=unmade,
-        left_out=absent_engines() if installed else (),
     )

@@ -531,7 +531,7 @@ def live_of(
     for name in dict.fromkeys([*asked, *(cell.name for cell in others)]):
         cell = panel.cell(name)
         known = cell.engine == NATIVE and cell.integrator in INTEGRATORS.names()
-        if not known or not cell.plain or len(scripts) == MOST_CELLS:
+        if not known or cell.kind == "varied" or len(scripts) == MOST_CELLS:
             continue
         try:
             own = environment_setup(env_id, cell.arguments(panel.spec.get("environment", {})))

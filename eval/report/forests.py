@@ -325,7 +325,7 @@ def _paired(
     blocks: dict[str, list[Line]] = {}
     compared = [(one, found) for one in panel.paired if (found := one.difference(measure))]
     for one, (value, p) in compared:
-        what = "discretizations" if panel.cell(one.cell).plain else "variations"
+        what = "variations" if panel.cell(one.cell).kind == "varied" else "discretizations"
         where = "at home" if one.against == "home" else panel.at_yardstick
         heading = f"{one.row}, {one.episodes} starts: {what} against what it does {where}"
         interval = f"{' to '.join(map(show, value.ends))}, " if value.bounded else ""

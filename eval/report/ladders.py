@@ -145,7 +145,7 @@ def _ladder(panel: Panel, row: Row) -> Ladder | None:
     engines = {"native", *(cell.engine for cell in panel.cells if cell.name in row.shares)}
     for cell in panel.cells:
         entry = panel.entry(row.name, cell.name) if cell.engine in engines else None
-        if entry is None or not cell.plain or cell.kind == "limit":
+        if entry is None or cell.kind in ("varied", "limit"):
             continue
         if are_close(cell.control_period, cell.dt):
             following.setdefault(cell.scheme, {}).setdefault(cell.dt, entry)

@@ -148,12 +148,8 @@ def main(argv: Sequence[str]) -> int:
             )
         printed.print_power(spec, arguments.out)
         return 0
-    if spec.left_out:
-        print_wrapped(
-            f"Not installed, and left out: {', '.join(spec.left_out)}; docs/reference/engines.md "
-            "says how each is installed.",
-            sys.stderr,
-        )
+    if spec.unmade:
+        print_wrapped(" ".join(spec.unmade), sys.stderr)
     if arguments.plan:
         printed.print_plan(spec, workers_of(arguments), trains=arguments.policies is None)
         return 0

@@ -133,10 +133,10 @@ def print_power(spec: PanelSpec, out: Path | None) -> None:
         print_wrapped(f"Panel {spec.name} declares no transfers, so there is nothing to decide.")
         return
     print_wrapped(
-        f"Panel {spec.name}: {power.family} declared transfers, {power.seeds} training seeds with "
-        f"{spec.episodes} starts each, {power.natives} seeds of natives at least. Chance of each "
-        "verdict by true overfitting, lowest and highest of three simulated worlds (seeds that are "
-        "all or nothing, that vary smoothly, a mixture):",
+        f"Panel {spec.name}: {len(spec.family)} declared transfers, {power.seeds} training seeds "
+        f"with {spec.episodes} starts each, {power.natives} seeds of natives at least. Chance of "
+        "each verdict by true overfitting, lowest and highest of three simulated worlds (seeds "
+        "that are all or nothing, that vary smoothly, a mixture):",
     )
     print_columns(
         ("overfitting", "transfers", "fails"),

@@ -24,7 +24,7 @@ from integ_gym.eval import watch as of_policy
 from integ_gym.eval.panel import existing
 from integ_gym.eval.panel import run as calls
 from integ_gym.eval.panel.claims import parse_claim
-from integ_gym.eval.panel.spec import built_in_spec
+from integ_gym.eval.panel.spec import read_spec
 from integ_gym.support.executors import Resources
 from integ_gym.train import command as training
 
@@ -268,7 +268,7 @@ APPLIED: dict[str, dict[str, Any]] = {
         "on_home": lambda line: None, "limit": True, "engines": ["mujoco"],
     },
     "panelled": {
-        "spec": replace(built_in_spec("quick"), episodes=3), "out": "elsewhere", "workers": 3,
+        "spec": replace(read_spec("quick"), episodes=3), "out": "elsewhere", "workers": 3,
         "progress": False, "policies": "x", "command": "mine", "staged": False,
     },
 }  # fmt: skip

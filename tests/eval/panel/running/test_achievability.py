@@ -11,10 +11,10 @@ import pytest
 from integ_gym.eval.panel.achieve import tried
 from integ_gym.eval.panel.evaluate import statuses
 from integ_gym.eval.panel.run_directory import RunDirectory, RunDirectoryError
-from integ_gym.eval.panel.spec import built_in_spec
+from integ_gym.eval.panel.spec import read_spec
 from integ_gym.eval.verdict import Search
 
-WHOLE = replace(built_in_spec(), episodes=5, episode_parts=(3, 2))
+WHOLE = replace(read_spec("quick"), episodes=5, episode_parts=(3, 2))
 CELL = WHOLE.columns()[0]
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from integ_gym.eval.panel.run import run_panel
-from integ_gym.eval.panel.spec import built_in_spec
+from integ_gym.eval.panel.spec import read_spec
 
 ROOT = Path(__file__).parents[4]
 SUMMARY = json.loads((ROOT / "docs" / "quick_panel.json").read_text(encoding="utf-8"))
@@ -33,7 +33,7 @@ def test_the_tables_are_those_of_the_saved_run(tables):
 
 
 def test_the_saved_run_is_of_the_panel_that_is_built_in():
-    spec = built_in_spec()
+    spec = read_spec("quick")
     assert {row["row"]: row["seeds"] for row in SUMMARY["rows"]} == {
         home.name: len(spec.seeds_of(home)) for home in spec.train
     }
@@ -45,7 +45,7 @@ def test_the_saved_run_is_of_the_panel_that_is_built_in():
 @pytest.mark.slow
 def test_a_run_with_other_seeds_falls_into_the_saved_intervals(tmp_path):
     """Three seeds of each declared row; intervals are over seeds and starts on both sides."""
-    quick = built_in_spec()
+    quick = read_spec("quick")
     declared = {row for row, _ in quick.family}
     train = tuple(home for home in quick.train if home.name in declared)
     spec = replace(

@@ -16,7 +16,7 @@ from integ_gym.eval.panel.run_directory import (
     RunDirectoryError,
     Seen,
 )
-from integ_gym.eval.panel.spec import TRAINERS, built_in_spec
+from integ_gym.eval.panel.spec import TRAINERS, read_spec
 from integ_gym.support.files import read_files
 
 
@@ -46,7 +46,7 @@ def test_a_run_depends_on_what_its_trainer_does_and_not_on_what_else_is_installe
     trainer, tmp_path
 ):
     """All trainers are installed here; a fleet's run is gone on with where they come later."""
-    spec = replace(built_in_spec(), trainer=trainer)
+    spec = replace(read_spec("quick"), trainer=trainer)
     versions = RunDirectory(tmp_path / "run", spec.to_json()).versions()
     assert versions.keys() == {"python", *PACKAGES, *TRAINERS[trainer]}
     assert set(TRAINERS["sb3"]).isdisjoint(PACKAGES)
