@@ -2,39 +2,20 @@
 
 from __future__ import annotations
 
-import difflib
 import itertools
-import math
-import re
-from collections import Counter, defaultdict
-from collections.abc import Iterator, Mapping, Sequence
-from importlib import resources
-from pathlib import Path
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
 from typing import Any, Final, Literal, TypeAlias
 
 import numpy as np
 from msgspec.structs import replace
 
-from integ_gym.support.errors import InputError, translate_errors
-from integ_gym.support.files import read_bounded, read_json
-from integ_gym.support.optional import load, package_version
-from integ_gym.support.pages import page_parts
-from integ_gym.support.terminal import fixed, plural
+from integ_gym.support.errors import InputError
+from integ_gym.support.terminal import fixed
 
 from . import statistics as stats
 from . import verdict
-from .report.forests import RATE_AXIS, Axis, Line, Mark, difference_axis, value_axis
-from .report.page import report_environment
-
-MEASURES: Final = ("success", "return")
-"""What is measured of an episode; the first that both have is compared."""
-
-COLUMNS: Final = ("policy", "seed", "episode", "condition", "home", *MEASURES)
-"""Columns of a table of results, one line an episode; `policy` and a measure are needed."""
-
-_NEEDED: Final = "name its columns policy, seed, episode, condition, and success or return"
-_NEAR: Final = 0.75
-"""Likeness from which on a column is taken for a misspelt one."""
+from .result_files import MEASURES, Row, Rows
 
 STATUS_WORDS: Final = {
     "shown": "shown", "undecided": "not shown", "unsolved": "neither succeeds",
@@ -43,9 +24,6 @@ STATUS_WORDS: Final = {
 """Of a difference; the last two are uninformative, as in `compare_policies`."""
 
 Status: TypeAlias = Literal["shown", "undecided", "unsolved", "too_few_seeds"]
-Row: TypeAlias = dict[str, Any]
-"""An episode: `COLUMNS` to values, of which ``seed`` and what was not measured may be None."""
-Rows: TypeAlias = Sequence[Row]
 
 
 class Judged(stats.Part, frozen=True):
@@ -93,123 +71,6 @@ class Judgement(stats.Part, frozen=True):
     judged: tuple[Judged, ...]
     policies: tuple[Compared, ...]
     losses: tuple[Compared, ...]
-
-
-def read_results(words: Sequence[str]) -> Rows:
-    """Episodes of files.
-
-    Args:
-        words: paths of tables (``.csv``, ``.parquet``, or ``.json`` as a list of objects), of
-            LeRobot's ``eval_info.json`` or of what Isaac Lab's ``robust_eval.py`` writes;
-            ``NAME=PATH`` names the policy of a file that names none; an ``eval_info.json`` has the
-            name of its folder. Files of one name are training seeds of one policy.
-
-    Raises:
-        ValueError: in one sentence with the remedy, for a file of another form.
-    """
-    found: list[Row] = []
-    seeds: Counter[str] = Counter()
-    for word in dict.fromkeys(words):
-        name, _, rest = word.rpartition("=")
-        path = Path(rest)
-        if not path.is_file():
-            raise InputError(f"there is no file {path}; give a table of results, or NAME=FILE")
-        rows = _read(path)
-        if path.name == "eval_info.json":
-            name = name or path.absolute().parent.name
-        if name and rows and "policy" not in rows[0]:
-            rows = [{"policy": name, "seed": seeds[name], **row} for row in rows]
-        found += _checked(rows, path)
-        seeds[name] += 1
-    return found
-
-
-def _read(path: Path) -> list[Row]:
-    if path.suffix in (".csv", ".parquet"):
-        kind = path.suffix[1:]
-        with translate_errors(f"cannot read {path}; save it again as CSV or Parquet"):
-            module = load(f"pyarrow.{kind}", "report")
-            table = module.read_csv(path) if kind == "csv" else module.read_table(path)
-            return list(table.to_pylist())
-    if path.suffix != ".json":
-        return list(_isaac_lab_rows(read_bounded(path).decode(errors="replace"), path))
-    content = read_json(path, "write it again")
-    if isinstance(content, dict):
-        return list(_lerobot_rows(content, path))
-    if not isinstance(content, list) or not all(isinstance(row, dict) for row in content):
-        raise InputError(f"{path} holds no list of objects; {_NEEDED}")
-    return content
-
-
-def _lerobot_rows(content: Mapping[str, Any], path: Path) -> Iterator[Row]:
-    """Of ``lerobot-eval``: lists for each task, in earlier versions an entry for each episode."""
-    try:
-        for task in content.get("per_task", ()):
-            both = task["metrics"]["successes"], task["metrics"]["sum_rewards"]
-            for pair in zip(*both, strict=True):
-                place = f"{task['task_group']} {task['task_id']}"
-                yield {"condition": place, **dict(zip(MEASURES, pair, strict=True))}
-        for one in content.get("per_episode", ()):
-            yield {"success": one["success"], "return": one["sum_reward"]}
-    except (KeyError, TypeError, ValueError):
-        raise InputError(f"{path} is no whole eval_info.json of lerobot-eval; {_NEEDED}") from None
-
-
-_ISAAC_LAB: Final = re.compile(
-    r"Evaluation setting: (?P<condition>\S+)|\[Model: (?P<policy>.+)\] Trial \d+: (?P<success>\w+)"
-)
-
-
-def _isaac_lab_rows(text: str, path: Path) -> Iterator[Row]:
-    """Of Isaac Lab's ``robust_eval.py``; the seed in the file's name is that of the starts."""
-    condition = None
-    for found in filter(None, map(_ISAAC_LAB.match, text.splitlines())):
-        condition = found["condition"] or condition
-        if found["policy"]:
-            success = found["success"] == "True"
-            yield {"policy": found["policy"], "condition": condition, "success": success}
-    if condition is None:
-        raise InputError(f"{path} is no .csv, .parquet, .json or log of robust_eval.py; {_NEEDED}")
-
-
-def _checked(rows: Rows, path: Path) -> list[Row]:
-    columns = list(rows[0]) if rows else []
-    for column in {*columns} - {*COLUMNS}:
-        near = difflib.get_close_matches(column, {*COLUMNS} - {*columns}, 1, _NEAR)
-        if near:
-            raise InputError(f"{path} has a column {column!r}; name it {near[0]!r}")
-    if "policy" not in columns or not {*MEASURES} & {*columns}:
-        lacks = "column policy" if {*MEASURES} & {*columns} else "success and no return"
-        raise InputError(f"{path} has no {lacks if rows else 'episode'}; {_NEEDED}")
-    numbered = Counter(tuple(str(row.get(name)) for name in COLUMNS[:4]) for row in rows)
-    for key, count in numbered.items():
-        if count > 1 and "episode" in columns:
-            raise InputError(f"{path} has {', '.join(key)} {count} times; number the episodes")
-    return [
-        {
-            "policy": str(row["policy"]),
-            "seed": row.get("seed"),
-            "condition": str(row.get("condition") or "all"),
-            "home": row.get("home"),
-            **{name: _number(row, name, path, place) for name in MEASURES},
-        }
-        for place, row in enumerate(rows, 1)
-    ]
-
-
-def _number(row: Row, name: str, path: Path, place: int) -> float | None:
-    if name not in row:
-        return None
-    try:
-        number = float(row[name])
-    except (TypeError, ValueError):
-        number = math.nan
-    if math.isfinite(number) and (name != "success" or 0.0 <= number <= 1.0):
-        return number
-    wanted = "true, false or a share from 0 to 1" if name == "success" else "a finite number"
-    raise InputError(
-        f"{path} has {name} {row[name]!r} in row {place}, not {wanted}; mend it or leave it out"
-    )
 
 
 def judge(rows: Rows, home: str | None = None) -> Judgement:
@@ -269,13 +130,11 @@ def units(rows: Rows, measure: str) -> stats.Floats:
 
 def _judge_cell(policy: str, condition: str, rows: Rows) -> Judged:
     rates, returns = (units(rows, measure) for measure in MEASURES)
-    found = {
-        "success": stats.rate_interval(rates, draws=stats.draws_for(rates.size))
-        if rates.size
-        else None,
-        "return": stats.mean_interval(returns),
-    }
-    known = {measure: estimate for measure, estimate in found.items() if estimate}
+    known = {}
+    if rates.size:
+        known["success"] = stats.rate_interval(rates, draws=stats.draws_for(rates.size))
+    if mean := stats.mean_interval(returns):
+        known["return"] = mean
     return Judged(policy, condition, len({row["seed"] for row in rows}), len(rows), known)
 
 
@@ -396,56 +255,3 @@ def limitations(found: Judgement) -> list[str]:
         split,
     }  # fmt: skip
     return [line for line, applies in lines.items() if applies]
-
-
-def render_judgement(found: Judgement, command: str) -> str:
-    """The page of a judgement: one HTML file that opens offline.
-
-    Raises:
-        ModuleNotFoundError: if jinja2 is not installed, with the command that installs it.
-    """
-    text = resources.files(__package__).joinpath("judge.html.j2").read_text("utf-8")
-    page: str = report_environment().from_string(text).render(
-        **page_parts(),
-        answer=answer_of(found),
-        forests=list(_forests(found)),
-        limitations=limitations(found),
-        command=command,
-        version=package_version("integ-gym"),
-    )  # fmt: skip
-    return page
-
-
-def _forests(found: Judgement) -> Iterator[tuple[str, Axis, list[Line]]]:
-    """Title, axis and lines of each figure of the page."""
-    for name in MEASURES:
-        judged = [one for one in found.judged if name in one.estimates]
-        values = [one.estimates[name] for one in judged]
-        lines = [
-            _line(one.policy, one.condition, value,
-                  f"{plural(one.seeds, 'seed')}, {plural(one.episodes, 'episode')}")
-            for one, value in zip(judged, values, strict=True)
-        ]  # fmt: skip
-        yield name.title(), RATE_AXIS if name == "success" else value_axis(values), lines
-        axis = difference_axis if name == "success" else value_axis
-        for title, group in (("Lost from home", found.losses), ("Policies", found.policies)):
-            own = [one for one in group if one.measure == name]
-            lines = [
-                _line(one.place, f"{one.first} − {one.second}", one.difference, _note(one))
-                for one in own
-            ]
-            yield f"{title}: {name}", axis([one.difference for one in own]), lines
-
-
-def _note(one: Compared) -> str:
-    split = {"difficulty": one.difficulty, "rest": one.rest}
-    parts = [f"{name} {value}" for name, value in split.items() if value]
-    return ", ".join([STATUS_WORDS[one.status], verdict.p_text(one.p_adjusted), *parts])
-
-
-def _line(row: str, cell: str, value: stats.Estimate, note: str) -> Line:
-    ends = " to ".join(map(fixed, value.ends)) if value.bounded else ""
-    return Line(
-        row, cell, (row, cell), (Mark(value, "accent"),), fixed(value.estimate), ends,
-        f"{row}, {cell}: {value}", note,
-    )  # fmt: skip

@@ -15,7 +15,8 @@ import pytest
 from integ_gym.cli import main
 from integ_gym.eval import statistics as stats
 from integ_gym.eval import verdict
-from integ_gym.eval.judge import judge, limitations, read_results
+from integ_gym.eval.judge import judge, limitations
+from integ_gym.eval.result_files import read_results
 from integ_gym.support.errors import InputError
 
 PLACES = {"sim": (0.95, 0.7), "real": (0.2, 0.9)}
