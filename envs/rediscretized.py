@@ -203,7 +203,12 @@ def rediscretize(
     >>> env.setup.timing.control_period, env.setup.timing.substeps
     (0.04, 4)
     """
-    return RediscretizedEnv(**locals())
+    return RediscretizedEnv(
+        env, solver, integrator=integrator, dt=dt, success_return=success_return,
+        control_period=control_period, action_latency=action_latency,
+        observation_latency=observation_latency, latency_jitter=latency_jitter,
+        hold_probability=hold_probability,
+    )  # fmt: skip
 
 
 class RediscretizedEnv(ForeignWrapper):
