@@ -46,6 +46,11 @@ def pytest_configure() -> None:
     os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=1")
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """What takes longest begins first: no process waits for the last test of another."""
+    items.sort(key=lambda item: "reliability" not in item.nodeid)
+
+
 def pytest_collection_finish() -> None:
     """Programs that JAX compiles are kept where the fleet trainer keeps its own.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, Final, get_type_hints
 
 import msgspec
@@ -128,7 +128,7 @@ def contradictions(held: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[
     for lost in _missing_entries(held, now):
         yield f"it has {lost}, which is missing now"
     one, other = _episode_parts(held), _episode_parts(now)
-    if not one or other[: len(one)] != one:
+    if other[: len(one)] != one or (other and not one):
         yield f"`episodes` {_sum_words(one)} (now {_sum_words(other)})"
     same = {name: now.get(name) for name in (GROWING, *EPISODES, *WORDS, *_LISTS)}
     yield from _differences({**held, **same}, {**now, **same})
@@ -254,32 +254,20 @@ def inputs(spec: PanelSpec, cells: Iterable[Cell]) -> dict[str, Any]:
     return {**shared, "sources": sources}
 
 
-@dataclass(frozen=True)
-class FamilyPower:
-    """Power of a panel's declared transfers.
-
-    Attributes:
-        seeds: of the rows that they name.
-        natives: seeds of the row with the fewest that was trained in a cell that they name.
-        power: by true overfitting.
-        fewest: seeds with which `transfers` can be shown where every episode succeeds.
-    """
-
-    seeds: int
-    natives: int
-    power: tuple[Power, ...]
-    fewest: int
-
-
-def family_power(spec: PanelSpec, before: Sequence[Look] = ()) -> FamilyPower | None:
-    """Power of a panel's declared transfers, simulated; None without any.
+def family_power(
+    spec: PanelSpec, before: Sequence[Look]
+) -> tuple[int, int, tuple[Power, ...], int]:
+    """Power of a panel's declared transfers, simulated.
 
     Args:
-        spec: the panel.
+        spec: the panel, which declares some.
         before: earlier looks at its verdicts.
+
+    Returns:
+        The fewest seeds of the rows that they name, and of the rows that were trained in cells that
+        they name; power by true overfitting; and the seeds with which `transfers` can be shown
+        where every episode succeeds.
     """
-    if not spec.family:
-        return None
     seen = (
         Shares(look.level_exceeds / ALPHA, look.level_equivalent / ALPHA)
         if look.adopted
@@ -291,4 +279,4 @@ def family_power(spec: PanelSpec, before: Sequence[Look] = ()) -> FamilyPower | 
     seeds = min(counts[row] for row, _ in spec.family)
     natives = min((counts[cell] for _, cell in spec.family if cell in counts), default=0)
     found = verdict_chances(seeds, natives, spec.episodes, len(spec.family), looks)
-    return FamilyPower(seeds, natives, found, fewest_seeds(len(spec.family), looks))
+    return seeds, natives, found, fewest_seeds(len(spec.family), looks)

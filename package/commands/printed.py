@@ -128,26 +128,26 @@ def print_power(spec: PanelSpec, out: Path | None) -> None:
     """
     finished = read_panel(out / FILE_NAME) if out and (out / FILE_NAME).exists() else None
     before = [] if finished is None else _seen_before(spec, finished)
-    power = family_power(spec, before)
-    if power is None:
+    if not spec.family:
         print_wrapped(f"Panel {spec.name} declares no transfers, so there is nothing to decide.")
         return
+    seeds, natives, power, fewest = family_power(spec, before)
     print_wrapped(
-        f"Panel {spec.name}: {len(spec.family)} declared transfers, {power.seeds} training seeds "
-        f"with {spec.episodes} starts each, {power.natives} seeds of natives at least. Chance of "
+        f"Panel {spec.name}: {len(spec.family)} declared transfers, {seeds} training seeds "
+        f"with {spec.episodes} starts each, {natives} seeds of natives at least. Chance of "
         "each verdict by true overfitting, lowest and highest of three simulated worlds (seeds "
         "that are all or nothing, that vary smoothly, a mixture):",
     )
     print_columns(
         ("overfitting", "transfers", "fails"),
-        [(f"{one.overfitting:g}", _range(one.transfers), _range(one.fails)) for one in power.power],
+        [(f"{one.overfitting:g}", _range(one.transfers), _range(one.fails)) for one in power],
         right=(True, True, True),
     )
     print_wrapped(
-        f"`transfers` takes {power.fewest} seeds or more: with fewer it cannot be shown, even "
+        f"`transfers` takes {fewest} seeds or more: with fewer it cannot be shown, even "
         "where every episode succeeds."
-        if power.seeds < power.fewest
-        else f"`transfers` can be shown: it takes {power.fewest} seeds where all episodes succeed.",
+        if seeds < fewest
+        else f"`transfers` can be shown: it takes {fewest} seeds where all episodes succeed.",
     )
     if spec.looks:
         print_wrapped(

@@ -73,7 +73,14 @@ HERE = {
     ),
     "how-to/policies.md": (
         OWN,
-        {"100_000": "512", "10_000": "256", "discretization_gap(act": "discretization_gap(policy"},
+        {
+            "100_000": "512",
+            "10_000": "1_500",
+            'out="runs/mine"': 'out="runs/mine", episodes=2',
+            'home="stock")\nmodel': 'home="stock", episodes=2)\nmodel',
+            "discretization_gap(act": "discretization_gap(policy",
+            '"stock").items()': '"stock", episodes=2).items()',
+        },
     ),
     "how-to/questions.md": ("", {}),
     "how-to/versions.md": ("", {}),

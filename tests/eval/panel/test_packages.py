@@ -212,7 +212,6 @@ def test_another_mujoco_judges_in_an_interpreter_that_uv_makes(tmp_path, monkeyp
         assert {json.loads(row["package_versions"])["mujoco"] for row in there} == {"3.1.0"}
         assert {row["engine_version"] for row in rows if row not in there} != {"3.1.0"}
         found.append(rows)
-        assert main(["evidence", "verify", str(out), "--all", "--exact", "--no-progress"]) == 0
         monkeypatch.setenv("UV_OFFLINE", "1")
     assert found[0] == found[1]
     shutil.rmtree(interpreters_folder())

@@ -24,11 +24,10 @@ PRECISE = ("mujoco", "drake", "pinocchio", "dart", "pybullet")
 
 
 @pytest.fixture(scope="module")
-def alike(tmp_path_factory):
+def alike(made_once):
     """Directory of a finished panel: one trained policy on every installed engine."""
-    out = tmp_path_factory.mktemp("engines") / "out"
-    run_panel(parse_spec(alike_data(), "test"), out, progress=False)
-    return out
+    spec = parse_spec(alike_data(), "test")
+    return made_once("alike", lambda folder: run_panel(spec, folder, progress=False))
 
 
 def _panel(directory):

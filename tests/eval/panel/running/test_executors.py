@@ -76,6 +76,7 @@ def test_a_killed_driver_is_followed_by_another_executors(tmp_path, undisturbed,
     os.kill(driver.pid, signal.SIGKILL)
     driver.join()
     assert not (run / "panel.json").exists()
+    assert main(["report", str(run)]) == 2, "it is not finished"
     kept = {file: file.stat().st_mtime_ns for file in run.glob("units/*.json")}
     again = started(words(tmp_path, run, "--executor", second))
     assert ended(again) == 0

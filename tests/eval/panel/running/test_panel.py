@@ -3,20 +3,13 @@
 from __future__ import annotations
 
 import json
-import os
 import platform
 import shutil
-import signal
-import subprocess
-import sys
-import time
 from pathlib import Path
 
 import numpy as np
 import portalocker
-import psutil
 import pytest
-from shared_panel import PATIENCE
 from small_panel import TOML
 
 from integ_gym.cli import main
@@ -125,33 +118,6 @@ def test_what_a_complete_run_lacks_is_written_and_nothing_redone(run, again, los
     assert (run / lost).exists()
     assert files == {path: path.stat().st_mtime_ns for path in files}
     assert _panel(run)["cost"] == cost
-
-
-@pytest.mark.slow
-def test_a_killed_panel_is_finished_without_losing_or_redoing(tmp_path, panel_directory, capsys):
-    """Killed with SIGKILL in evaluation; the result is that of an unbroken run."""
-    spec = tmp_path / "small.toml"
-    spec.write_text(TOML, encoding="utf-8")
-    out = tmp_path / "out"
-    command = [sys.executable, "-m", "integ_gym.cli", "panel", str(spec), "--out", str(out)]
-    process = subprocess.Popen([*command, "--no-progress"], stdout=subprocess.DEVNULL)
-    while not list(out.glob("evidence/.evaluate-*.tmp")):
-        assert process.poll() is None, "the panel ended before it could be killed"
-        time.sleep(0.01)
-    workers = psutil.Process(process.pid).children(recursive=True)
-    os.kill(process.pid, signal.SIGKILL)
-    process.wait()
-    kept = {p: p.stat().st_mtime_ns for p in (out / "units").glob("*.json")}
-    assert not (out / "panel.json").exists()
-    assert "holds a panel that is not finished" in _fails(capsys, "report", str(out))
-    assert not psutil.wait_procs(workers, timeout=PATIENCE)[1], "they outlive their driver"
-    subprocess.run([*command, "--no-progress"], check=True, stdout=subprocess.DEVNULL)
-    assert kept == {path: path.stat().st_mtime_ns for path in kept}
-    again, unbroken = _panel(out), _panel(panel_directory)
-    same = ("row", "cell", "success_by_seed", "return", "energy_residual", "labels")
-    assert [[e[k] for k in same] for e in again["matrix"]] == [
-        [e[k] for k in same] for e in unbroken["matrix"]
-    ]
 
 
 def _fails(capsys, *arguments: str) -> str:
