@@ -56,11 +56,9 @@ def check_known(kind: str, name: str, valid: Iterable[str]) -> None:
 
 def check_unique(label: str, values: Sequence[Any]) -> None:
     """Refuse a list that holds something twice."""
-    twice = [value for value, count in Counter(values).items() if count > 1]
+    twice = ", ".join(str(value) for value, count in Counter(values).items() if count > 1)
     if twice:
-        raise SpecError(
-            f"`{label}` lists something twice: {', '.join(map(str, twice))}; give each once"
-        )
+        raise SpecError(f"`{label}` lists something twice: {twice}; give each once")
 
 
 def many(value: Any) -> list[Any]:
@@ -81,8 +79,8 @@ def convert(place: str, value: Any, kind: type[T]) -> T:
         return msgspec.convert(value, kind)
     except msgspec.ValidationError as error:
         found, _, path = str(error).partition(" - at `$")
-        for word, plain in (("Object ", "Table "), ("`object`", "`table`"), ("array", "list")):
-            found = found.replace(word, plain)
+        found = found.replace("Object ", "Table ").replace("`object`", "`table`")
+        found = found.replace("array", "list")
         at = (place + path.rstrip("`")).lstrip(".")
         where = f" - at `{at}`" if at else ""
         raise SpecError(f"{found}{where}; docs/reference/panel.md has the format") from None

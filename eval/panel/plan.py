@@ -44,11 +44,8 @@ def planned_spec(plan: Mapping[str, Any]) -> PanelSpec:
     try:
         kinds = get_type_hints(PanelSpec, include_extras=True)
         kinds |= {"trainer": dict[str, str | None], "train": list[dict[str, Any]]}
-        known = {
-            name: convert(name, plan[name], kind)
-            for name, kind in kinds.items()
-            if name not in NO_RESULT and (name in plan or name not in LATER)
-        }
+        told = [n for n in kinds if n not in NO_RESULT and (n in plan or n not in LATER)]
+        known = {name: convert(name, plan[name], kinds[name]) for name in told}
         known["train"] = tuple(map(_home, known["train"]))
         known["trainer"] = known["trainer"].get("name")
         if known["trainer"] not in TRAINERS:
@@ -93,11 +90,8 @@ def _home(entry: dict[str, Any]) -> Home:
 GROWING: Final = "seeds"
 """List to which more may be added at the end."""
 
-EPISODES: Final = ("episodes", "episode_parts")
-"""How many starts there are, to which more may be added, and how many came at a time."""
-
-WORDS: Final = ("question", "sources", "unmade")
-"""What may be another: words for people, and what follows from the lists."""
+MAY_DIFFER: Final = (GROWING, "episodes", "episode_parts", "question", "sources", "unmade")
+"""What grows, words for people, and what follows from the lists."""
 
 
 def additions(held: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[str]:
@@ -108,11 +102,9 @@ def additions(held: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[str]:
         now: the other.
     """
     yield from _missing_entries(now, held)
-    new = list(now.get(GROWING) or ())[len(held.get(GROWING) or ()) :]
-    if new:
+    if new := list(now.get(GROWING) or ())[len(held.get(GROWING) or ()) :]:
         yield f"{GROWING} {', '.join(map(str, new))}"
-    more = sum(_episode_parts(now)) - sum(_episode_parts(held))
-    if more:
+    if more := sum(_episode_parts(now)) - sum(_episode_parts(held)):
         yield f"{plural(more, 'more episode')}{' a seed' if now.get(GROWING) else ''}"
     if held.get("question") != now.get("question"):
         yield "question"
@@ -130,7 +122,7 @@ def contradictions(held: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[
     one, other = _episode_parts(held), _episode_parts(now)
     if other[: len(one)] != one or (other and not one):
         yield f"`episodes` {_sum_words(one)} (now {_sum_words(other)})"
-    same = {name: now.get(name) for name in (GROWING, *EPISODES, *WORDS, *_LISTS)}
+    same = {name: now.get(name) for name in (*MAY_DIFFER, *_LISTS)}
     yield from _differences({**held, **same}, {**now, **same})
 
 
@@ -224,8 +216,7 @@ def with_seed_count(spec: PanelSpec, seeds: int) -> PanelSpec:
         raise SpecError(f"panel {spec.name!r} trains nothing, so it has no seeds to add to")
     if not 1 <= seeds <= MOST_SEEDS:
         raise SpecError(f"a panel takes 1 to {MOST_SEEDS} seeds, got {seeds}")
-    first = max(spec.seeds) + 1
-    new = range(first, first + seeds - len(spec.seeds))
+    new = range(max(spec.seeds) + 1, max(spec.seeds) + 1 + seeds - len(spec.seeds))
     return replace(spec, seeds=(*spec.seeds[:seeds], *new))
 
 

@@ -261,9 +261,8 @@ class PanelSpec(Stated):
         if "action_latency" not in changed:
             found.append("No action latency is evaluated.")
         varied = self.varied(self.trained_on())
-        faults = {cell.name: fault for cell, fault in varied if cell and fault}
-        found += self.unmade
-        found += [f"There is no cell {name!r}: {fault}." for name, fault in faults.items()]
+        lacking = (f"There is no cell {x.name!r}: {fault}." for x, fault in varied if x and fault)
+        found += [*self.unmade, *dict.fromkeys(lacking)]
         setup = self.nominal
         if setup.settings.duration < setup.task.goal_stay:
             found.append(
@@ -338,25 +337,30 @@ class PanelSpec(Stated):
 
     def _ladder(self, home: Home | None) -> tuple[Cell, ...]:
         """Of a single discretization whose control period can follow its step."""
-        fixed = self.testbed.control_period is not None
-        if fixed or not self.ladder or not isinstance(home, Discretization):
+        if self.testbed.control_period or not self.ladder or not isinstance(home, Discretization):
             return ()
         finer = (replace(home, dt=dt, control_period=dt) for dt in (home.dt / 2.0, home.dt / 4.0))
         return tuple(self._cell(place, "ladder") for place in finer)
 
     def engine_versions(self) -> dict[str, str]:
         """Version of the distribution behind each foreign engine that is used."""
-        cells = [cell for home in (*self.train, None) for cell in self.cells_of(home)]
+        cells = (cell for home in (*self.train, None) for cell in self.cells_of(home))
         here = {cell.engine for cell in cells if not cell.packages}
         return engine_versions({d.engine for d in self.trained_on()} | here)
 
     def to_json(self) -> dict[str, Any]:
-        """The specification as plain data, everything resolved."""
+        """The specification as plain data, everything resolved.
+
+        `sources` are SHA-256 of the source of every integrator of the user's own.
+        """
         silent = (*NO_RESULT, *(name for name in LATER if not getattr(self, name)))
         plan = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in silent}
         plan["train"] = list(map(_table_of, self.train))
         packages = {name: package_version(name) for name in TRAINERS.get(self.trainer, ())}
-        plan |= {"trainer": {"name": self.trainer, **packages}, "sources": self._sources()}
+        used = {d.integrator for d in (*self.trained_on(), *self.grid) if ":" in d.integrator}
+        hashes = {name: INTEGRATORS.source_hash(name) for name in sorted(used)}
+        plan["trainer"] = {"name": self.trainer, **packages}
+        plan["sources"] = {name: digest for name, digest in hashes.items() if digest}
         return dict(json.loads(json.dumps(plan, default=msgspec.to_builtins)))
 
     @property
@@ -368,13 +372,6 @@ class PanelSpec(Stated):
     def algorithm(self) -> Algorithm:
         """What learns: PPO where nothing is said."""
         return ALGORITHMS[self.training.get(ALGORITHM, DEFAULT_ALGORITHM)]
-
-    def _sources(self) -> dict[str, str]:
-        """SHA-256 of the source of every integrator of the user's own."""
-        used = (*self.trained_on(), *self.grid)
-        names = {d.integrator for d in used if ":" in d.integrator}
-        hashes = {name: INTEGRATORS.source_hash(name) for name in sorted(names)}
-        return {name: digest for name, digest in hashes.items() if digest is not None}
 
 
 @lru_cache(maxsize=1024)
@@ -599,11 +596,9 @@ def parse_spec(data: Mapping[str, Any], source: str) -> PanelSpec:
         SpecError: for an unknown key or an impossible value, naming ``source``.
     """
     try:
-        spec = _parse(data)
-        check_parts(spec)
+        return _parse(data)
     except (TypeError, ValueError) as error:
         raise SpecError(f"{source}: {error}") from error
-    return spec
 
 
 def _parse(data: Mapping[str, Any]) -> PanelSpec:
@@ -623,7 +618,7 @@ def _parse(data: Mapping[str, Any]) -> PanelSpec:
     train, parts = training_homes(stated.train, home), tuple(many(stated.episodes))
     standard = standard_variations(nominal) if stated.perturbations is None else ()
     possible = possible_baselines(nominal, testbed.controller)
-    return PanelSpec(
+    spec = PanelSpec(
         **{one.name: getattr(stated, one.name) for one in fields(Stated)},
         train=train,
         grid=grid,
@@ -639,3 +634,5 @@ def _parse(data: Mapping[str, Any]) -> PanelSpec:
         episode_parts=parts if len(parts) > 1 else (),
         unmade=unmade,
     )
+    check_parts(spec)
+    return spec
