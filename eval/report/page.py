@@ -1,11 +1,14 @@
-"""The page of a panel: one file that opens offline, with its films and a simulation in it."""
+"""The pages of a panel and of a judgement: one file that opens offline.
+
+A panel's has its films and a simulation in it.
+"""
 
 from __future__ import annotations
 
 import json
 import re
 from collections import Counter, defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC
 from functools import cache, partial
 from importlib import resources
@@ -17,13 +20,16 @@ from urllib.parse import quote
 from integ_gym.evidence.sealing import unbroken_seal
 from integ_gym.support.figures import MARKERS, VIRIDIS
 from integ_gym.support.files import replace_file
-from integ_gym.support.optional import load
+from integ_gym.support.optional import load, package_version
 from integ_gym.support.pages import page_environment, page_parts
 from integ_gym.support.terminal import fixed, nonbreaking, plural, seconds, true_minus
 
 from .. import verdict as rules
+from ..judge import STATUS_WORDS, Compared, Judgement, answer_of, limitations
 from ..panel import conclusions
 from ..panel.result import Failure, Panel
+from ..result_files import MEASURES
+from ..statistics import Estimate
 from ..verdict import PolicyComparison
 from . import forests
 from .episodes import Episodes, read_episodes
@@ -362,3 +368,61 @@ def _settings(panel: Panel) -> list[tuple[str, str]]:
     for group in ("environment", "training"):
         pairs += panel.spec.get(group, {}).items()
     return [(str(name), plain(value)) for name, value in pairs]
+
+
+def render_judgement(found: Judgement, command: str) -> str:
+    """The page of a judgement: one HTML file that opens offline.
+
+    Raises:
+        ModuleNotFoundError: if jinja2 is not installed, with the command that installs it.
+    """
+    page: str = report_environment().get_template("judge.html.j2").render(
+        **page_parts(),
+        answer=answer_of(found),
+        forests=list(_judgement_forests(found)),
+        limitations=limitations(found),
+        command=command,
+        version=package_version("integ-gym"),
+    )  # fmt: skip
+    return page
+
+
+def _judgement_forests(found: Judgement) -> Iterator[tuple[str, forests.Axis, list[forests.Line]]]:
+    """Title, axis and lines of each figure of the page."""
+    for name in MEASURES:
+        judged = [one for one in found.judged if name in one.estimates]
+        values = [one.estimates[name] for one in judged]
+        lines = [
+            _judgement_line(one.policy, one.condition, value,
+                  f"{plural(one.seeds, 'seed')}, {plural(one.episodes, 'episode')}")
+            for one, value in zip(judged, values, strict=True)
+        ]  # fmt: skip
+        yield (
+            name.title(),
+            forests.RATE_AXIS if name == "success" else forests.value_axis(values),
+            lines,
+        )
+        axis = forests.difference_axis if name == "success" else forests.value_axis
+        for title, group in (("Lost from home", found.losses), ("Policies", found.policies)):
+            own = [one for one in group if one.measure == name]
+            lines = [
+                _judgement_line(
+                    one.place, f"{one.first} − {one.second}", one.difference, _difference_note(one)
+                )
+                for one in own
+            ]
+            yield f"{title}: {name}", axis([one.difference for one in own]), lines
+
+
+def _difference_note(one: Compared) -> str:
+    split = {"difficulty": one.difficulty, "rest": one.rest}
+    parts = [f"{name} {value}" for name, value in split.items() if value]
+    return ", ".join([STATUS_WORDS[one.status], rules.p_text(one.p_adjusted), *parts])
+
+
+def _judgement_line(row: str, cell: str, value: Estimate, note: str) -> forests.Line:
+    ends = " to ".join(map(fixed, value.ends)) if value.bounded else ""
+    return forests.Line(
+        row, cell, (row, cell), (forests.Mark(value, "accent"),), fixed(value.estimate), ends,
+        f"{row}, {cell}: {value}", note,
+    )  # fmt: skip

@@ -9,7 +9,7 @@ from pathlib import Path
 import msgspec
 
 from integ_gym.eval.judge import STATUS_WORDS, Judged, answer_of, judge, limitations
-from integ_gym.eval.report.judgement import render_judgement
+from integ_gym.eval.report.page import render_judgement
 from integ_gym.eval.result_files import MEASURES, read_results
 from integ_gym.eval.verdict import p_text
 from integ_gym.support.files import make_folder, replace_file, write_json
