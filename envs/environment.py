@@ -412,7 +412,7 @@ def running_makers() -> list[FrameType]:
 def is_own_horizon(
     limit: int | None, makers: list[FrameType], horizon_of: Callable[[Mapping[str, Any]], int]
 ) -> bool:
-    """Whether a limit is only what the spec of a made environment says, and nobody asked for it.
+    """Whether a limit is only what the spec of a made environment says, and was not asked for.
 
     It is if it is the horizon of the arguments in that spec, and no id of somebody else's is
     registered with it.

@@ -412,11 +412,11 @@ class Repeated(gym.Wrapper[Any, Any, Any, Any], gym.utils.RecordConstructorArgs)
     Args:
         env: whose step is one integration step.
         count: steps of a decision.
-        rewards: what its rewards are; None: nobody said, and they are taken for rates.
+        rewards: what its rewards are; None: not stated, and they are taken for rates.
         stretch: control period over the task's own.
 
     Attributes:
-        rewards_assumed: whether nobody said what the rewards are.
+        rewards_assumed: whether it is assumed what the rewards are.
 
     Raises:
         ValueError: for other rewards.
@@ -810,7 +810,7 @@ class SequentialVectorEnv(SyncVectorEnv[Any, Any], DiscretizedVectorEnv):
         return observations, self._rewards, *ends, self._join(self._told)
 
     def close_extras(self, **kwargs: Any) -> None:
-        """Close every lane and let go of it: whoever holds their records needs no models."""
+        """Close every lane and let go of it: their records need no models."""
         super().close_extras(**kwargs)
         self.envs, self._tasks = (), []  # type: ignore[assignment]
 

@@ -110,7 +110,7 @@ class Contract(Part, frozen=True, kw_only=True):
         first: name of the first; of a panel, the cell that policies were trained in.
         second: name of the second; of a panel, the cell that it is held against.
         states: how many states were compared, each with one action.
-        starts_alone: whether they are starts of the same seeds, for want of a state to be put into.
+        starts_alone: whether they are starts of the same seeds, because no state can be set.
         checks: one for each boundary.
     """
 
@@ -229,7 +229,7 @@ def compare_boundaries(
     def check(name: BoundaryName, inputs: Sequence[Any], comparable: bool = True) -> list[Array]:
         """Compare one boundary; what the first environment says, by state.
 
-        A boundary without its input is one that nobody can say.
+        A boundary without its input is unknown.
         """
         sides = [_evaluate_boundary(getattr(one, name), places, inputs) for one in made]
         silent = tuple(

@@ -466,11 +466,10 @@ class Achieved(stats.Part, frozen=True):
 def achieved(attempts: Sequence[Attempt], search: Search | None) -> Achieved:
     """Status of a cell for a horizon.
 
-    `achievable` if an attempt succeeds from at least half of the starts, whoever makes it: what was
-    done can be done; `too_slow` if one does within two horizons alone; `unachievable` if a search
+    `achievable` if an attempt of any policy succeeds from at least half of the starts; `too_slow` if one does within two horizons alone; `unachievable` if a search
     does not find the goal's energy from more than half of the starts within two horizons;
-    `undecided` otherwise: that nobody has learned proves nothing, and neither does an energy that
-    can be reached.
+    `undecided` otherwise: that no policy has learned proves nothing, and neither does an energy
+    that can be reached.
     """
     best = max(attempts, key=lambda one: one.success, default=None)
     if best is not None and best.success >= ACHIEVED:
@@ -566,7 +565,7 @@ def compare_policies(
 ) -> PolicyComparison:
     """Decide whether the claim "policy A beats policy B" survives refinement.
 
-    A cell is uninformative where either policy has fewer than 5 training seeds, or where nobody
+    A cell is uninformative where either policy has fewer than 5 training seeds, or where neither
     solves it (both mean success rates below 0.05). Rules, the first that fits:
 
     1. `uninformative`: no cell is informative.
@@ -574,7 +573,7 @@ def compare_policies(
        over the informative cells (Holm), since one of many is enough to reject.
     3. `uninformative`: a deciding cell (dt/4 or reference) has too few seeds.
     4. `rejected`: in some deciding cell A is not significantly better; a deciding cell that
-       nobody solves shows no win either. These tests need no correction, since all of them have
+       neither solves shows no win. These tests need no correction, since all of them have
        to succeed (intersection-union test, Berger 1982).
     5. `accepted`.
 

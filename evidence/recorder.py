@@ -111,7 +111,7 @@ class Recorder:
         )
 
     def __del__(self) -> None:
-        """What nobody has any more is written, and others may record the same episodes."""
+        """Write what is no longer in use, and let others record the same episodes."""
         if getattr(self, "_reservation", None) is not None and self._process == os.getpid():
             self._end()
 

@@ -99,7 +99,7 @@ class Reservation:
 
 
 def from_on(first: int) -> range:
-    """All episodes from ``first`` on, for nobody knows where a count ends."""
+    """All episodes from ``first`` on, because the end of a count is unknown."""
     return range(first, sys.maxsize)
 
 
@@ -138,7 +138,7 @@ def _lock_of(path: Path) -> FileLock:
 
 
 def _check_free(own: Path, context: EpisodeContext, wanted: Episodes) -> None:
-    """Refuse what another recorder is open for; what nobody holds any more is removed."""
+    """Refuse what another recorder is open for; what is no longer held is removed."""
     for path in own.parent.glob(f".{_identity(context)}-*{_ENDING}"):
         lock = _lock_of(path)
         if path == own:

@@ -1,6 +1,6 @@
 """Where tasks run: processes of this machine, Ray, Dask, Slurm, or an executor of the user's own.
 
-The driver gives tasks out and takes their results in; whoever runs them knows nothing of the rest.
+The driver gives tasks out and takes their results in; what runs them knows nothing of the rest.
 """
 
 from __future__ import annotations

@@ -175,7 +175,7 @@ def _word(kind: type) -> str:
 _SUFFIX = ".tmp"
 
 LEFTOVER_AGE = 3600.0
-"""A temporary file that nobody has written to for so long was left by a killed writer, s."""
+"""A temporary file not written to for so long was left by a killed writer, s."""
 
 
 def write_once(path: Path, write: Callable[[Path], None]) -> None:
@@ -254,7 +254,7 @@ def remove_leftovers(directory: Path, age: float = LEFTOVER_AGE) -> None:
 
     Args:
         directory: where.
-        age: since when they have not been written to, s; 0 where nobody else writes.
+        age: since when they have not been written to, s; 0 where no other process writes.
     """
     for file in directory.glob(f".*{_SUFFIX}"):
         with suppress(FileNotFoundError):

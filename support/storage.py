@@ -66,7 +66,7 @@ class FileLock:
         """Hold it; False if somebody does, in this process or another.
 
         Args:
-            text: written to the file, for whoever finds it held.
+            text: written to the file, for a process that finds it held.
 
         Raises:
             OSError: if it cannot be made, or its file system knows no locks.
@@ -118,7 +118,7 @@ def _lock(descriptor: int) -> bool:
     """Lock an open file; False if somebody else holds it.
 
     Raises:
-        OSError: if it can be held by nobody.
+        OSError: if it cannot be held.
     """
     locks = load("portalocker", "evidence")
     try:
@@ -440,7 +440,7 @@ def _file_system(url: str) -> Any:
 
 
 def _client_options() -> dict[str, Any]:
-    """What the environment does not tell the client: whoever names a plain endpoint means it."""
+    """What the environment does not tell the client: a plain endpoint that is named is meant."""
     plain = any(os.environ.get(name, "").startswith("http://") for name in ENDPOINTS)
     return {"client_options": {"allow_http": True}} if plain else {}
 

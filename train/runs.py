@@ -34,7 +34,7 @@ Run: TypeAlias = "tuple[C, Path, TrainingEvidence | None]"
 
 
 def no_op(place: int, trained: TrainedPolicy) -> None:
-    """Tell nobody."""
+    """Report nothing."""
 
 
 def check_runs(

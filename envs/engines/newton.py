@@ -150,7 +150,7 @@ class NewtonEngine(MujocoSettings, WarpEngine):
     def here(self) -> Iterator[None]:
         """Warp at work on the CPU, without a word, its kernels without their derivatives.
 
-        Kernels are compiled as they are used here; whoever wants derivatives still gets them.
+        Kernels are compiled as they are used here; derivatives can still be had.
         """
         options, warp = "enable_backward", self._warp
         with super().here():

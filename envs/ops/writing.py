@@ -139,7 +139,7 @@ _WHERE: Final = "where({0}, {1}, {2})"
 
 
 class Writer:
-    """Writes blocks down, leaving out what nobody uses and naming what is used twice."""
+    """Writes blocks down, leaving out what is not used and naming what is used twice."""
 
     def __init__(self, trace: Trace) -> None:
         self._trace = trace

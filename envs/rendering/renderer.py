@@ -125,7 +125,7 @@ class _Pane:
     """One renderer's part of the window.
 
     ``pygame.display`` has one window per process, so those who share it stand side by side. A
-    pane that nobody holds any more leaves it.
+    pane that is no longer held leaves it.
     """
 
     shown: ClassVar[WeakValueDictionary[int, _Pane]] = WeakValueDictionary()

@@ -36,7 +36,7 @@ LONGEST_DAYS, MOST_RUNS = 365.0, 10_000
 
 
 def check_cost(spec: PanelSpec) -> None:
-    """Refuse a panel that nobody could wait for.
+    """Refuse a panel that would take too long.
 
     Raises:
         SpecError: with what it would take.

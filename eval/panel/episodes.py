@@ -52,7 +52,7 @@ class Successes:
             :data:`integ_gym.evidence.fields.CELL_STATUSES`.
         whole: whether every policy's episodes at home are all here, so that its success there is
             known.
-        homeless: policies that were trained nobody says where.
+        homeless: policies of which it is unknown where they were trained.
         before: of every policy, of how many of how many earlier episodes at home it succeeded, by
             cell.
         known: success in cells that are not among these, by policy and cell.
@@ -187,7 +187,7 @@ class Subject:
         home: discretization or mixture that it was trained on, or None.
         seed: training seed, or None.
         starts: training seed whose starts it acts from.
-        home_known: whether ``home`` tells all; False for what was trained nobody says where.
+        home_known: whether ``home`` is all there is to know; False where the training is unknown.
         recorded: success of the episodes in cells of which there are records, by their names;
             labels in other cells may rest on it.
         at_home: earlier episodes in what it was trained on: of how many of how many it succeeded.

@@ -25,7 +25,7 @@ from ..statistics import Estimate, Median, Part
 from .cells import Cell, Home, cell_at, flatten, place_name
 
 RowKind: TypeAlias = Literal["trained", "given", "baseline"]
-"""Trained by the panel, given to it, or a baseline that nobody trained."""
+"""Trained by the panel, given to it, or a baseline without training."""
 
 
 MOST_CHANGED: Final = rules.EQUIVALENCE_MARGIN
@@ -123,7 +123,7 @@ class Row(Part, frozen=True, kw_only=True):
 
     @property
     def baseline(self) -> bool:
-        """Whether nobody trained it."""
+        """Whether it was not trained."""
         return self.kind == "baseline"
 
     @property
@@ -832,7 +832,7 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
 
     @cached_property
     def undeclared(self) -> tuple[Entry, ...]:
-        """Transfers that nobody declared, largest overfitting first.
+        """Transfers that were not declared, largest overfitting first.
 
         Rows that did not learn and baselines have nothing to transfer and are left out, and so are
         cells that are known not to be solvable in time.

@@ -332,7 +332,7 @@ def _home(panel: Panel, row: str) -> str | None:
 
 
 def _is_unsolvable(panel: Panel, cell: str) -> bool:
-    """Whether nobody succeeds in a cell in time: then it judges the simulator."""
+    """Whether no policy succeeds in a cell in time: then it judges the simulator."""
     return panel.cell(cell).achievability in UNSOLVABLE
 
 
@@ -381,7 +381,7 @@ def _cells_of_lead(
     """Home, the cell, the truth, every integrator at its coarsest step, the worst varied cell.
 
     Behind the first two, what differs from both comes first: another ending than home's, and among
-    those what the numerics gave or took most. Where nobody succeeds in time comes last.
+    those what the numerics gave or took most. Cells in which no policy succeeds in time come last.
     """
     row, cell = pair
     truth = panel.yardstick.name if panel.yardstick else None

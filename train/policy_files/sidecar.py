@@ -43,7 +43,7 @@ STOCK = "stock"
 """What is stated of a policy that was trained on the environment as its library makes it."""
 
 UNKNOWN = "unknown"
-"""What is stated of a policy of which nobody says more; the same as nothing."""
+"""What is stated of a policy about which no more is known; the same as nothing."""
 
 STOCK_ARGUMENTS: Mapping[str, Mapping[str, Any]] = {
     "IntegPendulum-v0": {"max_speed": 8.0},

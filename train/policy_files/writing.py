@@ -1,4 +1,4 @@
-"""Policies and side-cars written by anybody: where a policy comes from, said beside it."""
+"""Policies and the side-cars beside them, which say where a policy comes from."""
 
 from __future__ import annotations
 

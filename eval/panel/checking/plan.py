@@ -349,7 +349,7 @@ def refuse_first(path: Path, *findings: Iterator[Finding]) -> None:
 def of_sample(directory: RunDirectory) -> Iterator[Finding]:
     """Outcomes that their traces deny, and episodes that environments and policies deny.
 
-    Looked at are evaluation records that nobody can foretell.
+    These are evaluation records whose number the plan does not give.
     """
     store = EvidenceStore(directory.evidence)
     files = [file.name for file in store.files() if file.name.startswith(EVALUATION)]
