@@ -466,10 +466,10 @@ class Achieved(stats.Part, frozen=True):
 def achieved(attempts: Sequence[Attempt], search: Search | None) -> Achieved:
     """Status of a cell for a horizon.
 
-    `achievable` if an attempt of any policy succeeds from at least half of the starts; `too_slow` if one does within two horizons alone; `unachievable` if a search
-    does not find the goal's energy from more than half of the starts within two horizons;
-    `undecided` otherwise: that no policy has learned proves nothing, and neither does an energy
-    that can be reached.
+    `achievable` if an attempt of any policy succeeds from at least half of the starts; `too_slow`
+    if one does within two horizons alone; `unachievable` if a search does not find the goal's
+    energy from more than half of the starts within two horizons; `undecided` otherwise: that no
+    policy has learned proves nothing, and neither does an energy that can be reached.
     """
     best = max(attempts, key=lambda one: one.success, default=None)
     if best is not None and best.success >= ACHIEVED:

@@ -151,9 +151,9 @@ _OF_EXTRA = re.compile(r"extra == .(?P<extra>[\w-]+)")
 def check_versions(extra: str) -> None:
     """Check that no package of an extra is older than the extra asks for.
 
-    Packages that are not installed are left to the modules that import them. An extra that is named in the
-    environment variable ``INTEG_GYM_ANY_VERSION`` (several with commas, ``*`` for all) is not
-    checked.
+    Packages that are not installed are left to the modules that import them. An extra that is
+    named in the environment variable ``INTEG_GYM_ANY_VERSION`` (several with commas, ``*`` for
+    all) is not checked.
 
     Args:
         extra: its name; of a name that is no extra nothing is asked.
