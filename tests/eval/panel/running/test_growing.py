@@ -5,11 +5,12 @@ from __future__ import annotations
 import json
 import re
 import shutil
+import tomllib
 from pathlib import Path
 
 import pytest
 from engine_cases import needs
-from small_panel import TINY, small_data
+from small_panel import ALONE, TINY
 
 import integ_gym
 from integ_gym.cli import main
@@ -53,7 +54,7 @@ def test_a_panel_given_an_engine_keeps_what_it_has(spec, tmp_path, tiny_panel, c
     files = {p: p.read_bytes() for p in copy.glob("[uep]*/**/*") if p.is_file()}
     engine = 'engine = "mujoco"\nintegrator = "RK4"\ndt = 0.05\n'
     spec.write_text(f"{TINY}\n[[evaluate]]\n{engine}", encoding="utf-8")
-    assert main(["panel", str(spec), "--out", str(copy), "--no-progress"]) == 0
+    assert main(["panel", str(spec), "--out", str(copy), *ALONE]) == 0
     assert "cell 'mujoco RK4 dt=0.05'. All else is kept." in capsys.readouterr().err
     assert files == {path: path.read_bytes() for path in files}
     assert {record["record_id"] for record in _hashes(tiny_panel)} < {
@@ -76,7 +77,7 @@ def test_a_panel_given_episodes_seeds_and_a_perturbation_is_the_panel_that_had_t
     larger = TINY.replace("seeds = [0, 1]", "seeds = [0, 1, 2]") + stiffer
     asked = larger.replace("episodes = 3", "episodes = 5")
     spec.write_text(f'question = "And with damping?"\n{asked}', encoding="utf-8")
-    command = ["panel", str(spec), "--no-progress", "--out"]
+    command = ["panel", str(spec), *ALONE, "--out"]
     assert main([*command, str(copy)]) == 0
     told = capsys.readouterr().err
     assert f"New in {copy}: variation 'damped' (damping=0.1); " in told
@@ -167,9 +168,8 @@ def test_a_page_that_comes_early_decides_nothing(tmp_path, monkeypatch):
     shown = []
     monkeypatch.setattr(growth, "STAGES", (1,))
     monkeypatch.setattr(outputs, "write_outputs", _spied(outputs.write_outputs, shown))
-    rows = {"train": [{"integrator": "rk4", "dt": 0.05}], "perturbations": [], "compare": []}
-    quick = small_data(seeds=[0, 1, 2], training={"total_steps": 128, "n_steps": 64}, **rows)
-    calls.run_panel(parse_spec(quick, "small"), tmp_path / "out", progress=False)
+    spec = parse_spec({**tomllib.loads(TINY), "seeds": [0, 1, 2]}, "tiny")
+    calls.run_panel(spec, tmp_path / "out", workers=1, progress=False)
     first, last = shown
     assert first.answer.startswith("Not decided yet: 1 of 3 training seeds are here")
     assert first.looks == ()

@@ -166,7 +166,8 @@ def _finished(made_once, trainer):
     """Directory of a finished run with a trainer."""
 
     def make(folder: Path) -> None:
-        run_panel(parse_spec(_data(trainer=trainer), "test"), folder / "out", progress=False)
+        spec = parse_spec(_data(trainer=trainer), "test")
+        run_panel(spec, folder / "out", workers=1, progress=False)
 
     return made_once(f"mixed-{trainer}", make) / "out"
 

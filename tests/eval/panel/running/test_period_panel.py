@@ -79,7 +79,7 @@ def test_what_is_trained_at_a_control_period_is_evaluated_at_it():
 @pytest.fixture(scope="module")
 def finished(made_once):
     def make(folder):
-        run_panel(_spec(), folder / "out", progress=False)
+        run_panel(_spec(), folder / "out", workers=1, progress=False)
 
     return made_once("periods", make) / "out"
 

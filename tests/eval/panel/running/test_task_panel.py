@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from engine_cases import needs
+from small_panel import ALONE
 
 from integ_gym.cli import main
 from integ_gym.eval.panel.cells import SpecError
@@ -106,7 +107,7 @@ def test_a_task_goes_from_training_to_the_page(tmp_path, algorithm):
     text = TOML.replace(TRAINING["ppo"], TRAINING[algorithm])
     (tmp_path / "task.toml").write_text(text, encoding="utf-8")
     out = tmp_path / "out"
-    command = ["panel", str(tmp_path / "task.toml"), "--out", str(out), "--no-progress"]
+    command = ["panel", str(tmp_path / "task.toml"), "--out", str(out), *ALONE]
     assert main(command) == 0
     panel = json.loads((out / "panel.json").read_text(encoding="utf-8"))
     assert [row["name"] for row in panel["rows"]] == [CELLS[0], CELLS[2], "both", "random", "zero"]
@@ -177,7 +178,7 @@ def test_a_task_of_which_only_the_discretization_is_known_goes_from_training_to_
 ):
     (tmp_path / "stated.toml").write_text(CLASSIC, encoding="utf-8")
     out = tmp_path / "out"
-    assert main(["panel", str(tmp_path / "stated.toml"), "--out", str(out), "--no-progress"]) == 0
+    assert main(["panel", str(tmp_path / "stated.toml"), "--out", str(out), *ALONE]) == 0
     panel = json.loads((out / "panel.json").read_text(encoding="utf-8"))
     names = ("explicit_euler", "symplectic_euler")
     cells = {f"gymnasium {name} dt={dt}" for name in names for dt in (0.02, 0.01)}
