@@ -111,7 +111,7 @@ class PPOConfig(TrainingConfig):
     )
     activation: str = parameter("Tanh", "", "class of torch.nn", one_of(*ACTIVATIONS))
     log_std_init: float = parameter(
-        0.0, "", "log of the first exploration noise (Box)", finite_number
+        0.0, "", "log of the first exploration noise, in the action's unit (Box)", finite_number
     )
 
     def __post_init__(self) -> None:
