@@ -16,6 +16,7 @@ from integ_gym.eval.panel.spec import PanelSpec
 from integ_gym.eval.power import Verdict
 from integ_gym.eval.report.forests import ordered_verdicts
 from integ_gym.eval.statistics import Estimate
+from integ_gym.eval.verdict import MIN_SEEDS
 from integ_gym.support.processes import cores
 from integ_gym.support.terminal import NONE, fixed, plural, print_columns, print_wrapped, seconds
 
@@ -149,6 +150,11 @@ def print_power(spec: PanelSpec, out: Path | None) -> None:
         if seeds < fewest
         else f"`transfers` can be shown: it takes {fewest} seeds where all episodes succeed.",
     )
+    if 0 < power.natives < MIN_SEEDS:
+        print_wrapped(
+            f"Where natives have fewer than {MIN_SEEDS} seeds there is no verdict, however many the "
+            "row has: raise `exploratory_seeds`.",
+        )
     if spec.looks:
         print_wrapped(
             f"Looks are planned at {' and '.join(map(str, spec.looks))} seeds and share the level "
