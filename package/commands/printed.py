@@ -152,8 +152,8 @@ def print_power(spec: PanelSpec, out: Path | None) -> None:
     )
     if 0 < power.natives < MIN_SEEDS:
         print_wrapped(
-            f"Where natives have fewer than {MIN_SEEDS} seeds there is no verdict, however many seeds "
-            "the row has: raise `exploratory_seeds`.",
+            f"Where natives have fewer than {MIN_SEEDS} seeds there is no verdict, however many "
+            "seeds the row has: raise `exploratory_seeds`.",
         )
     if spec.looks:
         print_wrapped(
