@@ -48,13 +48,6 @@ def sweeps(runs, tmp_path_factory):
     return {name: Sweep(runs / name, folder / name) for name in ("first", *WHOLE)}
 
 
-@pytest.fixture(scope="module")
-def silent(sweeps, leaves):
-    """Of the first run, those that are not listed."""
-    own = [leaf for leaf in leaves["first"] if not is_listed(leaf, PATTERNS)]
-    return sweeps["first"].silent(own)
-
-
 def test_a_place_is_listed_with_all_that_is_in_it():
     patterns = [("units/*.json", "start"), ("policies/*/policy.json", "versions.*")]
     for file, place, expected in (
@@ -79,18 +72,13 @@ def test_every_kind_of_file_and_all_that_is_listed_is_swept(leaves):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", KINDS)
-def test_a_leaf_that_is_not_listed_is_found(silent, leaves, kind):
-    assert any(leaf.file == kind and not is_listed(leaf, PATTERNS) for leaf in leaves["first"])
-    own = [str(leaf) for leaf in silent if leaf.file == kind]
-    assert not own, "\n".join(own)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", WHOLE)
-def test_leaves_that_other_runs_alone_have_are_found(sweeps, leaves, name):
-    own = [leaf for leaf in leaves[name] if not is_listed(leaf, PATTERNS)]
-    assert own
+@pytest.mark.parametrize("of_records", [True, False])
+@pytest.mark.parametrize("name", ["first", *WHOLE])
+def test_a_leaf_that_is_not_listed_is_found(sweeps, leaves, name, of_records):
+    own = [leaf for leaf in leaves[name] if leaf.file.startswith(RECORDS) is of_records]
+    own = [leaf for leaf in own if not is_listed(leaf, PATTERNS)]
+    kinds = KINDS if name == "first" else WHOLE[name]
+    assert {leaf.file for leaf in own} >= {x for x in kinds if x.startswith(RECORDS) is of_records}
     found = sweeps[name].silent(own)
     assert not found, "\n".join(map(str, found))
 
