@@ -11,10 +11,12 @@ ISAACLAB_PYTHON ?= python3.12
 DM_CONTROL_PYTHON ?= $(PYTHON)
 # Those that have summaries.
 ATLASES := $(patsubst docs/atlas/%/,%,$(wildcard docs/atlas/*/))
+# Published experiments, each in blocks that resume.
+TABLES := control_periods
 # Bytecode is kept, whatever the environment says: tests start many processes.
 PYTEST := PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n 2 --dist worksteal
 
-.PHONY: panel train test test-slow lint docs notebooks bench atlas-figures published census isaaclab dm_control moto clean
+.PHONY: panel train test test-slow lint docs notebooks bench tables atlas-figures published census isaaclab dm_control moto clean
 
 panel: $(LIGHT)
 	@$(BIN)/integ-gym panel --out runs/panel
@@ -49,6 +51,11 @@ bench: $(READY)
 	  $(BIN)/python benchmarks/$$name.py --json runs/bench/$$name.json || exit 1; \
 	done
 	$(BIN)/python benchmarks/bounds.py runs/bench
+
+tables: $(READY)
+	@for name in $(TABLES); do \
+	  $(BIN)/python benchmarks/tables/$$name.py --out runs/tables/$$name $(TABLES_OPTIONS) || exit 1; \
+	done
 
 atlas-figures: $(LIGHT)
 	@for name in $(ATLASES); do \

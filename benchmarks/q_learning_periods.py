@@ -128,9 +128,10 @@ def _by_values(seed: int, period: float) -> int:
     with closing(Sb3VecEnv(made)) as envs:
         model = Learner("MlpPolicy", envs, seed=seed, device="cpu", policy_kwargs=net, **settings)
         model.learn(round(SECONDS / period))
-    return judged_in(
-        ENV_ID, given, lambda observed: model.predict(observed, deterministic=True)[0], seed
+    (found,) = judged_in(
+        ENV_ID, given, [lambda seen: model.predict(seen, deterministic=True)[0]], [seed]
     )
+    return found
 
 
 def tables(done: Done) -> str:

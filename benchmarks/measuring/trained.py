@@ -38,6 +38,9 @@ PACKAGES = ("integ-gym", "numpy", "jax", "jaxlib")
 Done = dict[str, list[int]]
 """Successes of the seeds of a unit, by its name."""
 
+Act = Callable[[Any], Any]
+"""A policy: observations to actions, of all lanes at once."""
+
 
 @dataclass(frozen=True)
 class Unit:
@@ -203,35 +206,51 @@ def by_fleet(stages: Sequence[Sequence[PPOConfig]], judged: Mapping[str, Any]) -
         judged: arguments of the environment that they are judged in.
     """
     last = stages[-1]
-    with closing(gym.make(last[0].env_id, **judged)) as env:
+    acts = trained_by_fleet(stages, judged)
+    return judged_in(last[0].env_id, judged, acts, [config.seed for config in last])
+
+
+def trained_by_fleet(stages: Sequence[Sequence[PPOConfig]], given: Mapping[str, Any]) -> list[Act]:
+    """Policies that the fleet trains, in the order of a stage's configurations.
+
+    Args:
+        stages: how they are trained, one stage after the other.
+        given: arguments of an environment with their actions.
+    """
+    last = stages[-1]
+    with closing(gym.make(last[0].env_id, **given)) as env:
         space = env.action_space
-    found = []
-    for config, outcome in zip(last, train_in_stages(stages), strict=True):
-        policy = actor_of(outcome.weights, len(config.net_arch), config.activation, space)
-        found.append(judged_in(config.env_id, judged, policy.act, config.seed))
-    return found
+    return [
+        actor_of(outcome.weights, len(config.net_arch), config.activation, space).act
+        for config, outcome in zip(last, train_in_stages(stages), strict=True)
+    ]
 
 
-def judged_in(env_id: str, judged: Mapping[str, Any], act: Callable[[Any], Any], seed: int) -> int:
-    """Successes of a policy, from `STARTS` starts of its seed's own.
+def judged_in(
+    env_id: str, judged: Mapping[str, Any], acts: Sequence[Act], seeds: Sequence[int]
+) -> list[int]:
+    """Successes of policies side by side, each from `STARTS` starts of its seed's own.
 
     Args:
         env_id: of the environment.
         judged: its arguments.
-        act: observations to actions, of all starts at once.
-        seed: that it was trained with.
+        acts: of each policy.
+        seeds: that they were trained with.
     """
-    envs = gym.make_vec(env_id, num_envs=STARTS, **judged)
-    first = 1_000_000 + STARTS * seed
-    observed, _ = envs.reset(seed=list(range(first, first + STARTS)))
-    succeeded = ended = np.zeros(STARTS, dtype=bool)
+    starts = [1_000_000 + STARTS * seed + k for seed in seeds for k in range(STARTS)]
+    envs = gym.make_vec(env_id, num_envs=len(starts), **judged)
+    observed, _ = envs.reset(seed=starts)
+    succeeded = ended = np.zeros(len(starts), dtype=bool)
     while not ended.all():
-        observed, _, terminated, truncated, info = envs.step(act(observed))
+        parts = zip(acts, np.split(observed, len(acts)), strict=True)
+        actions = np.concatenate([act(part) for act, part in parts])
+        observed, _, terminated, truncated, info = envs.step(actions)
         ending = (terminated | truncated) & ~ended
         succeeded = succeeded | (ending & info["success"])
         ended = ended | ending
     envs.close()
-    return int(succeeded.sum())
+    found: list[int] = succeeded.reshape(len(acts), STARTS).sum(axis=1).tolist()
+    return found
 
 
 def command(

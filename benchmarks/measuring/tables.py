@@ -1,0 +1,251 @@
+"""Declared experiments whose rows are published: blocks that resume, Parquet, a specification."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from dataclasses import dataclass
+from functools import cached_property
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any, Protocol
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+from tqdm import tqdm
+
+from integ_gym.eval.statistics import Estimate, rate_interval, unpaired_difference
+from integ_gym.support.errors import InputError
+from integ_gym.support.files import replace_file
+from integ_gym.support.optional import package_version
+from integ_gym.support.processes import cores, instruction_sets
+from integ_gym.train.fleet.training import preparation
+
+from . import results
+
+ROWS, SPECIFICATION = "rows.parquet", "specification.json"
+
+Row = dict[str, Any]
+
+
+class Unit(Protocol):
+    """What one process does at a time."""
+
+    @property
+    def block(self) -> str:
+        """What `--only` chooses."""
+
+    @property
+    def name(self) -> str:
+        """Unlike that of any other unit."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """An experiment.
+
+    Attributes:
+        columns: of its rows, to what they mean; the first ones say what a cell is.
+        cell: how many columns say it.
+        declared: all else that decides an outcome, and the tests, as JSON has it.
+        packages: whose versions are told.
+        units: of seeds that follow a first one.
+        first_seed: that was declared.
+        run: one unit, to its rows without the column `unit`.
+    """
+
+    columns: Mapping[str, str]
+    cell: int
+    declared: Mapping[str, Any]
+    packages: tuple[str, ...]
+    units: Callable[[int], Sequence[Unit]]
+    first_seed: int
+    run: Callable[[Any], list[Row]]
+
+    def specification(self, first_seed: int) -> dict[str, Any]:
+        """What all rows of a folder have in common."""
+        about = {
+            "declared": {**self.declared, "first_seed": first_seed},
+            "columns": {"unit": "what one process did at a time", **self.columns},
+            "versions": {name: package_version(name) for name in self.packages},
+            "instruction_sets": list(instruction_sets()),
+        }
+        told: dict[str, Any] = json.loads(json.dumps(about))
+        return told
+
+
+@dataclass(frozen=True)
+class Folder:
+    """What a run has written.
+
+    Attributes:
+        path: of the folder, which need not be there.
+    """
+
+    path: Path
+
+    def rows(self) -> list[Row]:
+        """All there are."""
+        file = self.path / ROWS
+        found: list[Row] = pq.read_table(file).to_pylist() if file.exists() else []
+        return found
+
+    def claim(self, specification: Mapping[str, Any]) -> None:
+        """Let it be of one specification.
+
+        Raises:
+            ValueError: if it is of another.
+        """
+        path = self.path / SPECIFICATION
+        if path.exists():
+            found = json.loads(path.read_text(encoding="utf-8"))
+            for name, value in specification.items():
+                if found[name] != value:
+                    raise InputError(
+                        f"{self.path} was made with other {name.replace('_', ' ')}; give another "
+                        "folder with --out"
+                    )
+        else:
+            replace_file(path, (json.dumps(specification, indent=1) + "\n").encode())
+
+    def write(self, rows: Sequence[Row], columns: Mapping[str, str]) -> None:
+        """In Parquet, what a column means beside its name, in an order of their own."""
+        names = list(columns)
+        ordered = sorted(rows, key=lambda row: [str(row[name]) for name in names])
+        plain = pa.Table.from_pylist(ordered)
+        fields = [plain.field(name).with_metadata({"meaning": columns[name]}) for name in names]
+        sink = pa.BufferOutputStream()
+        pq.write_table(plain.select(names).cast(pa.schema(fields)), sink, compression="zstd")
+        replace_file(self.path / ROWS, sink.getvalue().to_pybytes())
+
+
+def run_missing(table: Table, given: argparse.Namespace) -> None:
+    """Run the units that a folder has not, until the time is over; each is written as it is done.
+
+    Raises:
+        ValueError: if the folder is of another specification.
+    """
+    specification = table.specification(given.first_seed)
+    folder = Folder(given.out)
+    folder.claim(specification)
+    rows = folder.rows()
+    done = {row["unit"] for row in rows}
+    wanted = [u for u in table.units(given.first_seed) if u.block in (given.only or [u.block])]
+    left = deque(unit for unit in wanted if unit.name not in done)
+    ends = time.monotonic() + 60.0 * given.minutes
+    pool = ProcessPoolExecutor(given.workers, get_context("spawn"), preparation("cpu"), (0,))
+    running: dict[Future[list[Row]], Unit] = {}
+    with pool, tqdm(total=len(wanted), initial=len(wanted) - len(left), unit="unit") as bar:
+        while True:
+            while left and len(running) < given.workers and time.monotonic() < ends:
+                unit = left.popleft()
+                running[pool.submit(table.run, unit)] = unit
+            if not running:
+                break
+            for future in wait(running, return_when=FIRST_COMPLETED).done:
+                name = running.pop(future).name
+                rows += [{"unit": name, **row} for row in future.result()]
+                folder.write(rows, specification["columns"])
+                bar.update()
+    if left:
+        print(f"{len(left)} units are left: run the same command again.")
+
+
+@dataclass(frozen=True)
+class Cells:
+    """Rows by what they are of.
+
+    Attributes:
+        rows: all of them.
+        names: of the columns that say what a cell is.
+    """
+
+    rows: Sequence[Row]
+    names: tuple[str, ...]
+
+    @cached_property
+    def by_cell(self) -> dict[tuple[Any, ...], list[Row]]:
+        """Rows of every cell, by seed."""
+        found: dict[tuple[Any, ...], list[Row]] = {}
+        for row in sorted(self.rows, key=lambda row: row["seed"]):
+            found.setdefault(tuple(row[name] for name in self.names), []).append(row)
+        return found
+
+    def rates(self, *cell: Any) -> list[float]:
+        """Success rate of every seed; empty where nothing was run."""
+        return [row["successes"] / row["starts"] for row in self.by_cell.get(cell, [])]
+
+
+def told(rates: Sequence[float]) -> str:
+    """Mean success with its 95 % interval over seeds; nothing where nothing was run."""
+    if not rates:
+        return ""
+    found: Estimate = rate_interval(rates)
+    return f"{found.estimate:.2f} ({found.low:.2f}–{found.high:.2f})"
+
+
+def markdown(header: Iterable[str], rows: Iterable[Iterable[str]]) -> list[str]:
+    """Lines of a table."""
+    names = list(header)
+    lines = [f"| {' | '.join(names)} |", "|---" * len(names) + "|"]
+    return lines + [f"| {' | '.join(row)} |" for row in rows]
+
+
+def held_against(table: Table, one: Folder, other: Folder) -> list[str]:
+    """Cells that both have, whether the 95 % interval of their difference holds 0."""
+    names = tuple(table.columns)[: table.cell]
+    ours, theirs = (Cells(folder.rows(), names) for folder in (one, other))
+    shared = [cell for cell in ours.by_cell if cell in theirs.by_cell]
+    lines, apart = [], 0
+    for cell in shared:
+        pair = [cells.rates(*cell) for cells in (ours, theirs)]
+        found = unpaired_difference(*pair).interval
+        if found.low is None or found.high is None or not found.low <= 0.0 <= found.high:
+            apart += 1
+            lines.append(f"apart: {cell}: {told(pair[0])} and {told(pair[1])}")
+    return [*lines, f"{len(shared) - apart} of {len(shared)} cells agree within 95 %"]
+
+
+def command(
+    table: Table,
+    tables: Callable[[list[Row]], str],
+    figure: Callable[[list[Row], Path], object],
+    what: str | None,
+) -> None:
+    """Run what is missing, print what was found, draw it.
+
+    Args:
+        table: the experiment.
+        tables: of the page, as Markdown.
+        figure: writes the page's figure, in every format, to a path without a suffix.
+        what: the script's docstring.
+    """
+    parser = results.parser(what)
+    blocks = list(dict.fromkeys(unit.block for unit in table.units(table.first_seed)))
+    add = parser.add_argument
+    add("--out", type=Path, required=True, metavar="DIR", help="rows and specification")
+    add("--only", nargs="+", choices=blocks, metavar="BLOCK", help=f"of {', '.join(blocks)}")
+    add("--minutes", type=float, default=60.0, metavar="N", help="then begin nothing new: 60")
+    add("--workers", type=int, default=cores(), metavar="N", help="processes")
+    add("--first-seed", type=int, default=table.first_seed, metavar="N", help="for a repetition")
+    add("--table", action="store_true", help="run nothing: print the page's tables")
+    add("--figure", type=Path, metavar="PATH", help="run nothing: draw PATH.png, .svg and .pdf")
+    add("--against", type=Path, metavar="DIR", help="run nothing: compare with another run")
+    given = parser.parse_args()
+    folder = Folder(given.out)
+    if given.against:
+        print("\n".join(held_against(table, folder, Folder(given.against))))
+        return
+    if given.figure:
+        figure(folder.rows(), given.figure)
+        return
+    if not given.table:
+        try:
+            run_missing(table, given)
+        except InputError as error:
+            parser.error(str(error))
+    print(tables(folder.rows()), end="")

@@ -1,0 +1,72 @@
+"""Pages of published experiments: their tables come from the published rows by the command."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import subprocess
+import sys
+
+import pytest
+from house import ROOT
+
+PAGES = {"control_periods": ROOT / "docs" / "explanation" / "control_periods.md"}
+FOLDERS = ROOT / "docs" / "tables"
+
+
+@pytest.fixture
+def experiment(request, monkeypatch):
+    monkeypatch.syspath_prepend(str(ROOT / "benchmarks" / "tables"))
+    monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
+    yield request.param, importlib.import_module(request.param)
+    for name in [one for one in sys.modules if one.split(".")[0] in (request.param, "measuring")]:
+        del sys.modules[name]
+
+
+@pytest.mark.parametrize("experiment", PAGES, indirect=True)
+def test_a_page_shows_what_the_rows_come_to_and_nothing_else(experiment):
+    name, module = experiment
+    rows = module.Folder(FOLDERS / name).rows()
+    page = PAGES[name].read_text(encoding="utf-8")
+    for part in module.tables(rows).strip().split("\n\n"):
+        assert part in page
+
+
+@pytest.mark.parametrize("experiment", PAGES, indirect=True)
+def test_rows_are_of_what_is_declared(experiment):
+    name, module = experiment
+    found = json.loads((FOLDERS / name / "specification.json").read_text(encoding="utf-8"))
+    table = module.TABLE
+    assert found["declared"] == table.specification(table.first_seed)["declared"]
+    asked = {unit.name for unit in table.units(table.first_seed)}
+    assert {row["unit"] for row in module.Folder(FOLDERS / name).rows()} <= asked
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_who_reads_the_rows_alone_finds_the_page_s_numbers(name):
+    script = ROOT / "benchmarks" / "tables" / f"read_{name}.py"
+    assert "integ_gym" not in script.read_text(encoding="utf-8").split('"""')[2]
+    done = subprocess.run(
+        [sys.executable, str(script), str(FOLDERS / name)],
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    page = PAGES[name].read_text(encoding="utf-8")
+    assert done.stdout.strip() in page
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", PAGES)
+def test_a_block_is_run_and_one_that_is_there_is_not_run_again(name, tmp_path):
+    script = ROOT / "benchmarks" / "tables" / f"{name}.py"
+    command = [sys.executable, str(script), "--out", str(tmp_path), "--workers", "1"]
+    command += ["--only", "cart-pole-hand-made"]
+    first, again = (
+        subprocess.run(command, capture_output=True, text=True, check=True) for _ in range(2)
+    )
+    assert "| cart-pole |" in first.stdout
+    assert again.stdout == first.stdout
+    refused = subprocess.run(
+        [*command, "--first-seed", "1"], capture_output=True, text=True, check=False
+    )
+    assert refused.returncode
+    assert "was made with other declared; give another folder" in refused.stderr
