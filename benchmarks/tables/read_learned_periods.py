@@ -1,6 +1,6 @@
 """Three cells, one difference and its interval, from the published rows alone.
 
-    python benchmarks/tables/read_control_periods.py docs/tables/control_periods
+    python benchmarks/tables/read_learned_periods.py docs/tables/learned_periods
 
 It imports nothing of integ-gym: rates are means over seeds, the interval of the difference is a
 bootstrap over seeds (Efron and Tibshirani 1993, percentile), so it is close to the page's and not

@@ -1,8 +1,8 @@
 """Which control period? Six tasks, five periods, PPO and SAC, judged at every period on the truth.
 
-    python benchmarks/tables/control_periods.py --out runs/control_periods
-    python benchmarks/tables/control_periods.py --out runs/control_periods --only pendulum-PPO
-    python benchmarks/tables/control_periods.py --out docs/tables/control_periods --table
+    python benchmarks/tables/learned_periods.py --out runs/learned_periods
+    python benchmarks/tables/learned_periods.py --out runs/learned_periods --only pendulum-PPO
+    python benchmarks/tables/learned_periods.py --out docs/tables/learned_periods --table
 
 Farrahi and Mahmood (2023, arXiv:2305.05760) report that PPO and SAC with the hyperparameters of one
 control period fail at others; Park, Kim and Kim (NeurIPS 2021) and Tallec, Blier and Ollivier
@@ -47,7 +47,7 @@ import gymnasium as gym
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from measuring.results import p_value
-from measuring.tables import Cells, Folder, Row, Table, command, markdown, told
+from measuring.tables import Cells, Row, Table, command, markdown, told
 from measuring.trained import (
     PACKAGES,
     STARTS,
