@@ -150,7 +150,7 @@ def print_power(spec: PanelSpec, out: Path | None) -> None:
         if seeds < fewest
         else f"`transfers` can be shown: it takes {fewest} seeds where all episodes succeed.",
     )
-    if 0 < power.natives < MIN_SEEDS:
+    if 0 < natives < MIN_SEEDS:
         print_wrapped(
             f"Where natives have fewer than {MIN_SEEDS} seeds there is no verdict, however many "
             "seeds the row has: raise `exploratory_seeds`.",
