@@ -50,7 +50,7 @@ def judged(
     heavy = Cell.of(
         HOME,
         "varied",
-        f"{HOME.name}, {HEAVY}",
+        name=f"{HOME.name}, {HEAVY}",
         environment={"mass": 1.2},
         variation=HEAVY,
         at=HOME.name,
