@@ -11,8 +11,9 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
+from integ_gym.eval.statistics import rate_interval
 from integ_gym.support.optional import package_version
-from integ_gym.support.processes import cores
+from integ_gym.support.processes import cores, instruction_sets
 from integ_gym.support.terminal import print_columns
 
 
@@ -52,6 +53,20 @@ def print_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
     print_columns(header, [list(row) for row in rows], sys.stdout, right)
 
 
+def markdown(header: Sequence[str], rows: Iterable[Iterable[str]]) -> list[str]:
+    """Lines of a table."""
+    lines = [f"| {' | '.join(header)} |", "|---" * len(header) + "|"]
+    return lines + [f"| {' | '.join(row)} |" for row in rows]
+
+
+def success(rates: Sequence[float]) -> str:
+    """Mean success of seeds with its 95 % interval, as Markdown; empty where nothing was run."""
+    if not rates:
+        return ""
+    found = rate_interval(rates)
+    return f"{found.estimate:.2f} ({found.low:.2f}–{found.high:.2f})"
+
+
 def interval(numbers: Sequence[float | None] | None) -> str:
     """An estimate with its ends, as Markdown says it; a dash where there is none."""
     if numbers is None:
@@ -70,6 +85,12 @@ def p_value(value: float | None) -> str:
     if value is None:
         return "–"
     return "< 0.001" if value < 0.001 else f"{value:.3f}"
+
+
+def made_with(packages: Iterable[str]) -> dict[str, Any]:
+    """Versions and the processor's instructions, on which trained weights depend."""
+    versions = {name: package_version(name) for name in packages}
+    return {"versions": versions, "instruction_sets": list(instruction_sets())}
 
 
 def write(path: Path | None, content: dict[str, Any], packages: Iterable[str]) -> None:

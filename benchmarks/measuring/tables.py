@@ -6,7 +6,7 @@ import argparse
 import json
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from dataclasses import dataclass
 from functools import cached_property
@@ -18,11 +18,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from tqdm import tqdm
 
-from integ_gym.eval.statistics import Estimate, rate_interval, unpaired_difference
+from integ_gym.eval.statistics import unpaired_difference
 from integ_gym.support.errors import InputError
 from integ_gym.support.files import replace_file
-from integ_gym.support.optional import package_version
-from integ_gym.support.processes import cores, instruction_sets
+from integ_gym.support.processes import cores
 from integ_gym.train.fleet.training import preparation
 
 from . import results
@@ -52,7 +51,7 @@ class Table:
         columns: of its rows, to what they mean; the first ones say what a cell is.
         cell: how many columns say it.
         declared: all else that decides an outcome, and the tests, as JSON has it.
-        packages: whose versions are told.
+        packages: whose versions are stated.
         units: of seeds that follow a first one.
         first_seed: that was declared.
         run: one unit, to its rows without the column `unit`.
@@ -71,11 +70,10 @@ class Table:
         about = {
             "declared": {**self.declared, "first_seed": first_seed},
             "columns": {"unit": "what one process did at a time", **self.columns},
-            "versions": {name: package_version(name) for name in self.packages},
-            "instruction_sets": list(instruction_sets()),
+            **results.made_with(self.packages),
         }
-        told: dict[str, Any] = json.loads(json.dumps(about))
-        return told
+        plain: dict[str, Any] = json.loads(json.dumps(about))
+        return plain
 
 
 @dataclass(frozen=True)
@@ -180,22 +178,7 @@ class Cells:
         return [row["successes"] / row["starts"] for row in self.by_cell.get(cell, [])]
 
 
-def told(rates: Sequence[float]) -> str:
-    """Mean success with its 95 % interval over seeds; nothing where nothing was run."""
-    if not rates:
-        return ""
-    found: Estimate = rate_interval(rates)
-    return f"{found.estimate:.2f} ({found.low:.2f}–{found.high:.2f})"
-
-
-def markdown(header: Iterable[str], rows: Iterable[Iterable[str]]) -> list[str]:
-    """Lines of a table."""
-    names = list(header)
-    lines = [f"| {' | '.join(names)} |", "|---" * len(names) + "|"]
-    return lines + [f"| {' | '.join(row)} |" for row in rows]
-
-
-def held_against(table: Table, one: Folder, other: Folder) -> list[str]:
+def compare(table: Table, one: Folder, other: Folder) -> list[str]:
     """Cells that both have, whether the 95 % interval of their difference holds 0."""
     names = tuple(table.columns)[: table.cell]
     ours, theirs = (Cells(folder.rows(), names) for folder in (one, other))
@@ -206,7 +189,9 @@ def held_against(table: Table, one: Folder, other: Folder) -> list[str]:
         found = unpaired_difference(*pair).interval
         if found.low is None or found.high is None or not found.low <= 0.0 <= found.high:
             apart += 1
-            lines.append(f"apart: {cell}: {told(pair[0])} and {told(pair[1])}")
+            lines.append(
+                f"apart: {cell}: {results.success(pair[0])} and {results.success(pair[1])}"
+            )
     return [*lines, f"{len(shared) - apart} of {len(shared)} cells agree within 95 %"]
 
 
@@ -238,7 +223,7 @@ def command(
     given = parser.parse_args()
     folder = Folder(given.out)
     if given.against:
-        print("\n".join(held_against(table, folder, Folder(given.against))))
+        print("\n".join(compare(table, folder, Folder(given.against))))
         return
     if given.figure:
         figure(folder.rows(), given.figure)

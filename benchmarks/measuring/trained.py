@@ -16,10 +16,9 @@ import gymnasium as gym
 import numpy as np
 from tqdm import tqdm
 
-from integ_gym.eval.statistics import Difference, rate_interval
+from integ_gym.eval.statistics import Difference
 from integ_gym.support.files import replace_file
-from integ_gym.support.optional import package_version
-from integ_gym.support.processes import cores, instruction_sets
+from integ_gym.support.processes import cores
 from integ_gym.train.fleet.training import preparation, train_in_stages
 from integ_gym.train.policy_files.sidecar import actor_of
 from integ_gym.train.ppo import PPOConfig
@@ -123,8 +122,7 @@ class Experiment:
         settings = {**self.settings, "starts": STARTS}
         return {
             "settings": json.loads(json.dumps(settings)),
-            "versions": {name: package_version(name) for name in self.packages},
-            "instruction_sets": list(instruction_sets()),
+            **results.made_with(self.packages),
         }
 
     def _check(self, path: Path) -> None:
@@ -159,18 +157,11 @@ class Experiment:
 
     def _success(self, done: Done, what: str) -> list[str]:
         """With 95 % intervals over seeds, as Markdown; empty: not run."""
-        lines = [f"| {what} | {' | '.join(self.arms)} |", "|---" * (1 + len(self.arms)) + "|"]
-        for value in self.values:
-            cells = [_told(self.rates(done, value, arm)) for arm in self.arms]
-            lines.append(f"| {value:g} | {' | '.join(cells)} |")
-        return lines
-
-
-def _told(rates: list[float]) -> str:
-    if not rates:
-        return ""
-    found = rate_interval(rates)
-    return f"{found.estimate:.2f} ({found.low:.2f}–{found.high:.2f})"
+        rows = (
+            [f"{value:g}", *[results.success(self.rates(done, value, arm)) for arm in self.arms]]
+            for value in self.values
+        )
+        return results.markdown([what, *self.arms], rows)
 
 
 def gained(found: Difference) -> str:

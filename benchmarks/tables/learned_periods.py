@@ -27,7 +27,7 @@ tests on PPO, corrected together by Holm's method, in which what was not run cou
 2. what was learned at the tuned period loses success at the longest and at the shortest, no delay;
 3. what was learned at the tuned period loses success by a delay of one decision there.
 
-All else, and all of SAC, is told with intervals and without a test.
+All else, and all of SAC, has intervals and no test.
 """
 
 from __future__ import annotations
@@ -46,8 +46,8 @@ import gymnasium as gym
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from measuring.results import p_value
-from measuring.tables import Cells, Row, Table, command, markdown, told
+from measuring.results import markdown, p_value, success
+from measuring.tables import Cells, Row, Table, command
 from measuring.trained import (
     PACKAGES,
     STARTS,
@@ -298,11 +298,11 @@ NAMES = tuple(TABLE.columns)[: TABLE.cell]
 def tables(rows: list[Row]) -> str:
     """The page's tables, as Markdown."""
     cells = Cells(rows, NAMES)
-    parts = [_there(rows), _own_period(cells), _tests(cells), *_matrices(cells)]
+    parts = [_blocks(rows), _own_period(cells), _tests(cells), *_matrices(cells)]
     return "\n\n".join("\n".join(part) for part in parts) + "\n"
 
 
-def _there(rows: list[Row]) -> list[str]:
+def _blocks(rows: list[Row]) -> list[str]:
     """Which units of each block were run, and what they took."""
     asked: dict[str, list[str]] = {}
     for unit in units(min((row["seed"] for row in rows), default=TABLE.first_seed)):
@@ -334,7 +334,11 @@ COLUMNS = (
 
 def _own_period(cells: Cells) -> list[str]:
     lines = [
-        [name, f"{period:g}", *[told(_rates(cells, name, *column, period)) for column in COLUMNS]]
+        [
+            name,
+            f"{period:g}",
+            *[success(_rates(cells, name, *column, period)) for column in COLUMNS],
+        ]
         for name, task in TASKS.items()
         for period in task.periods
     ]
@@ -380,7 +384,7 @@ def _matrices(cells: Cells) -> Iterator[list[str]]:
     for delay, what in ((0, "no delay"), (1, "delay of one decision")):
         lines = [
             [name, f"{period:g}",
-             *[told(_rates(cells, name, "PPO", "per second", period, judged_at=at, delay=delay))
+             *[success(_rates(cells, name, "PPO", "per second", period, judged_at=at, delay=delay))
                for at in task.periods]]
             for name, task in TASKS.items()
             for period in task.periods

@@ -283,7 +283,7 @@ def evaluate(
     everywhere = subjects
     subjects = [subject.within(()) for subject in everywhere]
     these = slice(episodes.start - spec.latest.start, episodes.stop - spec.latest.start)
-    before = {
+    on_record = {
         (place, key): success[these]
         for place, subject in enumerate(subjects)
         for key, success in subject.known.items()
@@ -298,7 +298,7 @@ def evaluate(
         whole=spec.testbed.batched,
         before=[subject.at_home for subject in subjects],
         homeless=[place for place, subject in enumerate(subjects) if not subject.home_known],
-        known={**before, **(known or {})},
+        known={**on_record, **(known or {})},
         contracts=contracts or {},
     )
     waiting: list[_Played] = []

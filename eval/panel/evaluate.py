@@ -92,13 +92,8 @@ def evaluated(
     return found
 
 
-def not_evaluated(
-    spec: PanelSpec, directory: RunDirectory, subjects: Sequence[Subject]
-) -> list[Subject]:
-    """Subjects with cells that are not evaluated from the starts that came last.
-
-    Each knows how it did in the others, and at home from earlier starts. What killed or damaged
-    units left is removed.
+def discard_damaged(spec: PanelSpec, directory: RunDirectory, subjects: Sequence[Subject]) -> None:
+    """Remove what killed or damaged units left of evaluations from the starts that came last.
 
     Raises:
         RunDirectoryError: if one was evaluated under another specification, version or hash.
@@ -114,6 +109,16 @@ def not_evaluated(
         if directory.finished(unit, _key(spec, held_by, places)) is None:
             directory.discard_remains(unit)
     directory.discard_unmarked(PREFIX)
+
+
+def not_evaluated(
+    spec: PanelSpec, directory: RunDirectory, subjects: Sequence[Subject]
+) -> list[Subject]:
+    """Subjects with cells that are not evaluated from the starts that came last.
+
+    Each knows how it did in the others, and at home from earlier starts.
+    """
+    hashes = _hashes(subjects)
     done = evaluated(directory, first=spec.latest.start)
     cells_of = {policy: done[policy].cells if policy in done else frozenset() for policy in hashes}
     waiting = {
@@ -200,6 +205,8 @@ def evaluate_all(
         cluster: where.
         progress: show a bar with the remaining time.
     """
+    for part in spec.parts():
+        discard_damaged(part, directory, subjects)
     waiting = [(part, not_evaluated(part, directory, subjects)) for part in spec.parts()]
     directory.storage.send()  # what is no longer there
     homes = [subject.home for subject in subjects]
