@@ -438,7 +438,7 @@ def is_own_horizon(
 def _limited_in_make(mixture: Mixture, env: type[IntegEnv], makers: list[FrameType]) -> Mixture:
     """Setups with the `max_episode_steps` of the ``gym.make`` that is making their environment.
 
-    Gymnasium tells them to its `TimeLimit` alone, which could end an episode sooner than the
+    Gymnasium gives them to its `TimeLimit` alone, which could end an episode sooner than the
     environment and never later: so they are read where ``gym.make`` keeps them.
     """
     making = makers[0].f_locals

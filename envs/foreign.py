@@ -42,7 +42,7 @@ _SECONDS = ("dt", "control_period", "duration")
 
 
 class Further(NamedTuple):
-    """A number that evidence tells of every control step: its name, SI unit and meaning."""
+    """A number that evidence records of every control step: its name, SI unit and meaning."""
 
     name: str
     unit: str
@@ -66,12 +66,12 @@ class ForeignPlant:
     velocity_units: tuple[str, ...] = ()
     frame: str = "not known"
     further: tuple[Further, ...] = ()
-    """What is told of every control step besides."""
+    """What else is recorded of every control step."""
 
 
 @dataclass(frozen=True)
 class ForeignTask:
-    """What is asked, as far as it is told apart in evidence."""
+    """What is asked, as far as evidence distinguishes it."""
 
     goal: str
     observation_names: tuple[str, ...]
@@ -237,7 +237,7 @@ class StatedEngine:
     solver_tolerance: float | None = None
     solver_cap: int | None = None
     model: Mapping[str, Any] = field(default_factory=dict)
-    """What is told of the model, as plain data."""
+    """Description of the model, as plain data."""
 
     @property
     def version(self) -> str:

@@ -150,7 +150,7 @@ class LaneInfo:
 
     Args:
         lanes: how many.
-        blank: what a reset tells, but for what depends on the start.
+        blank: what a reset reports, but for what depends on the start.
     """
 
     def __init__(self, lanes: int, blank: Mapping[str, Any]) -> None:
@@ -169,11 +169,11 @@ class LaneInfo:
         return LaneInfo, (self._lanes, self._blank)
 
     def nothing(self) -> Info:
-        """Arrays to be filled in, in which nothing is told."""
+        """Arrays to be filled in, with nothing in them."""
         return {n: np.zeros(self._lanes, DTYPES[type(value)]) for n, value in self._blank.items()}
 
     def of_step(self, step_values: dict[str, Any], alike: Mapping[str, Any]) -> Info:
-        """`info` of what a step has told, and of what is alike; see :class:`.steps.LanesStep`."""
+        """`info` of what a step reported, and of what is alike; see :class:`.steps.LanesStep`."""
         if alike is not self._alike:
             self._note(alike)
         info = {**self._alike_arrays, **step_values}
@@ -183,7 +183,7 @@ class LaneInfo:
         return info
 
     def result(self, name: str, step_values: dict[str, Any], alike: Mapping[str, Any]) -> Array:
-        """A result of a step, taken out of what it has told; an array of its own."""
+        """A result of a step, taken out of what it has reported; an array of its own."""
         value = step_values.pop(name, None)
         if isinstance(value, np.ndarray):
             return value

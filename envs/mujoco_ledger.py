@@ -276,7 +276,7 @@ class Ledger:
         constrained, taken, fastest = False, 0, FASTEST**2
         for forces, qs, vs, counts, distances, positions in readings.steps:
             if staged:
-                constrained |= self._taken(data)
+                constrained |= self._take_step(data)
             else:
                 step(model, data)
             rows = data.nefc
@@ -349,7 +349,7 @@ class Ledger:
             dissipated=lost, constrained=booked.constrained, iterations=booked.iterations
         )
 
-    def _taken(self, data: Any) -> bool:
+    def _take_step(self, data: Any) -> bool:
         """Take one step of RK4; whether a constraint acted in it."""
         mujoco, model, free = self._mujoco, self._model, self._scratch
         mujoco.mj_copyData(free, model, data)

@@ -357,7 +357,7 @@ class RediscretizedEnv(ForeignWrapper):
         return self._none
 
     def _describe_model(self) -> Mapping[str, Any]:
-        """What evidence tells of the model; nothing of Gymnasium's, which its id tells."""
+        """What evidence records of the model; nothing of Gymnasium's, which its id defines."""
         return {}
 
     def _describe_plant(self) -> ForeignPlant:
@@ -511,7 +511,7 @@ class RediscretizedEnv(ForeignWrapper):
         self._inner.step = step_late
 
     def _order(self, action: Any) -> Any:
-        """Send a command; the action that the task is told."""
+        """Send a command; the action that the task receives."""
         self._acting = self._queue.give(action)
         return self._acting[-1][0]
 

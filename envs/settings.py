@@ -84,10 +84,10 @@ class Discretization:
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Discretization):
             return NotImplemented
-        return _written(self.arguments()) == _written(other.arguments())
+        return _format_parts(self.arguments()) == _format_parts(other.arguments())
 
     def __hash__(self) -> int:
-        return hash(tuple(_written(self.arguments()).values()))
+        return hash(tuple(_format_parts(self.arguments()).values()))
 
 
 def unlike_names(places: Sequence[Discretization]) -> list[str]:
@@ -106,10 +106,10 @@ DISCRETIZATION = (*STEPPING, "control_period")
 
 def agrees(stated: Mapping[str, Any], full: Mapping[str, Any]) -> bool:
     """Whether a discretization has all the parts that are stated, by the rule of its equality."""
-    return _written(stated) == _written({name: full[name] for name in stated})
+    return _format_parts(stated) == _format_parts({name: full[name] for name in stated})
 
 
-def _written(parts: Mapping[str, Any]) -> dict[str, str]:
+def _format_parts(parts: Mapping[str, Any]) -> dict[str, str]:
     return {k: x if isinstance(x, str) else f"{x:.12g}" for k, x in parts.items()}
 
 

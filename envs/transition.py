@@ -505,7 +505,7 @@ def step_info(setup: Setup, state: EnvState, outcome: Outcome) -> dict[str, Any]
 
 
 def _contact_info(setup: Setup, outcome: Outcome) -> dict[str, Any]:
-    """What a plant with contact points is told of besides."""
+    """Further entries of `info` of a plant with contact points."""
     if not outcome.touches:
         return {}
     names: tuple[str, ...] = setup.plant.contact_names  # type: ignore[attr-defined]

@@ -38,7 +38,7 @@ _PERHAPS_UNKNOWN = dict.fromkeys(("dissipated", "energy_residual"), nan)
 """What an environment leaves out of `info` where it is not known."""
 
 COMMANDED, MEASURED = "command_", "measured_"
-"""How names of what is commanded begin among what is told besides, and of the same measured."""
+"""Prefixes of the further columns that hold a command, and of those that hold its measurement."""
 
 _STARTING = ("energy", "goal_since")
 """What of ``info`` is not 0 at a reset."""
@@ -254,7 +254,7 @@ class EpisodeRows:
         return np.where(arrival < self._ends, until, np.nan)
 
     def command_error(self) -> Array:
-        """Root mean square of what is commanded minus what is measured; NaN if it is not told."""
+        """Root mean square of commanded minus measured values; NaN where nothing is measured."""
         measured = [name for name in self._layout.further if name.startswith(MEASURED)]
         if not measured:
             return np.full(len(self.steps), np.nan)
@@ -446,7 +446,7 @@ def _nothing(layout: Layout) -> Episodes:
 
 
 @lru_cache(maxsize=256)
-def told_setup(env_id: str, arguments: str) -> Any:
+def native_setup(env_id: str, arguments: str) -> Any:
     """The setup of one of our tasks with its goal and times; no code that a record names is loaded.
 
     Args:

@@ -145,7 +145,7 @@ def _origin(of: str, what: str | Callable[..., Any]) -> Origin:
 
 
 context = partial(_origin, "context")
-"""Of what the recorder is told of the episodes."""
+"""Of what the recorder is given of the episodes."""
 
 setup = partial(_origin, "setup")
 """Of the environment's setup, and the lane whose plant parameters hold."""
@@ -542,7 +542,7 @@ def contact_fields(plant: Any) -> Iterator[Field]:
 
 
 def further_of(plant: Any) -> tuple[Further, ...]:
-    """What a plant tells of every control step besides; ours tell nothing."""
+    """What else a plant reports of every control step; ours report nothing."""
     return tuple(getattr(plant, "further", ()))
 
 

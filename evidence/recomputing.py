@@ -20,7 +20,7 @@ from integ_gym.envs.transition import STATUS_NAMES
 from integ_gym.support.optional import installed_versions
 
 from . import labels
-from .episodes import COMMANDED, MEASURED, told_setup
+from .episodes import COMMANDED, MEASURED, native_setup
 from .fields import (
     CODED_REASONS,
     FIRST_WRITTEN,
@@ -503,7 +503,7 @@ def _find_setup(fields: Any) -> Any:
         EvidenceError: where there is none with the record's arguments.
     """
     try:
-        return told_setup(fields["env_id"], fields["arguments"])
+        return native_setup(fields["env_id"], fields["arguments"])
     except EvidenceError:
         raise
     except (TypeError, ValueError) as error:

@@ -36,7 +36,7 @@ from integ_gym.support.optional import package_version
 from integ_gym.support.parameters import texts_of
 from integ_gym.support.terminal import plural
 
-from .episodes import choices, told_setup
+from .episodes import choices, native_setup
 from .fields import FIRST_WRITTEN, LATER_ATTEMPT, SCHEMA_VERSION, SECOND_HORIZON, record_fields
 from .parquet_file import check_schema, read
 from .recomputing import (
@@ -145,8 +145,8 @@ def replay(
 ) -> Replayed:
     """Play episodes again from their first states, with the controls of their traces.
 
-    What rounding alone changes as much, which a start moved by :data:`NUDGE` shows, is told apart;
-    :meth:`Replayed.settle` is to be called when all are played.
+    Differences that rounding alone explains, as a start moved by :data:`NUDGE` shows, are listed
+    apart; :meth:`Replayed.settle` is to be called when all are played.
 
     Args:
         records: file and record.
@@ -156,7 +156,7 @@ def replay(
             cannot be had. Its decisions are the same to the last bit where all its episodes of a
             cell are among ``records``, for it sees them together. It is pickled for records of
             other package versions.
-        report: told now and then how many more of ``records`` are done with.
+        report: called now and then with the number of further ``records`` that are done.
         done: what came of other records, to which these are added.
     """
     done = Replayed() if done is None else done
@@ -309,16 +309,16 @@ _SEEDED = tuple(class_path(kind) for kind in (MujocoTestbed, ClassicControl))
 
 def _is_seeded(record: EvidenceRecord) -> bool:
     """Whether a testbed made it whose environments can be made and started again."""
-    return _made_by(record) in _SEEDED or _is_of_robot(record)
+    return _testbed_class(record) in _SEEDED or _is_of_robot(record)
 
 
 def _is_of_robot(record: EvidenceRecord) -> bool:
     """Whether a testbed of somebody's own robot made it, whose code is loaded."""
     env_id = record.fields["env_id"]
-    return _made_by(record) == env_id and issubclass(TESTBEDS.load(env_id), MjcfTestbed)
+    return _testbed_class(record) == env_id and issubclass(TESTBEDS.load(env_id), MjcfTestbed)
 
 
-def _made_by(record: EvidenceRecord) -> Any:
+def _testbed_class(record: EvidenceRecord) -> Any:
     """The class of the testbed that made it; None: none did."""
     return parse_field("engine_description", record.fields["engine_description"]).get("testbed")
 
@@ -584,7 +584,7 @@ def other_columns(store: EvidenceStore) -> Iterator[Finding]:
         env_id = metadata.get(ENV_KEY.decode(), "")
         if int(version) < FIRST_WRITTEN or env_id not in ENVIRONMENTS:
             continue
-        setup = told_setup(env_id, rows.column("arguments")[0].as_py())
+        setup = native_setup(env_id, rows.column("arguments")[0].as_py())
         for own in record_fields(setup.plant, setup.task):
             if own.since > int(version):
                 continue

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from integ_gym.envs.registries import ENVIRONMENTS
 from integ_gym.support.terminal import plural
 
-from .episodes import choices, told_setup
+from .episodes import choices, native_setup
 from .fields import SUMMARY_FIELDS
 from .parquet_file import check_schema, parts, read
 from .record import EvidenceRecord, records_of
@@ -65,7 +65,7 @@ class Selection:
         ids: of the records.
         env_ids: of their environments, sorted.
         left_out: why records that were asked for are not among them, in words, to how many.
-        report: told how many records have been read since it was told last.
+        report: called with the number of records read since its last call.
     """
 
     store: EvidenceStore
@@ -219,7 +219,7 @@ def actions_of(record: EvidenceRecord, controls: tuple[str, ...]) -> Array | Non
     fields = record.fields
     if fields["env_id"] not in ENVIRONMENTS:
         return asked
-    task = told_setup(fields["env_id"], fields["arguments"]).task
+    task = native_setup(fields["env_id"], fields["arguments"]).task
     if task.discrete is None:
         return asked
     chosen = choices(task, asked[:, 0])

@@ -206,7 +206,7 @@ class EvidenceStore:
         """Re-compute all content hashes and look for records that are there twice.
 
         Args:
-            report: told now and then how many more records were looked at.
+            report: called now and then with the number of further records checked.
         """
         problems: list[Finding] = []
         seen: dict[str, str] = {}

@@ -1,4 +1,4 @@
-"""Errors that a user can mend, and how those of others' code are told."""
+"""Errors that a user can mend, and how those of others' code are reported."""
 
 from __future__ import annotations
 

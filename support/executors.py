@@ -93,7 +93,7 @@ class Cluster:
         gpus: of each of them.
         connect: returns an executor whose processes may be on other machines; it is called again
             once they are lost. None: processes of this machine, started for each pool.
-        lost: errors by which that executor tells that a worker was lost, beside `BrokenExecutor`.
+        lost: errors that mean for that executor that a worker was lost, beside `BrokenExecutor`.
     """
 
     workers: int
@@ -111,7 +111,7 @@ class Cluster:
         """An executor of tasks; an error that leaves the block cancels what waits.
 
         Args:
-            progress: is told of the work that tasks report.
+            progress: receives the work that tasks report.
             prepare: called once in each process.
         """
         if self.connect is None:
@@ -132,7 +132,7 @@ class TaskPool:
 
     Args:
         cluster: where.
-        progress: is told of the work that tasks report.
+        progress: receives the work that tasks report.
         prepare: called once in each process.
     """
 
@@ -208,7 +208,7 @@ class RemoteExecutor(Executor):
 
     Args:
         executor: runs tasks in other processes.
-        progress: is told of the work that tasks report, as each ends.
+        progress: receives the work that tasks report, as each ends.
         prepare: called once in each process before its first task, with 0.
         lost: errors that tell that a worker was lost.
     """

@@ -263,9 +263,9 @@ def remove_leftovers(directory: Path, age: float = LEFTOVER_AGE) -> None:
 
 
 def display_path(path: str | os.PathLike[str]) -> str:
-    """A path as what others will read tells it: from here, and of one elsewhere the name alone.
+    """A path as others will read it: relative to here, and of one elsewhere the name alone.
 
-    A URL is told as it is.
+    A URL is left as it is.
     """
     if "://" in str(path):
         return str(path)

@@ -208,7 +208,7 @@ def make_interpreter(
     Args:
         packages: that are changed.
         needed: versions of the others.
-        report: told what is being done, in words, where something is.
+        report: called with a sentence on each thing that is done.
 
     Raises:
         InterpreterError: where it cannot be made, with uv's own words.
@@ -222,7 +222,7 @@ def make_interpreter(
     name = hashlib.sha256(json.dumps(asked, sort_keys=True).encode()).hexdigest()[:16]
     folder = interpreters_folder() / name
     folder.parent.mkdir(parents=True, exist_ok=True)
-    with _held(folder.with_suffix(".lock")):
+    with _hold_lock(folder.with_suffix(".lock")):
         if not (folder / _MARKER).exists():
             report(f"making an interpreter with {' '.join(packages)}")
             shutil.rmtree(folder, ignore_errors=True)
@@ -232,7 +232,7 @@ def make_interpreter(
 
 
 @contextmanager
-def _held(path: Path) -> Iterator[None]:
+def _hold_lock(path: Path) -> Iterator[None]:
     """Hold a lock, which another process may have for as long as it makes the interpreter."""
     lock, until = FileLock(path), time.monotonic() + _PATIENCE
     while not lock.acquire():
@@ -257,7 +257,7 @@ def _own() -> dict[str, str]:
 
 @cache
 def _own_source() -> tuple[str, tuple[str, ...]]:
-    """Where this package was installed from, and what uv is told to install it from there.
+    """Where this package was installed from, and what uv needs to install it from there.
 
     Raises:
         InterpreterError: for a copy of a folder, which may have changed since.

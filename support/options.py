@@ -43,11 +43,11 @@ def file_or_hub(word: str) -> str | Path:
 
 
 def display_command(words: Sequence[str]) -> str:
-    """A command as pages tell it, to be given again: paths as :func:`display_path` tells them."""
-    return shlex.join(_told(word) for word in words)
+    """A command as pages show it, to be given again: paths as :func:`display_path` shows them."""
+    return shlex.join(_display_word(word) for word in words)
 
 
-def _told(word: str) -> str:
+def _display_word(word: str) -> str:
     name, equals, value = word.partition("=")
     if word.startswith("--") and os.path.isabs(value):
         return f"{name}{equals}{display_path(value)}"

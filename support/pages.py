@@ -129,7 +129,7 @@ def _colours() -> str:
     light, dark = grounds
     classes = " ".join(f".h-{name} {{ --c: var(--h-{name}); }}" for name in HUES)
     bars = " ".join(
-        f"i.{name}{side} {{ background: {_told(colour)}; }}"
+        f"i.{name}{side} {{ background: {_css_colour(colour)}; }}"
         for name, pair in AMOUNTS.items()
         for side, colour in zip(("", ".below"), pair, strict=True)
     )
@@ -141,7 +141,7 @@ def _colours() -> str:
     )
 
 
-def _told(name: str) -> str:
+def _css_colour(name: str) -> str:
     """A colour of the palette, as a style names it."""
     return f"rgb(var(--{name}))" if name in _AS_CHANNELS else f"var(--{name})"
 

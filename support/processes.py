@@ -118,17 +118,17 @@ def _check_sent(sent: Any, file: str | None, otherwise: str) -> None:
         text = pickle.dumps(sent)
     except Exception as error:  # pickling runs what an object says of itself
         raise SpawnError(
-            f"worker processes cannot be given {_named(sent)} ({error}); define it at the top of a "
+            f"worker processes cannot be given {_label(sent)} ({error}); define it at the top of a "
             f"module{otherwise}"
         ) from error
     if file is None and b"__main__" in text:
         raise SpawnError(
-            f"worker processes cannot find {_named(sent)}, which was defined in a notebook or an "
+            f"worker processes cannot find {_label(sent)}, which was defined in a notebook or an "
             f"interactive session; define it in a module{otherwise}"
         )
 
 
-def _named(sent: Any) -> str:
+def _label(sent: Any) -> str:
     name = getattr(sent, "policy_id", getattr(sent, "__name__", type(sent).__name__))
     return repr(name)
 

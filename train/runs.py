@@ -25,7 +25,7 @@ from .policy_files.sidecar import TrainedPolicy, check_folder
 from .ppo import PPOConfig, train_run
 
 OnTrained: TypeAlias = Callable[[int, TrainedPolicy], Any]
-"""Told the place of a policy among the configurations once it and its evidence are written."""
+"""Called with a policy's index among the configurations once it and its evidence are written."""
 
 C = TypeVar("C", bound=TrainingConfig)
 
@@ -82,7 +82,7 @@ def train_ppo(
         workers: processes; by default one per core. A single run, or the runs of a single worker
             one after another, are trained in this process.
         force: replace policies that are already there.
-        on_trained: told the place of every policy in `configs` once it and its evidence are
+        on_trained: called with the index in `configs` of every policy once it and its evidence are
             written.
         tensorboard: write logs beside each policy.
         executor: what runs the processes: see :func:`integ_gym.support.executors.open_cluster`.
@@ -201,7 +201,7 @@ def train_in_processes(
         chunks: places of those that are trained together.
         cluster: where.
         bar: see :func:`training_bar`; closed at the end.
-        on_trained: told of each policy.
+        on_trained: called with each policy.
         write: called here for each place with what ``train`` returned for it on this machine.
         prepare: called once in each process but this one, with its number from 0.
         starting: what the bar says until some work is done.

@@ -37,7 +37,7 @@ class DiscretizationCallback(BaseCallback):
         verbose: 1 prints the gap.
 
     Raises:
-        TypeError, ValueError: when training begins, if the home is neither given nor told by the
+        TypeError, ValueError: when training begins, if the home is neither given nor known from the
             environment, or a discretization cannot be made; see :func:`discretization_gap`.
     """
 

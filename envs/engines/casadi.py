@@ -1,4 +1,4 @@
-"""Components as CasADi expressions: the plant's equations, told to CasADi."""
+"""Components as CasADi expressions: the plant's equations, translated for CasADi."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _ONE_ELEMENT = {"number_of_finite_elements": 1}
 class CasadiEngine(MappedEngine):
     """CasADi's integrators over the plant's own equations, in float64, interpreted by CasADi.
 
-    The equations are told to CasADi once, friction, stops and losses included, so that all act
+    The equations are translated once, friction, stops and losses included, so that all act
     within the integrator's stages. Every plant will do whose equations are made of the operations
     of :class:`integ_gym.envs.ops.ops.Ops` but `while_loop` and `foreign`. `rk` and
     `collocation` take one finite element per step. `cvodes` and `idas` choose inner steps of their
@@ -40,7 +40,7 @@ class CasadiEngine(MappedEngine):
     agree with the reference to about 1e-10 per step.
 
     Raises:
-        TypeError: for equations that CasADi cannot be told.
+        TypeError: for equations that CasADi cannot express.
     """
 
     name: ClassVar[str] = "casadi"
@@ -190,7 +190,7 @@ def _collocation(
 
 
 def _adaptive(dae: dict[str, Any], dt: float, plugin: str, settings: Mapping[str, Any]) -> Run:
-    """SUNDIALS' `cvodes` or `idas`: iterations are inner steps; the residual is not told and is 0.
+    """SUNDIALS' `cvodes` or `idas`: iterations are inner steps; no residual, so it is 0.
 
     Where it gives up there is no state: components are NaN. `idas` then writes to `sys.stderr`,
     whatever `disable_internal_warnings` says, so that this is turned away during the call.

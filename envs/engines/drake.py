@@ -203,7 +203,7 @@ def implicit_steps(
 ) -> Run:
     """Steps of an implicit integrator to an accuracy, with the most Newton iterations of any.
 
-    A step that Drake divides is told as not converged. From values that are astray there is no
+    A step that Drake divides is reported as not converged. From values that are astray there is no
     step, for on some of them Drake crashes. Steps begin with the matrices at rest where
     ``from_rest`` says so. With ``speeds``, each velocity's mean square over the ends of the steps
     comes before the report.
@@ -306,7 +306,7 @@ class Stepper:
         return self._state, found[self._iterations][1], found[self._divisions][1]
 
     def _attempted(self, state: Components, force: Components) -> Any:
-        """Take a step; what the integrator tells of it."""
+        """Take a step; what the integrator reports of it."""
         if self._clock.now == SPAN or (self.spoiled and self._from_rest):
             self._begin()
         self._prepare()
@@ -381,7 +381,7 @@ class DrakeEngine(RigidBodyEngine):
     def build(self) -> None:
         """Make the model, finalized, with generalized forces as its only input.
 
-        An implicit integrator tells its target accuracy; Drake's cap of iterations is not told.
+        An implicit integrator tells its target accuracy; Drake's cap of iterations is not reported.
         """
         self.reports = self.integrator not in DISCRETE
         if self.integrator in IMPLICIT:

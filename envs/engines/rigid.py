@@ -1,4 +1,4 @@
-"""Plants as rigid bodies, which simulators are told and held against."""
+"""Plants as rigid bodies, which simulators are given and compared with."""
 
 from __future__ import annotations
 
@@ -143,7 +143,7 @@ class RigidBodyEngine(ForeignEngine):
         """The simulator's mass matrix, (dof, dof), and its generalized force of gravity, (dof,)."""
 
     def forward_dynamics(self, q: Components, v: Components, force: Components) -> Array | None:
-        """The simulator's accelerations under a generalized force, (dof,); None: it tells none."""
+        """The simulator's accelerations under a generalized force, (dof,), if it reports any."""
         return None
 
     def advance(
@@ -169,7 +169,7 @@ class RigidBodyEngine(ForeignEngine):
         )
 
     def acceleration(self, q: Components, v: Components, force: Components) -> Components | None:
-        """The simulator's, with our stops and friction; None where it tells none."""
+        """The simulator's, with our stops and friction; None where it reports none."""
         n = len(self.mechanism.links)
         q, v, own = q[:n], v[:n], force[:n]
         found = self.forward_dynamics(q, v, self.system.with_resistance(SCALAR, q, v, own))
@@ -197,7 +197,7 @@ class RigidBodyEngine(ForeignEngine):
 
     @property
     def straight(self) -> bool:
-        """Whether nothing is booked between steps but work, and damping that is told with them."""
+        """Whether nothing is booked between steps but work and the damping of the steps."""
         system = self.system
         limited = system.speed_limits is not None or system.engine_stops is not None
         if system.steep or limited:
@@ -284,7 +284,7 @@ class RigidBodyEngine(ForeignEngine):
     ) -> Component:
         """Force of the engine's own stop: what it changed in the momentum, over the step; or 0.
 
-        What energy it took is not told, so that the ledger is open where it acts.
+        The energy that it took is not reported, so that the ledger is open where it acts.
         """
         held = HeldForce(self.system.plant, force)
         free = self._map.step(ops, held, q, v, (0.0,), 0.0, self.dt).v

@@ -41,7 +41,7 @@ class Engine(Protocol):
     width: int
     """Bits of the floats that it computes with outside JAX."""
     reports: bool
-    """Whether it tells its solver's iterations and convergence, and its residual if it has one."""
+    """Whether it reports its solver's iterations, convergence and, if there is one, residual."""
     version: str
 
     def advance(
@@ -205,7 +205,7 @@ class SteppedEngine(ABC):
     holds_resistance: ClassVar[bool] = False
     """Whether our stops and friction are forces taken at a step's start and held during it."""
     reports: bool = False
-    """Whether it tells its solver's iterations and convergence, and its residual if it has one."""
+    """Whether it reports its solver's iterations, convergence and, if there is one, residual."""
     solver_tolerance: float | None = None
     """Of a solver, if it has one."""
     solver_cap: int | None = None

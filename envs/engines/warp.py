@@ -32,7 +32,7 @@ Counts = npt.NDArray[np.int32]
 
 
 class ConstraintSolver(NamedTuple):
-    """What a simulator tells of the solver of its constraints."""
+    """What a simulator reports of the solver of its constraints."""
 
     iterations: Counts
     """Of the last step in each world: the simulator's own memory, (worlds,)."""

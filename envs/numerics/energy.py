@@ -41,7 +41,7 @@ class EnergyGrowth:
     Attributes:
         kind: `bounded` where the drift of the mean energy stays below the energy's own ripple;
             `exponential` where log E follows time better than E does; `linear` otherwise, also
-            where the two cannot yet be told apart (total change below 10 %).
+            where the two cannot yet be distinguished (total change below 10 %).
         drift: change of the mean energy from the first to the last tenth of the motion, relative
             to the first; negative where energy is drained. `inf` where the motion diverged.
         largest: max |E − E₀| / E₀.

@@ -142,7 +142,7 @@ class ContactFrame(NamedTuple):
 
 
 class Touch(NamedTuple):
-    """What a contact point is told of."""
+    """What is reported of a contact point."""
 
     penetration: Component = 0.0
     """m, never negative."""

@@ -23,7 +23,7 @@ Named = dict[str, float]
 """Values by the names of their components, in order."""
 
 ACTUATORS = "command of the actuators"
-"""What a command is where it is told as it reaches the actuators, within their limits."""
+"""What a command is where it is recorded as it reaches the actuators, within their limits."""
 
 
 class Boundaries:
@@ -78,7 +78,7 @@ class Boundaries:
         return number_components("obs", self.start(seed))
 
     def command(self, state: Array, action: Any) -> Named | None:
-        """What the actuators are told."""
+        """The actuators' command."""
         reached = intercept(lambda: self.env.step(action), self.env.unwrapped, "step")
         return None if reached is None else number_components("action", reached)
 
@@ -242,7 +242,7 @@ class MujocoBoundaries(Boundaries):
         )
 
     def command(self, state: Array, action: Any) -> Named | None:
-        """What the task tells the actuators, within their limits."""
+        """The task's command to the actuators, within their limits."""
         self._place(state)
         told = intercept(lambda: self.env.step(action), self._inner, "do_simulation")
         if told is None or np.size(told) != self._model.nu:

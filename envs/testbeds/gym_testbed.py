@@ -463,7 +463,7 @@ class ClassicControl(GymTestbed):
         self.choices = tuple(self._knobs.integrators)
         self.registered = gym.spec(env_id)
         stock = gym.make(env_id)
-        integrator, step = self._found(stock)
+        integrator, step = self._read_attributes(stock)
         self.home = Discretization(integrator, step, step, ENGINE)
         stock.close()
 
@@ -482,9 +482,9 @@ class ClassicControl(GymTestbed):
 
     def read(self, env: gym.Env[Any, Any]) -> Applied:
         """From the attributes."""
-        return self.as_applied(*self._found(env), env)
+        return self.as_applied(*self._read_attributes(env), env)
 
-    def _found(self, env: gym.Env[Any, Any]) -> tuple[str, float]:
+    def _read_attributes(self, env: gym.Env[Any, Any]) -> tuple[str, float]:
         """Integrator and step, s."""
         inner, knobs = env.unwrapped, self._knobs
         kind = "" if knobs.kind is None else getattr(inner, knobs.kind)

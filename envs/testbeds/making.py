@@ -263,11 +263,11 @@ def find_testbed(env_id: str, arguments: Mapping[str, Any]) -> Testbed:
         ValueError: for a reference that cannot be loaded. An id that is unknown is refused, with
             what is possible, by what first makes its environment.
     """
-    return _found(env_id, json.dumps(dict(arguments), sort_keys=True))
+    return _load_testbed(env_id, json.dumps(dict(arguments), sort_keys=True))
 
 
 @lru_cache(maxsize=64)
-def _found(env_id: str, arguments: str) -> Testbed:
+def _load_testbed(env_id: str, arguments: str) -> Testbed:
     given = json.loads(arguments)
     if is_integ_environment(env_id):
         return IntegTestbed(env_id, **given)

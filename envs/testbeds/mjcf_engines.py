@@ -339,7 +339,7 @@ class ModelBoundaries(MujocoBoundaries):
         """`qfrc_actuator`."""
         if self._engine is None or len(command) != self._model.nu:
             return super().force(state, command)
-        return name_components(self._axes, self._found(state, ctrl=command)["qfrc_actuator"])
+        return name_components(self._axes, self._fields(state, ctrl=command)["qfrc_actuator"])
 
     def acceleration(self, state: Array, force: Array) -> Named | None:
         """`qacc` under the force alone: what actuators do without a command is taken off."""
@@ -348,10 +348,10 @@ class ModelBoundaries(MujocoBoundaries):
             found = super().acceleration(state, force)
             _set(self._model, self._option)
             return found
-        idle = self._found(state)["qfrc_actuator"].copy()
-        return name_components(self._axes, self._found(state, qfrc_applied=force - idle)["qacc"])
+        idle = self._fields(state)["qfrc_actuator"].copy()
+        return name_components(self._axes, self._fields(state, qfrc_applied=force - idle)["qacc"])
 
-    def _found(self, state: Array, **inputs: Array) -> Fields:
+    def _fields(self, state: Array, **inputs: Array) -> Fields:
         self._place(state, **inputs)
         self._data.qacc_warmstart[:] = 0.0
         assert self._engine is not None

@@ -1,4 +1,4 @@
-"""What evidence tells of a robot beside state and controls: command, forces, contacts, solver."""
+"""What evidence records of a robot beside state and controls: command, forces, contacts, solver."""
 
 from __future__ import annotations
 

@@ -148,7 +148,7 @@ class DmControlBoundaries(Boundaries):
         return number_components("obs", self._ask("observation", state=state))
 
     def command(self, state: NDArray[np.float64], action: Any) -> Named:
-        """What the task tells the actuators, within their limits."""
+        """The task's command to the actuators, within their limits."""
         told = self._ask("command", state=state, action=np.ravel(action).astype(np.float64))
         return name_components(self._actuators, told)
 

@@ -108,7 +108,7 @@ class Served:
         return observed
 
     def command(self, lane: int, state: list[float], action: list[float]) -> list[float]:
-        """What the task tells the actuators, within their limits."""
+        """The task's command to the actuators, within their limits."""
         env = self._lanes[lane]
         model, data = env.physics.model, _place(env.physics, state)
         env.task.before_step(import_module("numpy").array(action), env.physics)

@@ -75,7 +75,7 @@ LARGEST = 8 << 20
 """Bytes of a summary, at most."""
 
 PACKAGES = ("integ-gym", "numpy", "jax", "jaxlib")
-"""Whose versions are told."""
+"""Packages whose versions are recorded."""
 
 _OUTCOMES = """
 SELECT policy_id, policy_hash, training_seed::UINTEGER AS seed, cell,

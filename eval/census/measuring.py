@@ -100,12 +100,12 @@ class Found:
 
     Attributes:
         map: the known map that is nearest.
-        equal_maps: all maps that it cannot be told from.
+        equal_maps: all maps that it cannot be distinguished from.
         substeps: steps of it in one control period.
         dt: of one step, s.
         defect: largest error of one control period against it, relative to 1 + |value|.
         identified: whether that is no more than the arithmetic.
-        runner_up: the nearest map that it can be told from, and its defect.
+        runner_up: the nearest map that it can be distinguished from, and its defect.
         truth_defect: largest error of one control period against the exact solution over the
             stated time.
     """
@@ -299,7 +299,7 @@ class Line:
     Attributes:
         subject: what was looked at, and is held no longer: engines may be processes.
         found: what its control period is made of.
-        speed_limit: None where nothing was identified that it could be told from.
+        speed_limit: None where nothing was identified that it could be distinguished from.
         drift: None where a free motion cannot be had.
         swing_period: of small oscillations about hanging, s.
         authority: largest control over the largest torque of gravity, or over the weight.

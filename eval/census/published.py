@@ -45,7 +45,7 @@ class Library(ABC):
     title: ClassVar[str]
     """Its name, as people write it."""
     package: ClassVar[str]
-    """The distribution whose version is told."""
+    """The distribution whose version is reported."""
     modules: ClassVar[tuple[str, ...]]
     """What has to be importable."""
     apart: ClassVar[IsolatedEnvironment | None] = None

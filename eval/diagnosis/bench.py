@@ -207,7 +207,7 @@ class Bench:
                 plant are counted.
             arguments: further constructor arguments; ``duration`` in s among them.
         """
-        made = open_loop_environment(subject.name)
+        environment = open_loop_environment(subject.name)
         name, values = commands
         shape = len(values), len(subject.plant.controls)
         policy = Commands(name, np.broadcast_to(values, shape))
@@ -216,10 +216,10 @@ class Bench:
             "integrator": integrator, "dt": dt,
         }  # fmt: skip
         if len(starts) > 1:
-            return self._lanes(cell, made(len(starts), **arguments), policy, starts)
-        env = made.env_class(**arguments)
+            return self._lanes(cell, environment(len(starts), **arguments), policy, starts)
+        env = environment.env_class(**arguments)
         system = count_evaluations(env)
-        rollout = self._recorded(RecordEvidence, made.__name__, cell, env, policy, starts[0])
+        rollout = self._recorded(RecordEvidence, environment.__name__, cell, env, policy, starts[0])
         return replace(rollout, evaluations=system.evaluations)
 
     def task(

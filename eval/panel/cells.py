@@ -490,7 +490,7 @@ class MixtureTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     mixture: Name
     members: list[Member]
 
-    def made(self, home: Discretization) -> DiscretizationMixture:
+    def build(self, home: Discretization) -> DiscretizationMixture:
         """The mixture; see :meth:`Places.discretizations`."""
         label = f"members of {self.mixture}"
         members = [(d, x.weight) for x in self.members for d in x.discretizations(label, home)]
@@ -527,7 +527,7 @@ def training_homes(entries: Sequence[Mapping[str, Any]], home: Discretization) -
     found: list[Home] = []
     for k, entry in enumerate(entries):
         if "mixture" in entry:
-            found.append(convert(f"train[{k}]", entry, MixtureTable).made(home))
+            found.append(convert(f"train[{k}]", entry, MixtureTable).build(home))
         else:
             found += convert(f"train[{k}]", entry, Places).discretizations("train", home)
     return tuple(dict.fromkeys(found))

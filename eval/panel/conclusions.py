@@ -125,7 +125,7 @@ def answer_lines(panel: Panel) -> tuple[str, ...]:
     """
     if panel.given_alone:
         finding = finding_of(panel)
-        lines = ["There is nothing to judge."] if finding is None else _given(panel, finding)
+        lines = ["There is nothing to judge."] if finding is None else _paragraphs(panel, finding)
     else:
         lines = [*_trained(panel), limit_words(panel)]
     first, *others = filter(None, lines)
@@ -429,7 +429,7 @@ def _margin(panel: Panel, row: Row, measure: str) -> float:
     return RETURN_MARGIN * max(0.0, _lead(panel, row))
 
 
-def _given(panel: Panel, finding: Finding) -> list[str]:
+def _paragraphs(panel: Panel, finding: Finding) -> list[str]:
     row = panel.row(finding.row)
     split = finding.status == "cause" and finding.measure == "success"
     return [

@@ -545,7 +545,7 @@ def evaluate(
         own_code: whether classes that the side-car names as ``"module:Class"`` may be loaded.
         workers: processes; 1: this one; by default one per core where that is worth it.
         progress: show a bar on stderr.
-        on_home: told what is taken as home and why, before anything is run.
+        on_home: called with what is taken as home and why, before anything is run.
         on_cells: gets the names of the policy's cells, likewise; may refuse them.
         on_doubt: told each sentence that casts doubt on the result; by default stderr is.
         command: how to run this again, for the page.

@@ -213,7 +213,7 @@ def _home_words(home: Home) -> str:
 
 
 def _defaults(env_id: str, arguments: Mapping[str, Any]) -> dict[str, Any]:
-    """What else the policy met in its training, where that is told as a whole."""
+    """What else the policy met in its training, where that is recorded as a whole."""
     setup = _make_closed(env_id, _with_step(arguments)).setups[0]
     return {name: x for name, x in setup.arguments().items() if name not in _OF_THE_EPISODE}
 

@@ -35,34 +35,37 @@ CHECKING, JUDGING = "checking records", "judging"
 DRAWING, WRITING = "drawing figures", "writing the page"
 
 _SECONDS = {CHECKING: 3.0, JUDGING: 9.0, DRAWING: 5.0, WRITING: 3.0}
-"""What is done, in words and in order, and time that it takes of the quick panel, s."""
+"""Phases in order, and the time that each takes in the quick panel, s."""
 
 _BEFORE = dict(zip(_SECONDS, accumulate(_SECONDS.values(), initial=0.0), strict=False))
 
 Begin = Callable[[str], None]
-"""Told what is done now."""
+"""Called with the name of a phase when it begins."""
 
 
 def no_op(phase: str) -> None:
-    """Nobody is told."""
+    """Show no progress."""
 
 
 @contextmanager
 def phases(label: str, shown: bool) -> Iterator[Begin]:
-    """What is to be told what is done now, for a bar over all of it.
+    """A progress bar over judging a finished run; yields what is called as each phase begins.
+
+    The bar is full when the block ends without an error.
 
     Args:
         label: of the run.
         shown: whether the bar is.
     """
-    with panel_bar(f"{label}, page", sum(_SECONDS.values()), shown) as bar:
+    with panel_bar(f"{label}, verdicts and page", sum(_SECONDS.values()), shown) as bar:
 
         def begin(phase: str) -> None:
-            bar.update(_BEFORE[phase] - bar.n)
+            if _BEFORE[phase] > bar.n:
+                bar.update(_BEFORE[phase] - bar.n)
             bar.describe(phase)
 
         yield begin
-        bar.describe("")
+        bar.describe("", draw=False)
 
 
 def write_artefact(
@@ -81,7 +84,7 @@ def write_artefact(
         command: how to run it again, for the page.
         workers: processes that it ran in.
         of: the panel whose stage it is; nothing is decided then.
-        begin: told what is done now.
+        begin: called with the name of each phase when it begins.
     """
     begin(CHECKING)
     check_records(directory)
@@ -213,7 +216,7 @@ def write_outputs(
         directory: of the finished run.
         made: what was found.
         called: how the run was called.
-        begin: told what is done now.
+        begin: called with the name of each phase when it begins.
         decided: whether all of the panel is there.
     """
     panel = as_sealed(directory, made)

@@ -234,7 +234,7 @@ def _write(
     workers: int,
     progress: bool,
 ) -> Panel:
-    """Write a panel's page, or that of a stage of it, while a bar tells what is done."""
+    """Write a panel's page, or that of a stage of it, while a bar shows the progress."""
     with phases(label, progress) as begin:
         panel = write_artefact(spec, directory, command, workers, of=of, begin=begin)
     directory.storage.send()

@@ -74,7 +74,7 @@ NO_RESULT = ("memory_gib",)
 """Attributes that change no result."""
 
 LATER = ("episode_parts", "looks", "unmade", "limit", "check")
-"""Attributes that are told where there is something to tell; specifications of before lack them."""
+"""Attributes that are written only where they say something; older specifications lack them."""
 
 
 _WITH_SOLVER = "choose an integrator that `integ-gym engines` lists with one"

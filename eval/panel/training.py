@@ -167,7 +167,7 @@ def preparation_of(spec: PanelSpec, cluster: Cluster) -> Callable[[int], None] |
 def _marking(
     spec: PanelSpec, units: Sequence[Unit], places: Sequence[RunDirectory]
 ) -> Callable[[int, TrainedPolicy], None]:
-    """What marks a unit as finished, told its place and what was trained."""
+    """What marks a unit as finished, called with its place and what was trained."""
     start = time.time()
 
     def mark(number: int, trained: TrainedPolicy) -> None:

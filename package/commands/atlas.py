@@ -81,11 +81,11 @@ def main(argv: Sequence[str]) -> int:
         _print_plan(atlas, waiting)
         return 0
     if given.again:
-        block = _named(atlas.blocks(), given.again)
+        block = _find_block(atlas.blocks(), given.again)
         agreement = again(atlas, block, given.out, folder, workers=workers)
         print_wrapped(_agreed(agreement))
         return 0
-    chosen = [_named(atlas.blocks(), name) for name in given.only or ()]
+    chosen = [_find_block(atlas.blocks(), name) for name in given.only or ()]
     blocks = [one for one in waiting if not chosen or one in chosen]
     progress = not given.no_progress
     for block, summary in run_blocks(
@@ -106,7 +106,7 @@ def _agreed(found: Agreement) -> str:
     return f"{what}: other weights, but {by}, and by no more than chance on any training ground."
 
 
-def _named(blocks: Sequence[Block], name: str) -> Block:
+def _find_block(blocks: Sequence[Block], name: str) -> Block:
     for block in blocks:
         if block.name == name:
             return block

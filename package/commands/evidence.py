@@ -71,7 +71,7 @@ def replay(
     Args:
         store: of the run.
         given: ``all``, ``sample``, ``seed``, ``exact``, ``own_code`` and ``policy`` of `verify`.
-        report: told now and then how many more records are done with.
+        report: called now and then with the number of further records that are done.
     """
     done = replaying.replay_some(
         store,
@@ -191,7 +191,7 @@ def verify(given: argparse.Namespace, store: EvidenceStore) -> int:
     if given.make_interpreters:
         _make_interpreters(store, not given.no_progress)
     with WorkBar("verify", _seconds(store, given), not given.no_progress) as bar:
-        found, sentences = _found(store, given, sealed, exported, bar)
+        found, sentences = _find_problems(store, given, sealed, exported, bar)
         bar.describe("", draw=False)
     for line in found or [*_checked(store, given, sealed, exported), *sentences]:
         print(line)
@@ -203,7 +203,7 @@ def verify(given: argparse.Namespace, store: EvidenceStore) -> int:
 _NOT_PLAYED = "not replayed: any record, until what is named above is mended"
 
 
-def _found(
+def _find_problems(
     store: EvidenceStore,
     given: argparse.Namespace,
     sealed: Mapping[str, Any] | None,

@@ -229,7 +229,7 @@ def train_fleet(
             per GPU. 0: none but this one, which is set up as they are: for a program that has not
             used JAX before, and trains no more at once than one of them would.
         force: replace policies that are already there.
-        on_trained: told the place of every policy in `configs` once it and its evidence are
+        on_trained: called with the index in `configs` of every policy once it and its evidence are
             written.
         memory_gib: see :func:`integ_gym.train.fleet.planning.plan`.
         cache_dir: compiled programs are kept there; by default in the user's cache folder.
@@ -294,7 +294,7 @@ def train_chunk(
     Args:
         configs: the runs.
         evidence: where the training episodes of each are recorded.
-        on_steps: told the decisions of all policies after each rollout.
+        on_steps: called with the decisions of all policies after each rollout.
 
     Raises:
         ValueError: if they are of different kinds.
@@ -412,7 +412,7 @@ class _Trainer:
         """Some rollouts, by default all; the host takes one in while the next is computed.
 
         Args:
-            on_steps: told the decisions of all policies after each rollout.
+            on_steps: called with the decisions of all policies after each rollout.
             rollouts: how many.
             learner: what goes on learning, in episodes that begin anew; None: a new one.
         """

@@ -95,7 +95,7 @@ def check_own_hash(card: Mapping[str, Any], file: Path, remedy: str) -> None:
 
 _PACKAGES = ("integ-gym", "gymnasium", "numpy", "stable-baselines3", "torch")
 _OF_TRAINER = {"sb3": (), "fleet": ("jax", "jaxlib")}
-"""Packages whose versions are told; both trainers write SB3's zip."""
+"""Packages whose versions are recorded; both trainers write SB3's zip."""
 
 _DRAWN = {
     "sb3": "each environment draws a member at every reset",
@@ -105,7 +105,7 @@ _DRAWN = {
 """How each trainer draws from a mixture."""
 
 LAST_EPISODES = 100
-"""Episodes at the end of training that the card tells about."""
+"""Episodes at the end of training that the card summarises."""
 
 
 def mixture_of(vector_env: VectorEnv[Any, Any, Any]) -> Mixture:

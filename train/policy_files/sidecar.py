@@ -276,7 +276,7 @@ def _usable() -> Iterator[None]:
 
 def policy_file(folder: Path) -> Path:
     """The file of the policy in a folder: what its side-car names, or else the zip."""
-    named = _told(folder).get("policy_file")
+    named = _read_sidecar(folder).get("policy_file")
     return folder / (named if named in (POLICY_FILE, WEIGHTS_FILE) else POLICY_FILE)
 
 
@@ -286,13 +286,14 @@ def readable_file(folder: Path) -> Path:
     The weights stand for the zip where the side-car's hash says that it is the one written with
     them.
     """
-    file, weights, told = policy_file(folder), folder / WEIGHTS_FILE, _told(folder).get(_ZIP_HASH)
+    file, weights = policy_file(folder), folder / WEIGHTS_FILE
+    told = _read_sidecar(folder).get(_ZIP_HASH)
     if file == weights or told is None or not (weights.exists() and file.exists()):
         return file
     return weights if _sha256(file.read_bytes()) == told else file
 
 
-def _told(folder: Path) -> dict[str, Any]:
+def _read_sidecar(folder: Path) -> dict[str, Any]:
     """What the side-car in a folder says; nothing where there is none, or a damaged one."""
     with suppress(ValueError, OSError):
         return read_object(folder / SIDECAR_FILE, {}, _RESTORE)

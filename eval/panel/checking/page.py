@@ -56,10 +56,10 @@ def deviations(
 
 
 def _part(directory: RunDirectory, spec: PanelSpec, said: Panel) -> PanelSpec:
-    """The panel, or before its verdicts were seen as many of its seeds as are told of.
+    """The panel, or before its verdicts were seen as many of its seeds as are reported.
 
     Raises:
-        ValueError: for one that tells of fewer seeds than were judged.
+        ValueError: for one that reports fewer seeds than were judged.
     """
     if seen_now(spec) in directory.looks():
         return spec
@@ -94,7 +94,7 @@ def check_finished(path: Path) -> None:
 def against_plan(
     path: Path, own_code: bool = False, all_searches: bool = False
 ) -> Iterator[Finding]:
-    """What of a run is not as it was planned, or told otherwise than its records say.
+    """What of a run is not as it was planned, or reported otherwise than its records say.
 
     Nothing for a directory that no panel was run in. Numbers of ``panel.json`` are computed again
     once the rest is in order.

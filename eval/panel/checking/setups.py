@@ -117,7 +117,7 @@ def of_setups(
             if cell.name not in made:
                 made[cell.name] = _arguments(spec, cell)
             expected |= {"arguments": made[cell.name], "float_width": 64, "first_of_seed": True}
-        yield from _held(row, expected, where)
+        yield from _check_fields(row, expected, where)
 
 
 def of_training(
@@ -158,7 +158,7 @@ def of_training(
                 told = argument_values(row["arguments"])
             nearest = min(made[policy], key=lambda one: len([*differing("", told, one)]))
             expected |= {"arguments": nearest, "float_width": 32 if spec.fleet else 64}
-        yield from _held(row, expected, where)
+        yield from _check_fields(row, expected, where)
     yield from _of_lanes(spec, units, store)
 
 
@@ -221,10 +221,10 @@ def of_versions(versions: Mapping[str, str], store: EvidenceStore) -> Iterator[F
         expected: dict[str, Any] = {"package_versions": {name: there.get(name) for name in names}}
         if changed and row["engine"] in changed:
             expected["engine_version"] = changed[row["engine"]]
-        yield from _held({**row, "package_versions": told}, expected, None)
+        yield from _check_fields({**row, "package_versions": told}, expected, None)
 
 
-def _held(
+def _check_fields(
     row: Mapping[str, Any], expected: Mapping[str, Any], where: str | None
 ) -> Iterator[Finding]:
     """What records alike say, and the plan does not."""

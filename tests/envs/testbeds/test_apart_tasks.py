@@ -34,9 +34,9 @@ each = pytest.mark.parametrize("library", HOMES)
 @pytest.fixture(autouse=True)
 def _fresh():
     """Testbeds are not those that another test made."""
-    making._found.cache_clear()
+    making._load_testbed.cache_clear()
     yield
-    making._found.cache_clear()
+    making._load_testbed.cache_clear()
 
 
 @each

@@ -36,7 +36,7 @@ def settle(request, tmp_path, monkeypatch) -> str:
         (tmp_path / name).write_text(text, encoding="utf-8")
         monkeypatch.delitem(sys.modules, name.removesuffix(".py"), raising=False)
     monkeypatch.syspath_prepend(tmp_path)
-    making._found.cache_clear()
+    making._load_testbed.cache_clear()
     lookup._own_class.cache_clear()
     yield "my_task:Settle-v0"
     gym.registry.pop("Settle-v0", None)
