@@ -32,6 +32,12 @@ CASES: tuple[tuple[str, Components, Components, float], ...] = (
     ("elastic_pendulum", (0.1, 0.0), (0.2, 0.1), 0.02),
     ("hopper", (0.0, 0.45, 0.05, -0.1, 0.43), (1.0, 0.0, 0.2, -2.0, 0.1), 0.02),
     ("quadrotor", (0.5, 0.5, 0.3, 0.0, 0.0), (0.5, -0.5, 1.0, 3.0, 3.2), 0.02),
+    (
+        "guided_quadrotor",
+        (0.5, 0.5, 0.3, 0.0, 0.0, 0.5),
+        (0.5, -0.5, 1.0, 3.0, 3.2, 0.4),
+        0.02,
+    ),
     ("reacher", (0.3, 1.2, 0.5), (1.0, -2.0, 2.0), 0.02),
 )
 """Plant, configuration, velocities and control period, s."""

@@ -88,6 +88,8 @@ class IntegEnv(gym.Env[Observation, Any]):
     """
 
     task_name: ClassVar[str]
+    other_tasks: ClassVar[Mapping[str, str]] = {}
+    """Arguments that stand for another task where they are given, and that task's name."""
     defaults: ClassVar[Mapping[str, Any]]
     metadata: dict[str, Any] = {  # noqa: RUF012
         "render_modes": ["human", "rgb_array"],
@@ -361,9 +363,17 @@ class IntegEnv(gym.Env[Observation, Any]):
         return np.clip(noisy, self.observation_space.low, self.observation_space.high)  # type: ignore[attr-defined]
 
 
+def task_of(env: type[Any], arguments: Mapping[str, Any]) -> type[Any]:
+    """The class of the task that an environment class has, given these constructor arguments."""
+    asked = (task for name, task in env.other_tasks.items() if arguments.get(name) is not None)
+    other = next(asked, None)
+    return TASKS.load(other) if other else env.task_class()
+
+
 def make_setup(env: type[Any], arguments: Mapping[str, Any]) -> Setup:
     """The setup of an environment class from its constructor arguments."""
-    task = env.task_class()
+    task = task_of(env, arguments)
+    arguments = {k: x for k, x in arguments.items() if x is not None or k not in env.other_tasks}
     setup = build_setup(PLANTS.load(task.plant), task, env.defaults, arguments)
     check_starts(setup)
     return setup

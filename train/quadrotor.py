@@ -1,4 +1,4 @@
-"""Hand-made controller of the quadrotor."""
+"""Hand-made controller of the quadrotor, at rest and from way-point to way-point."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ class HoverRegulator(HandMade[Quadrotor]):
         super().__init__(setup)
         plant = self.plant
         self.share = 0.5 * plant.weight
-        hovering = np.zeros(12)
-        hovering[[7, 9, 10, 11]] = self.share
+        hovering = np.zeros(2 * len(plant.coordinates) + 2)
+        hovering[[7, 9, -2, -1]] = self.share
         a, b = linearize(plant, hovering)
         self.lags = plant.motor_time_constant is not None
         kept = [*range(6), *((7, 9) if self.lags else ())]

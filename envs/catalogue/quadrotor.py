@@ -33,9 +33,18 @@ class IntegQuadrotorEnv(IntegEnv, Env[Any, Any]):
     (lag), so that explicit Euler and symplectic Euler take the lag wrong by 20 dt / 2 and are
     unstable from a step of 0.1 s; RK4 is from 0.139 s; the implicit integrators never are.
 
-    The target is the room's middle in every episode. A task sees nothing but the state of the plant,
-    so that there is no target per episode and no sequence of way-points; a start elsewhere is the
-    same as a target elsewhere.
+    The target is the room's middle in every episode; a start elsewhere is the same as a target
+    elsewhere.
+
+    With `way_point_period` the targets are way-points, the corners of a square of ±0.5 m about the
+    room's middle, in turn and against the clock. A task sees nothing but the state of the plant, so
+    that the guide's clock is a part of it, as the reacher's marker is: the state has its phase and
+    rate at its end (:class:`integ_gym.envs.plants.quadrotor.GuidedQuadrotor`), and the way-point is
+    the corner of the quadrant that the phase is in. Starts are at any phase. Observation and reward
+    are those below with x and z seen from the way-point, so that policies of the one task fly the
+    other. Success: within 0.1 m of the way-point and |θ| < 0.2 rad (wrapped) throughout the second
+    half of each way-point's time, in the last two times. Give a `duration` of
+    three of them, so that one is left for the start; the hand-made controller flies them at 4 s each.
 
     | Contract | |
     |---|---|
@@ -110,6 +119,7 @@ class IntegQuadrotorEnv(IntegEnv, Env[Any, Any]):
     | `damping` | 0.1 | N s/m | linear drag of the body |
     | `motor_time_constant` | 0.05 | s | lag of the thrusts; `None`: they act at once |
     | `max_thrust` | 6.0 | N | largest thrust of each rotor |
+    | `way_point_period` | `None` | s | time for each way-point, half of it to fly there; `None`: hover |
 
     ## Info
 
@@ -143,6 +153,7 @@ class IntegQuadrotorEnv(IntegEnv, Env[Any, Any]):
     """
 
     task_name = "quadrotor_hover"
+    other_tasks: ClassVar = {"way_point_period": "quadrotor_way_points"}
     defaults: ClassVar = {"integrator": "rk4", "dt": 0.02}
 
 

@@ -10,6 +10,7 @@ from integ_gym.support.parameters import nonnegative, optional, parameter, posit
 
 from ..mechanics import Link, Mechanism
 from ..ops.ops import Component, Components, Ops
+from .interface import bordered
 
 
 @dataclass(frozen=True)
@@ -225,13 +226,8 @@ class ReachingArm(TwoJointArm):
     ) -> tuple[tuple[Components, ...], tuple[Components, ...]]:
         """(∂a/∂q, ∂a/∂v), each a 3×3 nested tuple."""
         by_q, by_v = super().jacobian(ops, q, v, force)
-        return _bordered(by_q, 0.0 * q[2]), _bordered(by_v, 0.0 * q[2])
+        return bordered(by_q, 0.0 * q[2]), bordered(by_v, 0.0 * q[2])
 
     def mass_matrix(self, ops: Ops, q: Components) -> tuple[Components, ...]:
         """3×3 mass matrix, kg m^2; 0 of the clock."""
-        return _bordered(super().mass_matrix(ops, q), 0.0 * q[2])
-
-
-def _bordered(matrix: tuple[Components, ...], zero: Component) -> tuple[Components, ...]:
-    """A 2×2 matrix with a row and a column of zeros more."""
-    return *[(*row, zero) for row in matrix], (zero, zero, zero)
+        return bordered(super().mass_matrix(ops, q), 0.0 * q[2])

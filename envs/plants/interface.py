@@ -70,6 +70,11 @@ class Plant(Protocol):
         """Mass matrix M(q), so that canonical momenta are p = M(q) v."""
 
 
+def bordered(matrix: tuple[Components, ...], zero: Component) -> tuple[Components, ...]:
+    """A square matrix with a row and a column of zeros more, as of a clock."""
+    return *[(*row, zero) for row in matrix], (zero,) * (len(matrix) + 1)
+
+
 def controls_of(plant: Any, given: Component | Components) -> Components:
     """One value per control of a plant or plant class, where one may be given for all."""
     return given if isinstance(given, tuple) else (given,) * len(plant.controls)

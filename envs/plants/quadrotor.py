@@ -9,6 +9,7 @@ from typing import ClassVar
 from integ_gym.support.parameters import nonnegative, optional, parameter, positive
 
 from ..ops.ops import Component, Components, Ops
+from .interface import bordered
 
 
 @dataclass(frozen=True)
@@ -105,3 +106,34 @@ class Quadrotor:
         return tuple(
             tuple(entry if i == j else zero for j in range(5)) for i, entry in enumerate(diagonal)
         )
+
+
+@dataclass(frozen=True)
+class GuidedQuadrotor(Quadrotor):
+    """The quadrotor, and the clock of a guide that shows it one way-point after the other.
+
+    The guide's phase φ is a coordinate that nothing acts on, as that of the marker of
+    :class:`integ_gym.envs.plants.double_pendulum.ReachingArm`. φ and φ̇ are last in the state.
+    """
+
+    name: ClassVar[str] = "guided_quadrotor"
+    coordinates: ClassVar[tuple[str, ...]] = (*Quadrotor.coordinates, "guide_phase")
+    velocities: ClassVar[tuple[str, ...]] = (*Quadrotor.velocities, "guide_rate")
+    coordinate_units: ClassVar[tuple[str, ...]] = (*Quadrotor.coordinate_units, "rad")
+    velocity_units: ClassVar[tuple[str, ...]] = (*Quadrotor.velocity_units, "rad/s")
+    frame: ClassVar[str] = Quadrotor.frame.replace("target", "middle of the room")
+    massless: ClassVar[tuple[int, ...]] = (3, 4, 5)
+
+    def input_forces(
+        self, ops: Ops, q: Components, v: Components, controls: Components
+    ) -> Components:
+        """Those of the quadrotor, and none on the clock."""
+        return *super().input_forces(ops, q, v, controls), 0.0 * q[5]
+
+    def acceleration(self, ops: Ops, q: Components, v: Components, force: Components) -> Components:
+        """(ẍ, z̈, θ̈), the rates of the thrusts, and φ̈ in rad/s^2."""
+        return *super().acceleration(ops, q, v, force), force[5]
+
+    def mass_matrix(self, ops: Ops, q: Components) -> tuple[Components, ...]:
+        """6×6 mass matrix; 0 of the clock."""
+        return bordered(super().mass_matrix(ops, q), 0.0 * q[5])

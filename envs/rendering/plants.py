@@ -14,7 +14,7 @@ from ..plants.interface import state_names, state_units
 from ..settings import Setup
 from ..tasks.elastic_pendulum import NEAR_PLUMB
 from ..tasks.interface import NEAR_UPRIGHT, wrap_angle
-from ..tasks.quadrotor import NEAR_TARGET, ROOM
+from ..tasks.quadrotor import NEAR_TARGET, ROOM, QuadrotorWayPoints
 from ..tasks.reacher import MARKER_CENTRE, MARKER_RADIUS, NEAR_MARKER
 from .canvas import BLUE, FAINT, GREEN, INK, MUTED, VERMILION, WHITE, Canvas, Point, polar, tint
 from .skeletons import SIZE
@@ -107,13 +107,16 @@ def draw_quadrotor(
 ) -> None:
     """Room and target to scale, the body larger than that, and arrows with commanded thrusts."""
     x, z, theta = state[0], state[2], state[4]
-    scale = 62.0
+    scale, target = 62.0, (0.0, 0.0)
+    if isinstance(setup.task, QuadrotorWayPoints):
+        target = setup.task.guide(SCALAR, split_state(tuple(state))[0])
+    aim = 300.0 + scale * target[0], 200.0 - scale * target[1]
     middle = (300.0 + scale * x, 200.0 - scale * z)
     canvas.box((300.0, 200.0), (2.0 * ROOM * scale, 2.0 * ROOM * scale), 4.0, FAINT)
     canvas.box((300.0, 200.0), (2.0 * ROOM * scale - 4.0, 2.0 * ROOM * scale - 4.0), 4.0, WHITE)
-    near = math.hypot(x, z) < NEAR_TARGET and abs(wrap_angle(SCALAR, theta)) < NEAR_UPRIGHT
-    canvas.disc((300.0, 200.0), 3.0 * NEAR_TARGET * scale, tint(GREEN, 0.3 if near else 0.12))
-    canvas.disc((300.0, 200.0), NEAR_TARGET * scale, tint(GREEN, 0.6))
+    near = math.dist((x, z), target) < NEAR_TARGET and abs(wrap_angle(SCALAR, theta)) < NEAR_UPRIGHT
+    canvas.disc(aim, 3.0 * NEAR_TARGET * scale, tint(GREEN, 0.3 if near else 0.12))
+    canvas.disc(aim, NEAR_TARGET * scale, tint(GREEN, 0.6))
     for side, share in zip((-1.0, 1.0), shares_of_limits(controls, setup), strict=True):
         rotor = polar(middle, side * 40.0, -theta - math.pi / 2)
         canvas.line(middle, rotor, 7.0, INK)
@@ -206,6 +209,7 @@ DRAWINGS: dict[str, Drawing] = {
     "elastic_pendulum": Drawing((600, 400), draw_elastic_pendulum),
     "hopper": Drawing((600, 400), draw_hopper),
     "quadrotor": Drawing((600, 400), draw_quadrotor),
+    "guided_quadrotor": Drawing((600, 400), draw_quadrotor),
 }
 """Plant name to drawing."""
 

@@ -1,10 +1,10 @@
-"""Hovering with a planar quadrotor."""
+"""Hovering and flying to way-points with a planar quadrotor."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import inf, isfinite
+from math import inf, isfinite, pi
 from typing import Any, ClassVar
 
 from integ_gym.support.errors import InputError
@@ -26,6 +26,9 @@ ROOM = 3.0
 
 NEAR_TARGET = 0.1
 """Goal: distance from the target below this, m."""
+
+WAY_POINT = 0.5
+"""Half the side of the square at whose corners the way-points are, m."""
 
 HOVER_REACH = 0.5
 """Distance, and with `SWING_TIME` speed, at which half the reward of a hovering one is left, m."""
@@ -107,3 +110,67 @@ class QuadrotorHover(BoxTask):
         ends = [1.5, throw, 1.5, throw, 0.5, throw]
         x, x_dot, z, z_dot, theta, theta_dot = rng.uniform(low=[-end for end in ends], high=ends)
         return x, x_dot, z, z_dot, theta, theta_dot, 0.0, 0.0, 0.0, 0.0
+
+
+@dataclass(frozen=True)
+class QuadrotorWayPoints(QuadrotorHover):
+    """Fly a thrown quadrotor from one corner of a square to the next, and hover at each.
+
+    The way-points are the corners, in turn and against the clock; see `guide`. Reward and
+    observation are those of :class:`QuadrotorHover`, seen from the way-point.
+    """
+
+    way_point_period: float = parameter(
+        4.0, "s", "time for each way-point, half of it to fly there", positive
+    )
+
+    plant: ClassVar[str] = "guided_quadrotor"
+    goal: ClassVar[str] = (
+        "within 0.1 m of the way-point and |theta| < 0.2 rad (wrapped) throughout the second half "
+        "of each way-point's time, in the last two times"
+    )
+    observation_names: ClassVar[tuple[str, ...]] = (
+        "x_from_target", "x_dot", "z_from_target", *QuadrotorHover.observation_names[3:],
+    )  # fmt: skip
+
+    @property
+    def goal_stay(self) -> float:  # type: ignore[override]
+        """Twice `way_point_period`, s."""
+        return 2.0 * self.way_point_period
+
+    def guide(self, ops: Ops, q: Components) -> tuple[Component, Component]:
+        """Where the way-point is, (x, z) in m: the corner of the quadrant that the phase is in."""
+        x, z = (
+            ops.where(side > 0.0, WAY_POINT, -WAY_POINT) for side in (ops.cos(q[5]), ops.sin(q[5]))
+        )
+        return x, z
+
+    def observe(self, ops: Ops, q: Components, v: Components) -> Components:
+        """(x and z from the way-point with their speeds, cos θ, sin θ, θ̇, both thrusts)."""
+        return super().observe(ops, self._from_guide(ops, q), v)
+
+    def reward(
+        self,
+        ops: Ops,
+        q: Components,
+        v: Components,
+        mean_squares: Components,
+        terminated: Component,
+        control_period: float,
+    ) -> Component:
+        """That of hovering at the way-point."""
+        seen = self._from_guide(ops, q)
+        return super().reward(ops, seen, v, mean_squares, terminated, control_period)
+
+    def at_goal(self, ops: Ops, q: Components, v: Components) -> Component:
+        """At the way-point and level, or in the first half of the time for it."""
+        return super().at_goal(ops, self._from_guide(ops, q), v) | (ops.sin(4.0 * q[5]) > 0.0)
+
+    def draw_start(self, rng: Any, start: str, options: Mapping[str, Any]) -> Components:
+        """As for hovering, at any time of any way-point."""
+        thrown = super().draw_start(rng, start, options)
+        return *thrown, rng.uniform(low=-pi, high=pi), 0.5 * pi / self.way_point_period
+
+    def _from_guide(self, ops: Ops, q: Components) -> Components:
+        x, z = self.guide(ops, q)
+        return q[0] - x, q[1] - z, *q[2:]

@@ -24,7 +24,13 @@ from integ_gym.support.optional import check_versions, load
 from integ_gym.support.parameters import suggestion
 
 from ..engines.stepping import without_idle_solver
-from ..environment import OTHER_TESTBEDS, environment_class, environment_setup, is_integ_environment
+from ..environment import (
+    OTHER_TESTBEDS,
+    environment_class,
+    environment_setup,
+    is_integ_environment,
+    task_of,
+)
 from ..foreign import MixedEnv, SequentialVectorEnv
 from ..lanes import DiscretizedVectorEnv
 from ..rediscretized import RediscretizedEnv, integrator_numbers, rediscretize
@@ -199,7 +205,7 @@ class IntegTestbed:
     @property
     def success(self) -> Success:
         """The task's goal."""
-        return Success(environment_class(self.env_id).task_class().goal)
+        return Success(task_of(environment_class(self.env_id), self.arguments).goal)
 
     @property
     def controller(self) -> str:

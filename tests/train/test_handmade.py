@@ -60,6 +60,7 @@ SUCCEEDS: list[tuple[str, dict[str, Any]]] = [
         for given in (
             {},
             {"motor_time_constant": None},
+            {"way_point_period": 4.0, "duration": 12.0},
             {"integrator": "explicit_euler"},
             {"integrator": "implicit_euler", "dt": 0.04},
             {"mass": 0.5, "arm": 0.15, "inertia": 0.004, "damping": 0.0},

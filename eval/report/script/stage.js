@@ -54,7 +54,7 @@ class Stage {
       const { room } = scene.flyer;
       const frame = { x: -room, y: -room, width: 2 * room, height: 2 * room };
       svg.append(draw("rect", { class: "ring", ...frame, "stroke-width": unit }));
-      svg.append(draw("circle", { class: "goal", r: scene.goal[0] }));
+      svg.append(draw("circle", { class: "goal", r: scene.goal[0] || 0 }));
       return;
     }
     const hinge = scene.links.findIndex((link) => link.joint === "hinge");

@@ -48,6 +48,10 @@ def test_equals_the_vector_environment_in_every_variant(env_id, variant):
     assert ends > 0 or variant not in ("short", "diverging")
 
 
+def test_equals_the_vector_environment_at_way_points():
+    compare("IntegQuadrotor-v0", {"way_point_period": 0.1})
+
+
 @pytest.mark.parametrize("integrator", ["rk4", "implicit_euler"])
 def test_equals_the_vector_environment_in_contact(integrator):
     compare("IntegPendulum-v0", {"integrator": integrator, "dt": 0.01, **STOPPED})

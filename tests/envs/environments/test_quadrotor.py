@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from integ_gym.envs.environment import environment_setup
+from integ_gym.envs.registries import INTEGRATORS
 
 QUADROTOR = "IntegQuadrotor-v0"
 PERIOD = {"dt": 0.02, "control_period": 0.02}
@@ -126,9 +127,10 @@ def test_starts_are_thrown_with_idle_rotors():
         envs.reset(seed=0, options={"throw": -1.0})
 
 
+@pytest.mark.parametrize("task", [{}, {"way_point_period": 0.5}])
 @pytest.mark.parametrize("integrator", ["rk4", "implicit_midpoint"])
-def test_one_lane_of_many_is_the_single_environment_compiled_or_not(integrator):
-    arguments = {"integrator": integrator, "dt": 0.01, "control_period": 0.02}
+def test_one_lane_of_many_is_the_single_environment_compiled_or_not(integrator, task):
+    arguments = {"integrator": integrator, "dt": 0.01, "control_period": 0.02, **task}
     plain = gym.make_vec(QUADROTOR, 3, **arguments)
     compiled = gym.make_vec(QUADROTOR, 3, compiled=True, **arguments)
     single = gym.make(QUADROTOR, **arguments)
@@ -146,3 +148,44 @@ def test_one_lane_of_many_is_the_single_environment_compiled_or_not(integrator):
                 assert of_many[4][name][0] == of_compiled[4][name][0] == of_one[4][name]
         else:
             break
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS.names())
+def test_way_points_are_the_corners_in_turn_and_move_nothing(integrator):
+    """Seen from each, for as long as it is asked for; the flight is that of the hovering task."""
+    given = {"integrator": integrator, "dt": 0.02, "duration": 4.0}
+    hovering, guided = (
+        gym.make(QUADROTOR, way_point_period=period, **given).unwrapped for period in (None, 0.5)
+    )
+    start = (0.2, 0, -0.1, 0, 0.1, 0, 0, 3, 0, 3)
+    hovering.reset(options={"state": start})
+    guided.reset(options={"state": (*start, 0.01, math.pi)})
+    corners = [(0.5, 0.5), (-0.5, 0.5), (-0.5, -0.5), (0.5, -0.5)]
+    for k in range(1, 80):
+        thrusts = np.array([3.2, 3.2 + 0.02 * math.sin(k)])
+        _, _, _, _, of_one = hovering.step(thrusts)
+        seen, *_, of_other = guided.step(thrusts)
+        np.testing.assert_allclose(guided.state[:10], hovering.state, rtol=0, atol=1e-12)
+        assert guided.state[10:] == pytest.approx((0.01 + 0.02 * k * math.pi, math.pi), abs=1e-12)
+        x, z = corners[int((0.01 + 0.02 * k * math.pi) // (0.5 * math.pi)) % 4]
+        assert seen[[0, 2]] == pytest.approx(guided.state[[0, 2]] - (x, z), abs=1e-6)
+        assert of_one["energy_residual"] == pytest.approx(of_other["energy_residual"], abs=1e-12)
+
+
+def test_hovering_in_the_middle_of_way_points_is_no_success():
+    """The first half of each way-point's time is to fly there, the second is not."""
+    env = gym.make(QUADROTOR, way_point_period=1.0, duration=4.0, integrator="reference").unwrapped
+    level = np.full(2, 0.5 * env.setup.plant.weight)
+    for corner, reached in (((0.5, 0.5), True), ((0.0, 0.0), False)):
+        x, z = corner
+        phase = 0.01 + 0.25 * math.pi  # of the second half
+        env.reset(
+            options={"state": (x, 0, z, 0, 0, 0, 0, level[0], 0, level[0], phase, 0.5 * math.pi)}
+        )
+        *_, info = env.step(level)
+        assert (info["goal_since"] >= 0.0) is reached
+    for _ in range(199):
+        *_, truncated, info = env.step(level)
+    assert truncated
+    assert not info["success"]
+    assert env.setup.task.goal_stay == 2.0

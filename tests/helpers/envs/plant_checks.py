@@ -47,6 +47,16 @@ def _quadrotor(p, q, v):
     return mass, forces, p.damping * (v[0] ** 2 + v[1] ** 2)
 
 
+def _clocked(closed_form):
+    """The same, and a clock at the end."""
+
+    def padded(p, q, v):
+        mass, force, lost = closed_form(p, q, v)
+        return np.pad(mass, (0, 1)), [*force, 0.0], lost
+
+    return padded
+
+
 def _hopper(p, q, v):
     """By the foot's Jacobian; a leg pulls the foot and the hip towards each other."""
     sine, cosine = math.sin(q[3] - q[2]), math.cos(q[3] - q[2])
@@ -73,19 +83,15 @@ def _double_pendulum(p, q, v):
     return mass, weight, p.damping * (v[0] ** 2 + v[1] ** 2)
 
 
-def _reacher(p, q, v):
-    mass, force, lost = _double_pendulum(p, q, v)
-    return np.pad(mass, (0, 1)), [*force, 0.0], lost
-
-
 CLOSED_FORMS = {
     "acrobot": _double_pendulum,
     "pendulum": _pendulum,
     "cart_pole": _cart_pole,
     "elastic_pendulum": _elastic_pendulum,
+    "guided_quadrotor": _clocked(_quadrotor),
     "hopper": _hopper,
     "quadrotor": _quadrotor,
-    "reacher": _reacher,
+    "reacher": _clocked(_double_pendulum),
 }
 """Mass matrix, generalized forces at rest and dissipated power of every plant, by hand."""
 
