@@ -154,13 +154,13 @@ def _paths(name: str) -> list[str]:
 
 
 def _commands() -> str:
-    """What every command says with ``--help``, at 96 columns."""
-    os.environ["COLUMNS"] = "96"
+    """What every command says with ``--help``, as wide as a page of 1280 px shows it."""
+    os.environ["COLUMNS"] = "78"
     parts = ["# Commands", "`integ-gym COMMAND --help`, of every command."]
-    for name, purpose in COMMANDS.items():
+    for name, command in COMMANDS.items():
         parser = importlib.import_module(f"integ_gym.commands.{name}").parser()
         shown = f"```text\n{parser.format_help().rstrip()}\n```"
-        parts += [f"## {name}", f"{purpose[0].upper()}{purpose[1:]}.", shown]
+        parts += [f"## {name}", f"{command.purpose[0].upper()}{command.purpose[1:]}.", shown]
     return "\n\n".join(parts) + "\n"
 
 

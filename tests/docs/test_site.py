@@ -13,6 +13,7 @@ import pytest
 from house import ROOT
 
 import integ_gym
+from integ_gym.cli import COMMANDS
 
 pytestmark = pytest.mark.slow
 PAGES = (
@@ -55,6 +56,8 @@ def test_every_public_name_has_its_place(site):
             assert f'id="{path}"' in api, path
     for stem in integ_gym.ENVIRONMENTS.values():
         assert f'id="{stem.replace(":", ".")}Env"' in api
+    commands = (site / "reference" / "commands.html").read_text("utf-8")
+    assert all(f"{command.purpose[1:]}.</p>" in commands for command in COMMANDS.values())
 
 
 def test_no_page_asks_anybody_else(site, page):
