@@ -486,7 +486,7 @@ class RediscretizedEnv(ForeignWrapper):
         if self.setup.timing.jitter and not np.array_equal(control, last):
             raise InputError(
                 f"{type(self._inner).__name__} changes its actions itself, so `latency_jitter` "
-                "cannot be had of it; give `action_latency` or `hold_probability`"
+                "is not possible; give `action_latency` or `hold_probability`"
             )
         controls = {id(self._before): self._held, id(last): control}
         self._before, self._held = last, control

@@ -706,8 +706,8 @@ def parse_mixture(
     for name in DISCRETIZATION:
         if name in arguments and all(name in member for member in checked):
             raise InputError(
-                f"`{name}`={arguments[name]!r} acts nowhere: each member of `mixture` has its own; "
-                "leave one of them out"
+                f"`{name}`={arguments[name]!r} has no effect, because each member of `mixture` has "
+                "its own; leave one of them out"
             )
     weights = [Fraction(str(member.get(WEIGHT, 1))) for member in checked]
     places = [{**arguments, **{k: x for k, x in m.items() if k != WEIGHT}} for m in checked]

@@ -82,7 +82,7 @@ def compiled_array_step(setup: Setup) -> Any:
             found = error
     settings = setup.settings
     raise InputError(
-        f"`compiled` cannot be had of integrator {settings.integrator!r} on engine "
+        f"`compiled` is not possible with integrator {settings.integrator!r} on engine "
         f"{settings.engine!r}: {found}; leave it out"
     )
 

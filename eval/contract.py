@@ -306,8 +306,8 @@ def _check_correspondence(names: Sequence[str], first: Boundaries, second: Bound
         for name, (q, v) in zip(names, sizes, strict=True)
     ]
     raise InputError(
-        f"{has[0]}, and {has[1]}: states correspond by their order, so compare environments with "
-        "as many of each; a testbed of your own says them by a method `boundaries`"
+        f"{has[0]}, and {has[1]}: states are matched by their order, so compare environments with "
+        "equally many, or state them in the method `boundaries` of a testbed of your own"
     )
 
 

@@ -196,8 +196,7 @@ def check(
     home = Discretization(integrator, dt, dt if period is None else period, own)
     if home.integrator == "reference" and home.engine == NATIVE:
         raise InputError(
-            "`reference` is the truth itself, so that nothing can be lost on it; check another "
-            "integrator"
+            "`reference` is the truth itself, so nothing is lost with it; check another integrator"
         )
     spec = specify(env_id, home, environment or {}, training or {}, trainer)
     if out is None:  # named after all that the run depends on but the number of seeds

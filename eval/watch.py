@@ -88,8 +88,7 @@ def side_by_side(
     else:
         if own_code:
             raise InputError(
-                "own_code lets a side-car name classes, and a policy that is no file has none; "
-                "leave it out"
+                "own_code is for the side-car of a policy's file, and this policy is none; omit it"
             )
         if env_id is None:
             raise InputError("a policy alone does not say what it acts in; give env_id as well")
@@ -212,7 +211,8 @@ def _watch_robot(
     if not twins or not set(cells) <= set(twins):
         known = ", ".join(cell.name for cell in twins)
         raise InputError(
-            f"films of robots show what has a trace from this start, which is {known or 'nothing'}"
+            "a film of a robot shows cells with a trace from this start; there is "
+            f"{known or 'none'}"
         )
     finest = min(twins, key=lambda cell: cell.dt)
     shown = [cell for cell in dict.fromkeys(cells or (*homes, own, finest)) if cell in twins]

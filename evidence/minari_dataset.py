@@ -110,14 +110,14 @@ def _stated(of: str, descriptions: list[Any], names: tuple[str, ...], dtype: Any
     space = spaces[0]
     if space is None or any(other != space for other in spaces):
         raise EvidenceError(
-            f"the records do not say one {of} space for all; export to csv, jsonl or parquet"
+            f"the records do not have one {of} space in common; export to csv, jsonl or parquet"
         )
     if space["kind"] == "Discrete":
         return gym.spaces.Discrete(space["n"], start=space["start"])
     if space["kind"] != "Box" or math.prod(space["shape"]) != len(names):
         raise EvidenceError(
-            f"{of}s of a {space['kind']} space are recorded as numbers that are no value of it, or "
-            "left out; export to csv, jsonl or parquet"
+            f"records do not hold {of}s as values of their {space['kind']} space; export to csv, "
+            "jsonl or parquet"
         )
     kind = np.dtype(space["dtype"])
     low, high = -np.inf, np.inf

@@ -82,8 +82,8 @@ def _together(tables: list[Any]) -> Any:
     for table in tables:
         if not table.schema.equals(first):
             raise EvidenceError(
-                "records of one environment come from files with other columns or types, which do "
-                "not fit into one file; choose those of one run"
+                "records of one environment have different columns or types, so one file cannot "
+                "hold them; choose those of one run"
             )
     return pyarrow().concat_tables(tables)
 

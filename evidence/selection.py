@@ -150,7 +150,9 @@ def select(store: EvidenceStore, where: str, *, traced: bool) -> Selection:
     is_traced = "reward IS NOT NULL"
     rows = store.query(_CHOSEN.format(traced=is_traced, where=where)).to_pylist()
     if not rows:
-        raise EvidenceError(f"no record of {store.directory} is {where!r}; ask for others")
+        raise EvidenceError(
+            f"no record of {store.directory} fulfils {where!r}; give another condition"
+        )
     chosen = [row for row in rows if row["traced"] or not traced]
     without = len(rows) - len(chosen)
     if not chosen:

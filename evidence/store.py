@@ -329,7 +329,7 @@ def _ids(stores: Sequence[EvidenceStore], held: dict[str, str] | None = None) ->
             name, own = row["record_id"], row["content_hash"]
             if known.setdefault(name, own) != own:
                 raise EvidenceError(
-                    f"record {name} of {store.directory} is another than the one of that id that "
+                    f"record {name} of {store.directory} differs from the one with that id that "
                     "is there already; merge into a directory without it"
                 )
             if name not in (held or {}):

@@ -83,7 +83,7 @@ class Worker:
         if kind == "error":
             raise WorkerError(f"{self.name} failed in `{method}`: {value}")
         quoted = repr(line.strip()[:_MOST])
-        raise self._ended(f"answered `{method}` with what is no answer, and was ended: {quoted}")
+        raise self._ended(f"gave no readable answer to `{method}`, and was ended: {quoted}")
 
     def _answer(self, method: str, text: str, patience: float) -> str:
         """The line that comes back."""

@@ -153,7 +153,7 @@ def nest(values: Mapping[str, Any]) -> dict[str, Any]:
             if not isinstance(place, dict):
                 break
         if not isinstance(place, dict) or isinstance(place.get(name), dict):
-            raise InputError(f"{path!r} is said beside a value of which it is a part; give one")
+            raise InputError(f"{path!r} is part of a value that is given too; give one of them")
         place[name] = value
     return found
 
@@ -199,7 +199,7 @@ def refuse_unused(
     for action in parser._actions:
         if action.dest not in known and getattr(given, action.dest) != action.default:
             flag = next(iter(action.option_strings), action.metavar or action.dest)
-            raise InputError(f"{why}, so {flag} says nothing; leave it out")
+            raise InputError(f"{why}, so {flag} has no effect; leave it out")
 
 
 def whole_number(word: str) -> int:

@@ -40,7 +40,9 @@ class Expression:
         self.sx = sx
 
     def __bool__(self) -> bool:
-        raise InputTypeError("the truth of a component is not known when its equations are written")
+        raise InputTypeError(
+            "a component has no truth value while its equations are written; use ops.where"
+        )
 
     __add__, __radd__ = _note(operator.add), _reflected(operator.add)
     __sub__, __rsub__ = _note(operator.sub), _reflected(operator.sub)

@@ -122,8 +122,8 @@ class MjxEngine(MujocoSettings, LanesEngine):
         values = self._numbers(self.mechanism, self.dt, ())
         if self.width == 32 and ops.epsilon < FINEST_SINGLE:
             raise InputError(
-                f"`solver.{FLOAT_WIDTH}`=32 cannot be had in a traced environment of 64 bits; give "
-                "it `dtype`='float32'"
+                f"`solver.{FLOAT_WIDTH}`=32 is not possible in a traced environment of 64 bits; "
+                "give it `dtype`='float32'"
             )
 
         def step(_: Component, state: tuple[Component, ...]) -> tuple[Component, ...]:

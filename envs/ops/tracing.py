@@ -88,7 +88,9 @@ class Symbol:
         self.depth = 0
 
     def __bool__(self) -> bool:
-        raise NotTraceable("the truth of a component is not known while a function is traced")
+        raise NotTraceable(
+            "a component has no truth value while a function is traced; use ops.where"
+        )
 
     __float__ = __int__ = __index__ = __iter__ = __len__ = __bool__
     __hash__ = object.__hash__

@@ -79,7 +79,7 @@ class LaneData:
         field = getattr(self._data, name, None)
         if not isinstance(field, np.ndarray) or name.startswith(RAGGED):
             raise InputError(
-                f"`robot.data.{name}` cannot be had of many robots at once; use what is an array "
+                f"`robot.data.{name}` is not there for many robots at once; use what is an array "
                 "of one size, such as `xpos`, or leave out `together = True`"
             )
         self.rows[name] = np.zeros((len(self.time), *field.shape), field.dtype)

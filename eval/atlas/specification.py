@@ -83,9 +83,7 @@ def _critical_limit(env_id: str, given: tuple[tuple[str, Any], ...], at: Discret
     if required is None:
         raise SpecError(f"{env_id} names no goal at rest; state `critical` under [atlas]")
     if required == 0.0:
-        raise SpecError(
-            f"{env_id}: the goal takes no energy there, so that no control is the least"
-        )
+        raise SpecError(f"{env_id}: the goal takes no energy there, so no least control is defined")
     high, start = abs(required), middle_start(setup)
     try:
         return numerics.critical_limit(

@@ -301,11 +301,11 @@ def _difference_by_chance(
             raise InputError("one seed cannot show what another processor changes")
         low, high = found.ends
         if low > 0.0 or high < 0.0:
-            raise InputError(f"block {name}, success of {home} is another: by {found}")
+            raise InputError(f"block {name}, success of {home} differs by {found}")
     assert overall is not None
     low, high = overall.ends
     if max(-low, high) > MARGIN:
-        raise InputError(f"block {name}, success may be another: by {overall}")
+        raise InputError(f"block {name}, success may differ: by {overall}")
     return overall.estimate, low, high
 
 
@@ -335,8 +335,8 @@ def check_agree(summaries: Sequence[Summary], agreements: Iterable[Agreement]) -
     apart = [code for code in codes if code not in reached]
     if apart:
         raise InputError(
-            f"summaries of code {codes[0]} and {apart[0]} were never held against each other; run "
-            "a block again with `integ-gym atlas SPEC --again BLOCK`"
+            f"summaries of code {codes[0]} and {apart[0]} were never compared; run a block "
+            "again with `integ-gym atlas SPEC --again BLOCK`"
         )
 
 

@@ -447,8 +447,8 @@ class Places(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         if self.engine == INSTALLED and key == "evaluate":
             if self.integrator is not None or self.map is None:
                 raise SpecError(
-                    f'engine "{INSTALLED}" takes `map` in place of `integrator`, for engines call '
-                    f"their integrators differently; known maps: {', '.join(map_names())}"
+                    f'engine "{INSTALLED}" takes `map` in place of `integrator`, because '
+                    f"engines name integrators differently; known maps: {', '.join(map_names())}"
                 )
             for name in many(self.map):
                 check_known("map in `evaluate`", name, map_names())
@@ -584,7 +584,7 @@ def evaluation_cells(
         could = [name for name in could if any(table.applied_by(name) for table in installed)]
         easiest = "mujoco" if "mujoco" in could or not could else could[0]
         raise SpecError(
-            "it is about other engines, and none that it could use is installed; run: "
+            "it compares other engines, and none that it could use is installed; run: "
             f"{install_command(easiest)}, or see `integ-gym engines` for the others"
         )
     if installed:

@@ -567,7 +567,7 @@ def evaluate(
     require("report", "evidence")
     cells = None if spec is None else _read_cells(Path(spec))
     if cells is not None and (engines or integrators or dts or varied or at or limit is not None):
-        raise InputError(f"{spec} says in which cells; give no others, or leave the file out")
+        raise InputError(f"{spec} lists the cells; give no other options for cells, or omit it")
     given = {**({} if cells is None else cells.environment), **(environment or {})}
     policy = fetch_file(policy) if is_on_hub(policy) else policy
     obs_stats = fetch_file(str(obs_stats)) if is_on_hub(obs_stats) else obs_stats
@@ -581,8 +581,7 @@ def evaluate(
             )
         if own_code:
             raise InputError(
-                "own_code lets a side-car name classes, and a policy that is no file has none; "
-                "leave it out"
+                "own_code is for the side-car of a policy's file, and this policy is none; omit it"
             )
         existing = given_policy(policy, env_id, given, home)
     else:

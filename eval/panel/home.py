@@ -80,8 +80,8 @@ def card_arguments(card: Mapping[str, Any], env_id: str, own_code: bool) -> dict
     if config.get("env_id") != env_id:
         raise InputError(
             f"the policy was trained on {config.get('env_id')}; evaluate it with --env "
-            f"{config.get('env_id')}. Whether {env_id} is the same task, this says: integ-gym "
-            f"contract {config.get('env_id')} {env_id}"
+            f"{config.get('env_id')}. To see whether {env_id} is the same task: integ-gym contract "
+            f"{config.get('env_id')} {env_id}"
         )
     arguments = dict(given)
     foreign = [text for text in texts_of(arguments) if ":" in text]

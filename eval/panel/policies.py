@@ -133,8 +133,8 @@ def read_policy_file(path: Path, obs_stats: Path | None = None) -> tuple[Any, An
     policy, told = read_trained(path)
     if card is not None and card.get("home") is not None and card["config"] != told.get("config"):
         raise PolicyFileError(
-            f"{path}: its metadata and its side-car say different trainings; move the one away "
-            "that is wrong"
+            f"{path}: its metadata and its side-car describe different trainings; move the "
+            "wrong one away"
         )
     return (policy if obs_stats is None else read_weights(path, told, obs_stats)), told, files
 
@@ -293,8 +293,8 @@ def policy_of(record: EvidenceRecord, store: EvidenceStore, own_code: bool = Fal
     name, wanted = record["policy_id"], record["policy_hash"]
     if not wanted:
         raise InputError(
-            "a record of training is of a policy that has changed since, so it is not played "
-            "again; give one that has a trace, without --on, or a record of an evaluation"
+            "the policy of a training episode has changed since, so it cannot act again; give a "
+            "record of an evaluation, or one that has a trace, without --on"
         )
     policies = store.directory.parent / "policies"
     for path, obs_stats in _files(policies, name):

@@ -143,8 +143,8 @@ def subject_of(spec: PanelSpec, directory: RunDirectory, unit: Unit) -> Subject:
     marker = directory.marker(unit.training)
     if marker is None or not is_card_of(card, marker):
         raise PanelError(
-            f"policies/{unit.policy} is not the policy that this panel trained, or its side-car is "
-            "not what it was; restore it, or give another directory with --out"
+            f"policies/{unit.policy} or its side-car was changed after this panel trained it; "
+            "restore it, or give another directory with --out"
         )
     own = replace(policy, policy_id=unit.policy)
     return Subject(own, cells, unit.home, unit.seed, unit.seed or 0)

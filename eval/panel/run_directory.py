@@ -611,8 +611,8 @@ def read_manifest(path: Path) -> dict[str, Any]:
     except msgspec.ValidationError as error:
         if all(type(count) is int for count in held[_LOOKS]):
             raise RunDirectoryError(
-                f"{path} keeps looks at verdicts as an earlier version did; go on with the version "
-                "that wrote it, or give another directory with --out"
+                f"{path} keeps its looks in the format of an earlier version; go on with the "
+                "version that wrote it, or give another directory with --out"
             ) from None
         raise RunDirectoryError(f"{path} is damaged at {_LOOKS!r}: {error}; {remedy}") from None
     return held

@@ -429,7 +429,7 @@ def check_parts(spec: PanelSpec) -> None:
     if list(spec.looks) != sorted({n for n in spec.looks if n >= MIN_SEEDS}):
         raise SpecError(
             f"`looks` must hold numbers of seeds from {MIN_SEEDS} on, each above the one before, "
-            f"got {list(spec.looks)}; with `looks = [{len(spec.seeds)}]` all is spent on one look"
+            f"got {list(spec.looks)}; `looks = [{len(spec.seeds)}]` spends the whole level at once"
         )
     every = [spec.cells_of(home) for home in (*spec.train, None)]
     columns = [cell.name for cell in spec.columns()]
@@ -480,7 +480,7 @@ def check_variations(spec: PanelSpec, homes: Sequence[Discretization]) -> None:
     for one in spec.variations:
         faults = {fault for _, fault in replace(spec, variations=(one,)).varied(homes)}
         if faults and None not in faults:
-            raise SpecError(f"{one.name!r} can be had in no cell: {min(map(str, faults))}")
+            raise SpecError(f"{one.name!r} is possible in no cell: {min(map(str, faults))}")
 
 
 def _check_comparison(spec: PanelSpec, homes: Sequence[Home]) -> None:

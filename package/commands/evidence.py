@@ -24,7 +24,7 @@ from integ_gym.support.interpreters import make_interpreter
 from integ_gym.support.optional import require
 from integ_gym.support.options import CommandParser, whole_number
 from integ_gym.support.storage import is_remote, local_copy
-from integ_gym.support.terminal import FITS, WorkBar, plural, width_of
+from integ_gym.support.terminal import FITS, WorkBar, plural, print_wrapped, width_of
 
 from .work_options import add_progress
 
@@ -97,7 +97,7 @@ def replay(
         f"not replayed: {plural(n, 'record')} {why}" for why, n in done.skipped.items() if n
     ]
     sentences += [
-        f"not decided again: {plural(n, 'record')} {why}; how often the fallback acted is as told"
+        f"not decided again: {plural(n, 'record')} {why}; fallbacks are counted as recorded"
         for why, n in done.undecided.items()
     ]
     left = count - done.records - sum(done.skipped.values())
@@ -183,20 +183,22 @@ def verify(given: argparse.Namespace, store: EvidenceStore) -> int:
     sealed, exported = sealing.read_seal(run), exporting.read_export(run)
     if sealed is None and (given.depth == "sealed" or given.public_key is not None):
         raise EvidenceError(
-            f"{run} has no {sealing.SEAL_FILE}; `integ-gym panel` writes it at its end, and "
-            "`integ-gym evidence seal` of any run"
+            f"{run} has no {sealing.SEAL_FILE}; finish the run with the command that began it, or "
+            "seal it with `integ-gym evidence seal`"
         )
     if given.depth == "whole" and given.public_key is not None:
-        raise EvidenceError("--public-key is about the seal; leave --depth whole out")
+        raise EvidenceError(
+            "--public-key checks the seal, which --depth whole leaves out; omit --depth"
+        )
     if given.make_interpreters:
         _make_interpreters(store, not given.no_progress)
     with WorkBar("verify", _seconds(store, given), not given.no_progress) as bar:
         found, sentences = _find_problems(store, given, sealed, exported, bar)
         bar.describe("", draw=False)
+    count = len(found) - found.count(_NOT_PLAYED)
+    print(f"{plural(count, 'problem') if found else 'No problem'} found in {run}.")
     for line in found or [*_checked(store, given, sealed, exported), *sentences]:
-        print(line)
-    if found:
-        print(f"problems in {run}: {len(found) - found.count(_NOT_PLAYED)}")
+        print_wrapped(line)
     return 1 if found else 0
 
 
@@ -260,7 +262,7 @@ def _checked(
     if exported is None:
         planned = any((store.run / name).exists() for name in _PLANNED)
         whole = "no episode is missing"
-        part = "no episode is missing between those that are there (the run is not finished)"
+        part = "no episode is missing among those that are there (the run is not finished)"
         complete = part if planned and sealed is None else whole
     else:
         complete = "nothing was changed since the export"
@@ -283,7 +285,7 @@ def _checked(
         signer = sealing.read_signer(store.run)
         yield f"signed: by {signer}; --public-key FILE checks whose key that is"
     else:
-        yield f"signed: by {sealing.read_signer(store.run)}, of {given.public_key}"
+        yield f"signed: by {sealing.read_signer(store.run)}, a key of {given.public_key}"
 
 
 def _collect(found: list[str], findings: Iterator[Finding]) -> None:

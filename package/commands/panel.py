@@ -131,8 +131,7 @@ def main(argv: Sequence[str]) -> int:
             )
         if not spec.fleet or arguments.policies:
             raise InputError(
-                "--memory-gib bounds the training of the fleet, and nothing is trained by it here; "
-                "leave it out"
+                "--memory-gib is for training with the fleet, which does not train here; omit it"
             )
         spec = replace(spec, memory_gib=arguments.memory_gib)
     if arguments.seeds is not None:
@@ -143,8 +142,8 @@ def main(argv: Sequence[str]) -> int:
     if arguments.power:
         if is_remote(arguments.out):
             raise InputError(
-                f"--power reads a panel on this machine, and {arguments.out} is none; leave --out "
-                "out, or give it a copy of the run"
+                f"--power reads a panel on this machine, and {arguments.out} is not; give --out a "
+                "copy of the run, or omit it"
             )
         printed.print_power(spec, arguments.out)
         return 0
@@ -157,8 +156,8 @@ def main(argv: Sequence[str]) -> int:
         raise InputError("a panel needs a directory: --out DIR")
     if arguments.sign is not None and is_remote(arguments.out):
         raise InputError(
-            f"--sign signs a run on this machine, and {arguments.out} is none; copy it here once "
-            "it is finished, `integ-gym evidence seal --sign` the copy, and send seal.json.sig back"
+            f"--sign signs a run on this machine, and {arguments.out} is not; when it is finished, "
+            "sign a copy with `integ-gym evidence seal --sign`, and send seal.json.sig back"
         )
     if arguments.sign is not None:
         check_key(arguments.sign)

@@ -70,8 +70,8 @@ def _check(directory: Path) -> None:
         raise InputError(f"there is no directory {directory}; give the directory of a panel")
     if (directory / MANIFEST).exists():
         raise InputError(
-            f"{directory} holds a panel that is not finished; run the command that started it "
-            "again, which goes on where it stopped"
+            f"{directory} holds a panel that is not finished; run the command that began it "
+            "again: it goes on where it stopped"
         )
     raise InputError(
         f"{directory} holds no panel; give the directory that `integ-gym panel` or `integ-gym "

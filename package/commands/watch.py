@@ -67,8 +67,8 @@ def main(argv: Sequence[str]) -> int:
     if given.record is None and (given.run / "evidence").is_dir():
         if given.on or given.out or given.own_code or given.seed is not None:
             raise InputError(
-                f"{given.run} is no trained policy; give the id of one of its records after it, "
-                f"such as `integ-gym watch {given.run}` lists"
+                f"{given.run} is a run; give the id of one of its records after it, which "
+                f"`integ-gym watch {given.run}` lists"
             )
         return _list(given.run)
     if given.out is not None:

@@ -154,7 +154,7 @@ def test_a_block_of_another_processor_agrees_where_it_differs_by_chance():
     ("rows", "told"),
     [
         (block(lambda mixed, seed: mixed * (1 + seed % 2)), "success of mixture is"),
-        (block(lambda mixed, seed: 3 * (-1) ** seed), "success may be another"),
+        (block(lambda mixed, seed: 3 * (-1) ** seed), "success may differ"),
         ([{**ROWS[0], "seed": 99}], "seed 99"),
     ],
 )
@@ -181,7 +181,7 @@ def test_only_versions_that_agreements_connect_are_combined(pairs):
     if len(groups["a"]) == 5:
         check_agree([summary(code) for code in "abcde"], agreements)
     else:
-        with pytest.raises(ValueError, match="never held against each other"):
+        with pytest.raises(ValueError, match="never compared"):
             check_agree([summary(code) for code in "abcde"], agreements)
 
 

@@ -229,7 +229,7 @@ def test_runs_put_together_hold_each_record_once(
 def test_what_cannot_be_merged_is_refused_before_anything_is_written(store, table, tmp_path):
     forged, target = EvidenceStore(tmp_path / "forged"), EvidenceStore(tmp_path / "both")
     forged.commit("batch", with_hashes(with_column(table, "run_id", ["another"] * 3)))
-    with pytest.raises(EvidenceError, match="is another than the one of that id"):
+    with pytest.raises(EvidenceError, match="differs from the one with that id"):
         merge([store, forged], target)
     pq.write_table(pa.concat_tables([table, table]), store.files()[0])
     with pytest.raises(EvidenceError, match=r"is damaged: .*; mend it before it is merged"):

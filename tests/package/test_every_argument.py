@@ -177,16 +177,16 @@ REFUSED = [
     (("evaluate", "--policy", "a:b", *EVALUATE[2:], "--own-code"), "--policy has none; omit it"),
     ((*PANEL, "--trainer", "sb3", "--memory-gib", "4"), "nothing is trained by it here; leave it"),
     ((*PANEL, "--policies", "x", "--memory-gib", "4"), "nothing is trained by it here; leave it"),
-    ((*PANEL, "--plan"), "--plan says what a panel costs and runs nothing, so --out says nothing"),
+    ((*PANEL, "--plan"), "--plan says what a panel costs and runs nothing, so --out has no effect"),
     ((*TRAIN, "--env-arg", "dt=0.1", "--dt", "0.1"), "give --dt in place of --env-arg dt"),
     ((*TRAIN, "--trainer", "fleet", "--algorithm", "sac"), "the fleet trains PPO"),
     ((*TRAIN, "--trainer", "fleet", "--env", "Acrobot-v1"), "with --trainer sb3"),
     ((*TRAIN, "--integrator", "rk4", "--env-arg", 'mixture=[{"integrator": "rk4", "dt": 0.1}]'),
-     "acts nowhere"),
+     "has no effect"),
     (("watch", "panel", "3f9a", "--seed", "3"), "--seed is for a trained policy"),
-    (("watch", "panel", "--own-code"), "is no trained policy; give the id of one"),
-    (("watch", "panel", "--on", "rk4"), "is no trained policy; give the id of one"),
-    (("diagnose", "--example", "drift", "--workers", "2"), "so --workers says nothing"),
+    (("watch", "panel", "--own-code"), "is a run; give the id of one"),
+    (("watch", "panel", "--on", "rk4"), "is a run; give the id of one"),
+    (("diagnose", "--example", "drift", "--workers", "2"), "so --workers has no effect"),
 ]  # fmt: skip
 
 
@@ -205,7 +205,7 @@ def test_what_could_not_act_is_refused(words, fragment, tmp_path, monkeypatch, c
 )
 def test_what_runs_nothing_refuses_what_is_for_a_run(option):
     given = [_other(option)] if option.nargs != 0 else []
-    with pytest.raises(ValueError, match=f"so {option.option_strings[0]} says nothing; leave it"):
+    with pytest.raises(ValueError, match=f"so {option.option_strings[0]} has no effect; leave it"):
         panel.main(["--power", option.option_strings[0], *given])
 
 
@@ -281,7 +281,7 @@ UNUSABLE: dict[str, dict[str, tuple[Any, str]]] = {
     "judged": {
         **NOT_FOR_THIS_MACHINE,
         "obs_stats": ("vecnormalize.pkl", "are given for a policy's file"),
-        "own_code": (True, "own_code lets a side-car name classes"),
+        "own_code": (True, "own_code is for the side-car"),
         "at": (("home",), "nothing is varied at home"),
         "spec": ("absent.toml", "absent.toml"),
         "on_cells": (parse_claim("loss > 0.1 in rk9").check_cell, "unknown cell in --fail-if"),
@@ -319,5 +319,5 @@ def test_a_resource_is_said_in_one_place(given, fragment, judged):
 
 
 def test_a_film_of_an_object_refuses_what_is_for_files():
-    with pytest.raises(ValueError, match="own_code lets a side-car name classes"):
+    with pytest.raises(ValueError, match="own_code is for the side-car"):
         of_policy.side_by_side(SimpleNamespace(act=act), ["rk4"], 0, env_id=PENDULUM, own_code=True)

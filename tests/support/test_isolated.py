@@ -93,7 +93,7 @@ def test_an_answer_that_does_not_come_is_waited_for_so_long(worker):
 
 @pytest.mark.parametrize(("method", "quoted"), [("babble", "Warning: what"), ("listed", "1, 2")])
 def test_an_answer_that_is_none_is_quoted(worker, method, quoted):
-    _ended(worker, method, f"answered `{method}` with what is no answer.*{quoted}")
+    _ended(worker, method, f"gave no readable answer to `{method}`.*{quoted}")
 
 
 def test_a_process_ends_with_what_called_it(worker):

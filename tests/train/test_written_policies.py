@@ -376,7 +376,7 @@ def test_a_name_that_is_no_file_of_a_policy_says_what_may_be_meant(tmp_path, pen
     for path, message in (
         (bare, r"there is no such file; give .*policy\.zip$"),
         (tmp_path, r"is a folder; give .*policy\.zip$"),
-        (script, r"its ending says no format that is read, .*\.zip, "),
+        (script, r"its ending is none of those that are read \(.*\.zip, "),
     ):
         with pytest.raises(PolicyFileError, match=message):
             read_weights(path)
@@ -440,5 +440,5 @@ def test_metadata_and_side_car_may_not_contradict(tmp_path, pendulum_zip):
         save_policy(pendulum_zip, path, PENDULUM, home=home)
         write_sidecar(path, PENDULUM, home=HOME)
     assert read_policy_file(unknown)[1]["home"]["integrator"] == "explicit_euler"
-    with pytest.raises(PolicyFileError, match="say different trainings"):
+    with pytest.raises(PolicyFileError, match="describe different trainings"):
         read_policy_file(known)

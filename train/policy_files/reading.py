@@ -237,8 +237,8 @@ def _check_file(path: Path) -> None:
     known = path.suffix.lower() in (*POLICY_ENDINGS, *_PICKLES)
     if not known and path.is_file() and not is_zipfile(path):
         raise PolicyFileError(
-            f"{path}: its ending says no format that is read, which are "
-            f"{', '.join(POLICY_ENDINGS)}; name it by its format, or {_WAY}"
+            f"{path}: its ending is none of those that are read "
+            f"({', '.join(POLICY_ENDINGS)}); name it by its format, or {_WAY}"
         )
 
 

@@ -191,8 +191,8 @@ def test_one_program_serves_other_values():
         ({"mixture": [{"weight": "half"}]}, ValueError, ["`weight`", "'half'"]),
         ({"mixture": [{"dt": 0.03}]}, ValueError, ["not a whole multiple"]),
         ({"control_period": None}, ValueError, ["give `control_period`", "0.02, 0.04"]),
-        ({"mixture": PERIODS}, ValueError, ["`control_period`=0.04 acts nowhere", "leave"]),
-        ({"integrator": "rk4"}, ValueError, ["`integrator`='rk4' acts nowhere", "leave"]),
+        ({"mixture": PERIODS}, ValueError, ["`control_period`=0.04 has no effect", "leave"]),
+        ({"integrator": "rk4"}, ValueError, ["`integrator`='rk4' has no effect", "leave"]),
         ({"masss": 1.0}, TypeError, ["unexpected keyword argument 'masss'"]),
     ],
 )

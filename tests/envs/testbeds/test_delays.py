@@ -109,7 +109,7 @@ def test_a_task_that_changes_its_actions_itself_has_no_jitter():
     env = made(action_latency=0.002, hold_probability=0.1)
     *_, info = env.step(np.ones(3, np.float32))
     assert {info[f"{name}_applied"] for name, _ in env.setup.plant.controls} == {0.5}
-    with pytest.raises(ValueError, match="`latency_jitter` cannot be had"):
+    with pytest.raises(ValueError, match="`latency_jitter` is not possible"):
         made(latency_jitter=0.002).step(np.ones(3, np.float32))
 
 

@@ -148,7 +148,7 @@ class Stacked(integ_gym.GymTestbed):
             "same `observation_space`",
         ),
         ("CartPole-v1", {"mixture": [{"dt": 0.02, "mass": 1}]}, "unknown key in `mixture` 'mass'"),
-        ("CartPole-v1", {"mixture": [{"dt": 0.02}], "dt": 0.01}, "`dt`=0.01 acts nowhere"),
+        ("CartPole-v1", {"mixture": [{"dt": 0.02}], "dt": 0.01}, "`dt`=0.01 has no effect"),
         ("CartPole-v1", {"mixture": [{"dt": 0.015}]}, "not a whole multiple"),
     ],
 )

@@ -122,7 +122,7 @@ def test_the_documented_table_is_what_is_printed(diagnosis):
         (["--env", "IntegPendulum-v0", "--plant", "pendulum"], "not both"),
         (["--plant", "pendulum", "--dt", "0.05", "0.03"], "not a whole multiple"),
         (["--plant", "pendulum", "--workers", "0"], "--workers must be 1 or above"),
-        (["--example", "drift", "--plant", "pendulum"], "--plant says nothing; leave it out"),
+        (["--example", "drift", "--plant", "pendulum"], "--plant has no effect; leave it out"),
         (["--example", "drift", "--dt", "0.03"], "nearest valid"),
         (["--example", "drift", "--dt", "-1"], "must be a finite number above 0"),
         (["--example", "drift", "--dt", "0.1", "0.05"], "takes one step"),

@@ -254,7 +254,7 @@ def test_a_killed_evaluation_goes_on_and_its_records_are_those_of_an_undisturbed
 
 
 def test_what_is_for_files_is_refused_of_others(tmp_path):
-    with pytest.raises(ValueError, match="own_code lets a side-car name classes"):
+    with pytest.raises(ValueError, match="own_code is for the side-car"):
         integ_gym.evaluate(swing, PENDULUM, tmp_path / "out", own_code=True)
     with pytest.raises(TypeError, match="obs_stats must be a file, which the run keeps; save its"):
         integ_gym.evaluate(tmp_path / "p.zip", PENDULUM, tmp_path / "out", obs_stats={"mean": [0]})
