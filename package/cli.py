@@ -47,9 +47,9 @@ COMMANDS = {
 EXAMPLES = """\
 examples:
   integ-gym panel --out runs/panel
-  integ-gym train --env IntegPendulum-v0 --integrator rk4 --dt 0.05 --seed 0 --out runs/rk4
+  integ-gym train --env IntegPendulum-v0 --integrator rk4 --dt 0.05
   integ-gym evaluate policy.zip --env IntegPendulum-v0 --out runs/mine
-  integ-gym check --integrator symplectic_euler --dt 0.05 --env-arg max_torque=0.7
+  integ-gym check --integrator symplectic_euler --dt 0.05
   integ-gym judge results.csv --home default
   integ-gym contract --env IntegPendulum-v0 engine=native engine=mujoco
   integ-gym diagnose --plant pendulum --integrator rk4
@@ -58,8 +58,8 @@ examples:
   integ-gym share runs/panel --repo me/pendulum
   integ-gym watch runs/panel RECORD --out film.gif
   integ-gym play --env IntegCartPoleSwingUp-v0
-  integ-gym evidence query runs/panel "SELECT policy_id, cell, avg(success::INT) AS success
-                                       FROM records WHERE phase = 'evaluation' GROUP BY ALL"
+  integ-gym evidence query runs/panel "SELECT policy_id, cell,
+      avg(success::INT) AS success FROM records GROUP BY ALL"
 """
 
 

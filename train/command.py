@@ -30,11 +30,12 @@ examples:
       --start hanging --max-torque 1.0 --seed 3 --out runs/explicit-3
   integ-gym train --env IntegCartPole-v0 --total-steps 100000 --out runs/balance
   integ-gym train --trainer fleet --integrator rk4 --dt 0.05 --out runs/rk4
-  integ-gym train --algorithm sac --env Hopper-v5 --integrator Euler --out runs/hopper
-  integ-gym train --env-arg mass=1.2 --env-arg mass_distribution=point --out runs/heavy
-  integ-gym train --engine mujoco --integrator Euler --env-arg solver.iterations=10 --out runs/ten
-  integ-gym train --trainer fleet --control-period 0.05 --out runs/mixed --env-arg \\
-      'mixture=[{"integrator": "rk4", "dt": 0.05}, {"integrator": "explicit_euler", "dt": 0.025}]'
+  integ-gym train --algorithm sac --env Hopper-v5 --integrator Euler
+  integ-gym train --env-arg mass=1.2 --env-arg mass_distribution=point
+  integ-gym train --engine mujoco --integrator Euler \\
+      --env-arg solver.iterations=10 --out runs/ten
+  integ-gym train --trainer fleet --control-period 0.05 --env-arg \\
+      'mixture=[{"integrator":"rk4","dt":0.05},{"integrator":"rk4","dt":0.025}]'
 """
 
 _OWN_FLAGS = ("env_id", "env_arguments")
@@ -133,7 +134,9 @@ def training_parser(
         help="folder for the policy (default: in runs/, named after environment, integrator, dt "
         "and seed)",
     )
-    arguments.add_argument("--force", action="store_true", default=False, help="replace a policy")
+    arguments.add_argument(
+        "--force", action="store_true", default=False, help="replace a policy that is there"
+    )
     arguments.add_argument(
         "--trainer",
         choices=("sb3", "fleet"),
@@ -141,10 +144,18 @@ def training_parser(
         help="stable-baselines3, or the compiled trainer, which writes no logs (default: sb3)",
     )
     arguments.add_argument(
-        "--no-tensorboard", dest="tensorboard", action="store_false", default=True, help="no logs"
+        "--no-tensorboard",
+        dest="tensorboard",
+        action="store_false",
+        default=True,
+        help="write no logs",
     )
     arguments.add_argument(
-        "--no-progress", dest="progress", action="store_false", default=True, help="no bar"
+        "--no-progress",
+        dest="progress",
+        action="store_false",
+        default=True,
+        help="show no progress bar",
     )
     environment = arguments.add_argument_group("environment (default: its own)")
     for env_field in _ENV_FIELDS:

@@ -20,14 +20,16 @@ from .work_options import add_work, workers_of
 EXAMPLES = """\
 examples:
   integ-gym atlas specs/atlas/rod_pendulum.toml --plan
-                                  its blocks, which of them are there, and what the others cost
+                                  blocks that are there, cost of the others
   integ-gym atlas specs/atlas/rod_pendulum.toml --out runs/atlas
-                                  run what is missing; again: finish what was interrupted
-  integ-gym atlas specs/atlas/rod_pendulum.toml --out runs/atlas --only 1.7-seed2000
-  integ-gym atlas specs/atlas/rod_pendulum.toml --summaries docs/atlas/rod_pendulum \\
-                  --publish runs/rod_pendulum
-                                  phase diagram, table and losses, from the summaries alone
-  integ-gym atlas specs/atlas/rod_pendulum.toml --out runs/again --again 1.7-seed2000
+                                  run what is missing, or was interrupted
+  integ-gym atlas specs/atlas/rod_pendulum.toml --out runs/atlas \\
+      --only 1.7-seed2000
+  integ-gym atlas specs/atlas/rod_pendulum.toml \\
+      --summaries docs/atlas/rod_pendulum --publish runs/rod_pendulum
+                                  diagram, table and losses from the summaries
+  integ-gym atlas specs/atlas/rod_pendulum.toml --out runs/again \\
+      --again 1.7-seed2000
                                   train it once more, and compare every outcome
 """
 
@@ -52,8 +54,8 @@ def parser() -> argparse.ArgumentParser:
     add("--only", nargs="+", metavar="BLOCK", help="run these blocks alone")
     add(
         "--again", metavar="BLOCK",
-        help="run a finished block anew, its first two seeds alone where these are the same to the "
-        "last bit, and note in the summaries' folder that its outcomes are the same",
+        help="run the first two seeds of a finished block anew (all, if these differ in a bit), "
+        "and note in the summaries' folder that outcomes agree",
     )  # fmt: skip
     add(
         "--publish", type=Path, metavar="DIR",

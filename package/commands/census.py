@@ -24,7 +24,7 @@ EXAMPLES = """\
 examples:
   integ-gym census --out runs/census
   integ-gym census --published gymnasium envpool --out runs/published
-  integ-gym census --published my_module:MyLibrary --engine mujoco --out runs/mine
+  integ-gym census --published my_module:MyLibrary --engine mujoco --out census
 """
 
 

@@ -26,12 +26,14 @@ EXAMPLES = """\
 examples:
   integ-gym check --integrator symplectic_euler --dt 0.05 \\
                   --env-arg start=hanging --env-arg max_torque=0.7
-  integ-gym check --integrator explicit_euler --dt 0.025 --control-period 0.05 --seeds 24
-  integ-gym check --env IntegCartPole-v0 --integrator explicit_euler --dt 0.02 --out runs/balance
+  integ-gym check --integrator explicit_euler --dt 0.025 \\
+                  --control-period 0.05 --seeds 24
+  integ-gym check --env IntegCartPole-v0 --integrator explicit_euler --dt 0.02
   integ-gym check --env InvertedPendulum-v5 --integrator Euler --dt 0.02 \\
                   --train-arg total_steps=60000
 
-The same command again goes on where it was interrupted, and answers at once when it is finished.
+The same command again goes on where it was interrupted. When it is finished, it
+answers at once.
 """
 _OPTIONS = {
     "env_id": "--env", "integrator": "--integrator", "dt": "--dt",
@@ -55,17 +57,17 @@ def parser() -> argparse.ArgumentParser:
         "--env", metavar="ID", default="IntegPendulum-v0",
         help=f"{', '.join(ENVIRONMENTS)}, {OTHER_TESTBEDS} (default: %(default)s)",
     )  # fmt: skip
-    add("--integrator", required=True, metavar="NAME", help="that policies learn on")
+    add("--integrator", required=True, metavar="NAME", help="integrator that policies learn on")
     add("--dt", required=True, type=float, metavar="S", help="integration step, s")
     add(
         "--control-period", type=float, metavar="S",
         help="time between two decisions, s (default: the task's only one, or --dt)",
     )  # fmt: skip
-    add("--engine", metavar="NAME", help="of the integrator (default: the task's own)")
+    add("--engine", metavar="NAME", help="engine of the integrator (default: the task's own)")
     options.add_named_values(arguments, "--env-arg", "another constructor argument")
     add(
         "--seeds", type=options.whole_number, metavar="N",
-        help="how many train (default: 12, and up to 32 until the interval's half-width is 0.2)",
+        help="how many train (default: 12, then up to 32 until the interval's half-width is 0.2)",
     )  # fmt: skip
     add(
         "--trainer", choices=TRAINERS,

@@ -21,8 +21,9 @@ examples:
   integ-gym contract Hopper-v5 my_hopper:HopperTestbed
   integ-gym contract --env IntegCartPole-v0 engine=drake engine=pinocchio --json
 
-The first gives the states: starts, and what a few random decisions make of them. Positions and
-velocities correspond by their order. Exit code 3 where something differs.
+States are starts of the first environment, and what a few random decisions make
+of them. Positions and velocities are matched by their order. Exit code 3 if
+something differs.
 """
 
 BROKEN: Final = 3
@@ -48,16 +49,16 @@ def parser() -> argparse.ArgumentParser:
     )
     where = "an environment's id or testbed; with --env a cell, as NAME=VALUE,NAME=VALUE"
     arguments.add_argument("first", metavar="A", help=where)
-    arguments.add_argument("second", metavar="B", help="likewise")
+    arguments.add_argument("second", metavar="B", help="the other, likewise")
     arguments.add_argument("--env", metavar="ID", help="the environment whose cells A and B are")
     add_named_values(arguments, "--env-arg", "environment argument of both")
     arguments.add_argument(
         "--states", type=whole_number, default=STATES, metavar="N",
-        help=f"how many (default: {STATES})",
+        help=f"how many are compared (default: {STATES})",
     )  # fmt: skip
     arguments.add_argument(
         "--seed", type=whole_number, default=0, metavar="N",
-        help="of states and actions (default: 0)",
+        help="seed of states and actions (default: 0)",
     )  # fmt: skip
     arguments.add_argument("--json", action="store_true", help="print the comparison as JSON")
     return arguments

@@ -21,13 +21,13 @@ from .work_options import add_work, workers_of
 
 EXAMPLES = """\
 examples:
-  integ-gym diagnose              every integrator on every plant, in under two minutes
+  integ-gym diagnose              all integrators on all plants, in two minutes
   integ-gym diagnose --plant pendulum --integrator rk4 --dt 0.02 --out runs/rk4
-  integ-gym diagnose --plant pendulum --integrator my_module:Heun --out runs/heun
+  integ-gym diagnose --plant pendulum --integrator my_module:Heun
                                   measures an integrator of your own
   integ-gym diagnose --plant my_module:Slider --out runs/slider
   integ-gym diagnose --example drift
-                                  energy drift over 200 s, see docs/explanation/drift.md
+                                  energy drift: docs/explanation/drift.md
   integ-gym diagnose --example drift --dt 0.01 --out runs/drift-fine
 """
 

@@ -28,20 +28,25 @@ examples:
   integ-gym evaluate policy.zip --env IntegCartPole-v0 --home stock \\
       --obs-stats vecnormalize.pkl --out runs/mine
   integ-gym evaluate policy.zip --env Hopper-v5 --home stock --out runs/hopper \\
-      --integrator Euler --integrator implicitfast --integrator RK4 --dt 0.002 --dt 0.001
-  integ-gym evaluate policy.zip --env IntegPendulum-v0 --out runs/mine --at home \\
-      --vary control_period=0.05,0.1 --vary action_latency=0,0.05 --fail-if "loss > 0.1"
-  integ-gym evaluate go1/policy.onnx --env examples.robots.go1:Go1 --env-arg folder=go1 \\
-      --home stock --vary solver.iterations=1,100 --out runs/go1
-  integ-gym evaluate hf://sb3/ppo-Pendulum-v1 --env IntegPendulum-v0 --home stock \\
-      --obs-stats hf://sb3/ppo-Pendulum-v1/vec_normalize.pkl --out runs/zoo
-  integ-gym evaluate --policy my_module:my_function --env IntegPendulum-v0 --out runs/mine
+      --integrator Euler --integrator RK4 --dt 0.002 --dt 0.001
+  integ-gym evaluate policy.zip --env IntegPendulum-v0 --out runs/mine \\
+      --at home --vary control_period=0.05,0.1 --vary action_latency=0,0.05 \\
+      --fail-if "loss > 0.1"
+  integ-gym evaluate go1/policy.onnx --env examples.robots.go1:Go1 \\
+      --env-arg folder=go1 --home stock --vary solver.iterations=1,100 \\
+      --out runs/go1
+  integ-gym evaluate hf://sb3/ppo-Pendulum-v1 --env IntegPendulum-v0 \\
+      --home stock --out runs/zoo \\
+      --obs-stats hf://sb3/ppo-Pendulum-v1/vec_normalize.pkl
+  integ-gym evaluate --policy my_module:my_function --env IntegPendulum-v0 \\
+      --out runs/mine
 
-The policy's home is what its side-car POLICY.json says or what --home states, and is unknown
-without either: nothing is then compared with home. `--home stock` is the environment as its
-library makes it: Gymnasium's own, a task of MuJoCo, dm_control, Brax, … as it is, a robot's file.
-A policy is judged at its home's control period; `--home control_period=S` states that alone. A
-function takes one observation and gives one action.
+The policy's home is what its side-car POLICY.json says, or what --home states.
+Without either it is unknown, and nothing is compared with home. `--home stock`
+is the environment as its library makes it: Gymnasium's own, or a task of
+MuJoCo, dm_control, Brax, …, or a robot's file. A policy is judged at its home's
+control period; `--home control_period=S` states that alone. A function takes
+one observation and gives one action.
 """
 
 SHOWN = 3
@@ -104,7 +109,7 @@ def parser() -> argparse.ArgumentParser:
     add(
         "--limit", action=argparse.BooleanOptionalAction,
         help="extrapolate a limit from the best integrator at 1/2, 1/4 and 1/8 of the home's step, "
-        "and hold the policy against it (default: where there is no truth and these steps fit)",
+        "and compare the policy with it (default: where there is no truth and these steps fit)",
     )  # fmt: skip
     add(
         "--spec", type=Path, metavar="FILE",

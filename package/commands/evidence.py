@@ -312,10 +312,10 @@ def _whole(
 
 _EXAMPLES = """\
 examples:
-  integ-gym evidence query runs/panel "SELECT policy_id, cell, avg(success::INT) AS success
-                                       FROM records WHERE phase = 'evaluation' GROUP BY ALL"
-  integ-gym evidence query runs/panel "SELECT record_id, failure_numbers FROM records
-                                       WHERE failure_label = 'discretization_error' LIMIT 5"
+  integ-gym evidence query runs/panel "SELECT policy_id, cell,
+      avg(success::INT) AS success FROM records GROUP BY ALL"
+  integ-gym evidence query runs/panel "SELECT record_id FROM records
+      WHERE failure_label = 'discretization_error' LIMIT 5"
   integ-gym evidence query s3://bucket/panel "SELECT count(*) FROM records"
   integ-gym evidence show runs/panel 3f9a
   integ-gym evidence show runs/go1 3f9a --substeps steps.csv --own-code
@@ -325,12 +325,15 @@ examples:
   integ-gym evidence seal runs/panel --sign ~/.ssh/id_ed25519
   integ-gym evidence verify runs/panel --public-key id_ed25519.pub
   integ-gym evidence export runs/panel --to csv --out summaries.csv
-  integ-gym evidence export runs/panel --to minari --out datasets --where "phase = 'evaluation'"
-  integ-gym evidence export runs/panel --to mcap --out logs --where "NOT success"
+  integ-gym evidence export runs/panel --to minari --out datasets \\
+      --where "phase = 'evaluation'"
+  integ-gym evidence export runs/panel --to mcap --out logs \\
+      --where "NOT success"
   integ-gym evidence merge runs/one runs/two --out runs/both
 
-RUN is the directory of a run, or its directory `evidence`, or the place of a run in an object
-store: s3://…, gs://…, az://…. `query` reads it there; the others read a copy that they fetch first.
+RUN is the directory of a run, or its directory `evidence`, or a place in an
+object store: s3://…, gs://…, az://…. `query` reads it there; the others fetch a
+copy first.
 """
 
 
@@ -377,11 +380,10 @@ def parser() -> argparse.ArgumentParser:
         return command
 
     command = add("show", _show, "print one record with its units")
-    command.add_argument("record_id", metavar="RECORD_ID", help="its id, or how the id begins")
+    command.add_argument("record_id", metavar="RECORD_ID", help="record id or unique prefix")
     command.add_argument(
         "--substeps", metavar="FILE", type=Path,
-        help="of a robot's record, with --own-code: play it again and write what is so after every "
-        "timestep as csv",
+        help="for a robot's record, with --own-code: play it again and write every timestep as csv",
     )  # fmt: skip
     command.add_argument(
         "--own-code", action="store_true", help="load the class that the record names"
@@ -395,20 +397,24 @@ def parser() -> argparse.ArgumentParser:
         "of many columns prints each in a line with its unit, long texts cut (default: table)",
     )  # fmt: skip
 
-    command = add("verify", verify, "hold a run against its hashes, plan, traces and replays")
+    command = add("verify", verify, "check a run: hashes, plan, traces, seal and replays")
     command.add_argument(
         "--depth", choices=DEPTHS, default=DEPTHS[-1],
-        help="whole: hashes, the run's plan, and outcomes from traces; sealed: the run's seal as "
-        "well; replayed: episodes simulated again as well, and the seal if there is one (default)",
+        help="whole: hashes, the run's plan, and outcomes from traces; sealed: also the seal; "
+        "replayed: also episodes simulated again (default; the seal only if there is one)",
     )  # fmt: skip
     command.add_argument(
         "--sample", type=whole_number, default=SAMPLE, metavar="N",
-        help="records that are simulated again, about, drawn by --seed; those without a trace by "
-        f"whole cells of a policy (default: {SAMPLE})",
+        help="about how many records are simulated again, drawn by --seed; those without a trace "
+        f"in whole cells of a policy (default: {SAMPLE})",
     )  # fmt: skip
     command.add_argument("--all", action="store_true", help="simulate all of them again")
     command.add_argument(
-        "--seed", type=whole_number, default=0, metavar="S", help="of the sample (default: 0)"
+        "--seed",
+        type=whole_number,
+        default=0,
+        metavar="S",
+        help="seed that draws the sample (default: 0)",
     )
     command.add_argument(
         "--exact", action="store_true",
@@ -416,16 +422,16 @@ def parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     command.add_argument(
         "--policy", action="store_true",
-        help="let the policies of the run decide again everywhere, where otherwise they do without "
-        "a trace alone, and recorded controls are repeated",
+        help="let the run's policies decide again in all evaluations; by default recorded controls "
+        "are repeated, and policies decide only where there is no trace",
     )  # fmt: skip
     command.add_argument(
         "--own-code", action="store_true", help="load classes that records name as module:Class"
     )
     command.add_argument(
         "--make-interpreters", action="store_true",
-        help="make with uv the interpreters with other package versions that cells have and this "
-        "machine lacks; without one their records are not simulated again",
+        help="make interpreters with the package versions of cells that this machine lacks, with "
+        "uv; without them those cells are not simulated again",
     )  # fmt: skip
     command.add_argument(
         "--public-key", type=Path, metavar="FILE",
@@ -459,7 +465,9 @@ def parser() -> argparse.ArgumentParser:
     add_progress(command)
 
     command = add("merge", _merge, "put the records of several runs together, each once", "+")
-    command.add_argument("--out", required=True, metavar="DIR", type=Path, help="where to")
+    command.add_argument(
+        "--out", required=True, metavar="DIR", type=Path, help="directory of the merged run"
+    )
     return arguments
 
 

@@ -42,7 +42,7 @@ def parser() -> argparse.ArgumentParser:
         "success or return; LeRobot's eval_info.json; or what Isaac Lab's robust_eval.py writes. "
         "NAME is the policy of a file that names none; its files are its training seeds",
     )  # fmt: skip
-    add("--home", metavar="CONDITION", help="that the policies were trained in")
+    add("--home", metavar="CONDITION", help="condition that policies were trained in")
     add(
         "--out", type=Path, metavar="DIR", default=Path("runs/judge"),
         help="where results go (default: runs/judge)",

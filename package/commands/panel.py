@@ -28,23 +28,25 @@ examples:
   integ-gym panel --out runs/panel        the built-in quick panel
   integ-gym panel --out runs/panel        again: finishes what was interrupted
   integ-gym panel --trainer sb3 --out runs/sb3
-                                          with stable-baselines3, one policy after the other
+                                          by stable-baselines3, one by one
   integ-gym panel --memory-gib 4 --workers 8 --out runs/panel
-                                          8 processes that train within 4 GiB together
+                                          8 processes, 4 GiB together
   integ-gym panel --seeds 80 --out runs/panel
-                                          again with more training seeds; keeps those that it has
+                                          keeps its seeds and adds others
   integ-gym panel --executor ray --address ray://head:10001 --out /shared/panel
-                                          on a cluster, see docs/how-to/clusters.md
+                                          on a cluster
   integ-gym panel --executor slurm --workers 64 --out s3://bucket/panel
-                                          64 jobs of Slurm at once, kept in an object store
-  integ-gym panel --power                 what its seeds can show, before anything runs
-  integ-gym panel --plan                  what it costs, before anything runs
+                                          64 Slurm jobs, in an object store
+  integ-gym panel --power                 what its seeds can show; nothing runs
+  integ-gym panel --plan                  what it costs; nothing runs
   integ-gym panel engines --out runs/engines
-                                          the same policies on every installed engine
+                                          the same policies on every engine
   integ-gym panel engines --policies runs/panel --out runs/engines
                                           without training them again
   integ-gym panel specs/cart_pole_balance.toml --out runs/balance
-                                          a panel of your own, see docs/reference/panel.md
+                                          a panel of your own
+
+docs/how-to/clusters.md is about clusters, docs/reference/panel.md about panels.
 """
 
 
@@ -66,13 +68,13 @@ def parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     add(
         "--power", action="store_true",
-        help="run nothing: say what the seeds can show, and of a panel that is finished in --out "
-        "the seeds still needed for each verdict",
+        help="run nothing: say what the seeds can show and, if --out is a finished panel, how many "
+        "more each verdict needs",
     )  # fmt: skip
     add(
         "--plan", action="store_true",
         help="run nothing: say what the panel costs in core time and storage, and what the same "
-        "would with 10, 1000 and 100 000 policies",
+        "would with 10, 1000 and 100,000 policies",
     )  # fmt: skip
     add(
         "--trainer", choices=TRAINERS,
@@ -100,7 +102,11 @@ def parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     add_work(arguments)
     add_engine(arguments)
-    add("--verbose", action="store_true", help="say the answer and the reason of every verdict too")
+    add(
+        "--verbose",
+        action="store_true",
+        help="also print the answer and the reason of every verdict",
+    )
     return arguments
 
 

@@ -12,14 +12,15 @@ from integ_gym.support.options import CommandParser, add_named_values, by_name, 
 
 EXAMPLES = """\
 examples:
-  integ-gym play                          the pendulum, as Gymnasium integrates it
+  integ-gym play                        the pendulum, as Gymnasium integrates it
   integ-gym play --env IntegCartPoleSwingUp-v0
   integ-gym play --env IntegCartPole-v0 --integrator rk4 --dt 0.01
   integ-gym play --env-arg max_torque=0.7 --env-arg damping=0.02
 
-Left and right arrow push; up and down make the step coarser and finer; 1 to 9 or Tab choose the
-integrator. The plant keeps its motion while they change. MOTOR is what you gave, NUMERICS what the
-errors of the integrator gave or, below zero, took: of the truth it is nothing.
+Left and right arrow push; up and down make the step coarser and finer; 1 to 9
+or Tab choose the integrator. The plant keeps its motion while they change.
+MOTOR is the energy that you gave. NUMERICS is what the integrator's errors gave
+or, below zero, took; the truth gives none.
 """
 
 
@@ -39,7 +40,13 @@ def parser() -> argparse.ArgumentParser:
     add("--integrator", metavar="NAME", help="the first one (default: the environment's)")
     add("--dt", type=float, metavar="S", help="first step, s (default: the environment's)")
     add_named_values(arguments, "--env-arg", "environment argument")
-    add("--seed", type=whole_number, default=0, metavar="N", help="of the first start (default: 0)")
+    add(
+        "--seed",
+        type=whole_number,
+        default=0,
+        metavar="N",
+        help="seed of the first start (default: 0)",
+    )
     return arguments
 
 

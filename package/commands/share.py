@@ -29,7 +29,7 @@ def parser() -> argparse.ArgumentParser:
     )
     add = arguments.add_argument
     add("run", type=Path, metavar="RUN", help="directory of a finished panel or evaluation")
-    add("--repo", required=True, metavar="USER/NAME", help="of the model and of the data set")
+    add("--repo", required=True, metavar="USER/NAME", help="name of the model and of the data set")
     add("--private", action="store_true", help="make repositories that others cannot see")
     add("--cards-only", action="store_true", help="write the cards and push nothing")
     add(

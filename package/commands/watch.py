@@ -18,16 +18,16 @@ EXAMPLES = """\
 examples:
   integ-gym watch runs/panel      lists records that are worth a film
   integ-gym watch runs/panel 3f9a --out film.gif
-                                  where the policy was trained, where it was recorded, the truth
-  integ-gym watch runs/panel 3f9a --on explicit_euler "rk4 dt=0.0125" truth --out film.mp4
+                                  its home, where it was recorded, the truth
+  integ-gym watch runs/panel 3f9a --on explicit_euler "rk4 dt=0.0125" truth
   integ-gym watch runs/panel 3f9a
                                   in a window
-  integ-gym watch runs/rk4 --seed 12 --on rk4 explicit_euler truth --out film.gif
-                                  a policy that `integ-gym train` wrote, from the start of a seed
+  integ-gym watch runs/rk4 --seed 12 --on rk4 truth --out film.gif
+                                  a policy that `integ-gym train` wrote
 
-A discretization is written as in a panel: INTEGRATOR, if need be with an engine before it and
-dt=S after it; what it does not say is the record's, or the policy's home's.
-`integ-gym watch RUN` lists records that are worth a film.
+A discretization is written as in a panel: INTEGRATOR, if need be with an engine
+before it and dt=S after it. What is left out is as in the record, or as at the
+policy's home.
 """
 
 
@@ -52,7 +52,7 @@ def parser() -> argparse.ArgumentParser:
         help="discretizations from left to right; default: what the policy was trained on, the "
         "record's own, and the truth",
     )  # fmt: skip
-    add("--seed", type=whole_number, metavar="N", help="of the start of a trained policy")
+    add("--seed", type=whole_number, metavar="N", help="seed of the start of a trained policy")
     add("--out", type=Path, metavar="FILE", help="film.gif or film.mp4; default: a window")
     add(
         "--own-code", action="store_true",

@@ -40,7 +40,7 @@ def workers_of(arguments: argparse.Namespace) -> int | None:
 
 def add_engine(parser: argparse.ArgumentParser) -> None:
     """Add the options to a command's."""
-    add = parser.add_argument_group("engine (docs/how-to/clusters.md)").add_argument
+    add = parser.add_argument_group("executor (docs/how-to/clusters.md)").add_argument
     add(
         "--executor", default="local", metavar="NAME",
         help=f"what runs the processes: {', '.join(EXECUTORS)}, or module:function for a function "
@@ -48,16 +48,16 @@ def add_engine(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     add(
         "--address", metavar="ADDRESS",
-        help="of a running cluster of Ray or Dask (default: one is started on this machine); with "
+        help="a running cluster of Ray or Dask (default: one is started on this machine); with "
         "slurm, local runs its jobs on this machine",
     )  # fmt: skip
     add(
         "--cores-per-worker", type=whole_number, default=1, metavar="N",
-        help="that an engine sets aside for each process (default: 1)",
+        help="cores that the executor sets aside for each process (default: 1)",
     )  # fmt: skip
     add(
         "--gpus-per-worker", type=float, default=0.0, metavar="N",
-        help="the same of GPUs, on which the fleet then trains (default: 0)",
+        help="the same for GPUs, on which the fleet then trains (default: 0)",
     )  # fmt: skip
 
 

@@ -33,11 +33,14 @@ def _examples(text: str) -> list[list[str]]:
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_every_command_has_help_whose_examples_are_understood(command, capsys):
+def test_every_command_has_help_whose_examples_are_understood(command, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
     with pytest.raises(SystemExit) as ended:
         main([command, "--help"])
     assert ended.value.code == 0
-    assert f"integ-gym {command}" in capsys.readouterr().out
+    shown = capsys.readouterr().out
+    assert f"integ-gym {command}" in shown
+    assert [line for line in shown.splitlines() if len(line) > 80] == []
     made = importlib.import_module(f"integ_gym.commands.{command}").parser()
     examples = _examples(made.epilog)
     assert examples
