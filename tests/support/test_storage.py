@@ -52,7 +52,7 @@ def test_places_are_folders_or_in_object_stores(tmp_path):
     [
         (["diagnose", "--out", "s3://bucket/run"], "expected a path of this machine"),
         (["evidence", "seal", "s3://bucket/run"], "once it is copied here"),
-        (["panel", "--power", "--out", "s3://bucket/run"], "give it a copy of the run"),
+        (["panel", "--power", "--out", "s3://bucket/run"], "a copy of the run, or omit it"),
         (["panel", "--sign", "key", "--out", "s3://bucket/run"], "--sign signs a run on this"),
         (["panel", "--out", "s3://bucket/run", "--policies", "s3://b/r"], "a path of this machine"),
     ],
