@@ -55,10 +55,25 @@ def test_who_reads_the_rows_alone_finds_the_page_s_numbers(name):
     assert done.stdout.strip() in page
 
 
+@pytest.mark.parametrize("experiment", ["learned_engines"], indirect=True)
+def test_a_step_of_an_engine_is_of_the_map_that_it_is_trained_by(experiment):
+    _, module = experiment
+    asked = module.units(module.TABLE.first_seed)
+    assert len({unit.name for unit in asked}) == len(asked)
+    for unit in {(unit.task, unit.arm, unit.trained_on): unit for unit in asked}.values():
+        if unit.map is not None:
+            given = module.arguments(unit.task, unit.arm, unit.trained_on)
+            assert module.defect(given, unit.map) < 2e-6
+    for name in ("pybullet", "sapien"):
+        with pytest.raises(RuntimeError, match="is not one of symplectic_euler"):
+            module.defect(module.arguments("swing-up", "as got", name), "symplectic_euler")
+    differs = module.contract("short track", "matched", "native", "mujoco")["differs"]
+    assert not differs
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("name", PAGES)
-def test_a_block_is_run_and_one_that_is_there_is_not_run_again(name, tmp_path):
-    script = ROOT / "benchmarks" / "tables" / f"{name}.py"
+def test_a_block_is_run_and_one_that_is_there_is_not_run_again(tmp_path):
+    script = ROOT / "benchmarks" / "tables" / "learned_periods.py"
     command = [sys.executable, str(script), "--out", str(tmp_path), "--workers", "1"]
     command += ["--only", "cart-pole-hand-made"]
     first, again = (

@@ -1,0 +1,453 @@
+"""Does a policy learn the engine? Six engines, as their users get them and matched.
+
+    python benchmarks/tables/learned_engines.py --out runs/learned_engines
+    python benchmarks/tables/learned_engines.py --out runs/learned_engines --only swing-up-matched
+    python benchmarks/tables/learned_engines.py --out docs/tables/learned_engines --table
+
+"Can RL for continuous control generalize across physics engines?" (2020, arXiv:2010.14444) reports
+that policies lose in another engine than they were trained in, without seeds' intervals. An engine
+is more than its equations: steps, damping, friction and limits come with it. Here policies are
+trained in each of native, MuJoCo, Drake, PyBullet, DART and SAPIEN and judged in all, on the same
+cart-pole, in two ways:
+
+- `as got`: every engine with its own default step and integrator, and what its users get without
+  asking. Bullet: damping 0.04 of every link, joints up to 100 rad/s and m/s. PhysX: damping 0.05 of
+  every link, joint friction 0.05, links up to 10 m/s and 50 rad/s, sleep. `native`: its default
+  integrator at 0.025 s, for its default of 0.02 s is no part of the control period.
+- `matched`: none of these, and the same map and step: symplectic Euler at 0.01 s.
+
+Tasks are the swing-up on the default track, with the suite's own stops at its far ends in all
+engines, and on a short track, which cannot be done without running into the stops. There engines
+`as got` have their own joint stops, which native has not, and `matched` the suite's own law.
+
+Where one step of an engine is that of a map to rounding, from 200 random states up to a tenth
+beyond the stops, the fleet trains on that map: this is checked in the unit before training, and the
+defect is in its rows. Where it is not (PhysX's friction, engines' own stops), stable-baselines3
+trains on the engine with the same settings. Policies are judged on the engines themselves, from 20
+starts of their seed's own. Engines have seeds of their own, so that equal maps are no equal
+policies.
+
+Beside a success stand what the contract check says of training's and judging's environment before
+anything is integrated: boundaries that differ, and those at which one of them cannot say.
+
+Declared before it was run, with budgets and the short track chosen on seeds 900 to 903. Two
+one-sided tests for each task, corrected together by Holm's method, in which what was not run counts
+as p = 1. A loss is success in the engine of training minus the mean of the five others, for every
+seed the mean over engines:
+
+1. as got there is a loss;
+2. matching takes some of it away.
+
+All else has intervals and no test.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import closing
+from dataclasses import asdict, dataclass
+from functools import cache, cached_property
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from measuring.results import interval, markdown, p_value, success
+from measuring.tables import Cells, Row, Table, command
+from measuring.trained import PACKAGES, STARTS, Act, gained, judged_in, trained_by_fleet
+
+from integ_gym.envs.numerics.identity import IDENTICAL, cases_of, largest_error
+from integ_gym.envs.numerics.stepping import one_step
+from integ_gym.eval.contract import compare_contracts
+from integ_gym.eval.statistics import Difference, holm, paired_difference
+from integ_gym.support.figures import axes_at, blank_figure, write_figure
+from integ_gym.train.policy_files.sidecar import read_trained
+from integ_gym.train.ppo import PPOConfig, train_run
+
+ENV_ID, PERIOD = "IntegCartPoleSwingUp-v0", 0.05
+"""Of all tasks; the control period in s is a multiple of every engine's own step."""
+
+ARMS = ("as got", "matched")
+PPO: dict[str, Any] = {
+    "n_steps": 256, "batch_size": 512, "gae_lambda": 0.9, "discount_time": 1.0,
+    "learning_rate": 2e-3, "learning_rate_end": 0.0,
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Task:
+    """What is learned.
+
+    Attributes:
+        track_limit: where the stops are, m.
+        decisions: of the experience of a policy.
+        touches: whether it is about the stops, so that engines have their own as got.
+    """
+
+    track_limit: float
+    decisions: int
+    touches: bool
+
+
+TASKS = {"swing-up": Task(2.4, 400_000, False), "short track": Task(0.6, 400_000, True)}
+
+
+@dataclass(frozen=True)
+class Engine:
+    """One of the engines.
+
+    Attributes:
+        name: of the suite's own.
+        integrator: that it has by default.
+        dt: that it has by default, s.
+        map: native integrator that one step of it is, as got; None: no known one.
+        own: class of it as got; None: as the suite has it.
+        matched: its integrator that is symplectic Euler.
+    """
+
+    name: str
+    integrator: str
+    dt: float
+    map: str | None
+    matched: str
+    own: str | None = None
+
+
+SYMPLECTIC, MATCHED_STEP = "symplectic_euler", 0.01
+ENGINES = [
+    Engine("native", "rk4", 0.025, "rk4", SYMPLECTIC),
+    Engine("mujoco", "Euler", 0.002, SYMPLECTIC, "Euler"),
+    Engine("drake", "lagged", 0.001, SYMPLECTIC, "tamsi"),
+    Engine("pybullet", "semi_implicit_euler", 1.0 / 240.0, "measuring.as_got:BulletEuler",
+           "semi_implicit_euler", "measuring.as_got:Pybullet"),
+    Engine("dart", "semi_implicit_euler", 0.001, SYMPLECTIC, "semi_implicit_euler"),
+    Engine("sapien", "tgs", 0.01, None, "tgs", "measuring.as_got:Sapien"),
+]  # fmt: skip
+NAMED = {engine.name: engine for engine in ENGINES}
+SEEDS, APART = 10, 100
+"""Policies of an engine, and from the first seed of one engine to that of the next."""
+
+
+@dataclass(frozen=True)
+class Unit:
+    """Seeds that are trained in one engine, in one way."""
+
+    task: str
+    arm: str
+    trained_on: str
+    first_seed: int
+    count: int
+
+    @property
+    def block(self) -> str:
+        """What `--only` chooses."""
+        return f"{self.task}-{self.arm}".replace(" ", "-")
+
+    @property
+    def name(self) -> str:
+        """Unlike that of any other."""
+        return f"{self.block} on {self.trained_on}, seeds from {self.first_seed}"
+
+    @cached_property
+    def map(self) -> str | None:
+        """Native integrator that the fleet trains with; None: the engine itself trains."""
+        if self.arm == "matched":
+            return SYMPLECTIC
+        touched = TASKS[self.task].touches and self.trained_on != "native"
+        return None if touched else NAMED[self.trained_on].map
+
+
+def units(first_seed: int) -> list[Unit]:
+    """All, one task after the other."""
+    found = []
+    for task in TASKS:
+        for arm in ARMS:
+            for place, engine in enumerate(ENGINES):
+                first = first_seed + APART * place
+                together = Unit(task, arm, engine.name, first, SEEDS)
+                if together.map is None:
+                    found += [Unit(task, arm, engine.name, first + k, 1) for k in range(SEEDS)]
+                else:
+                    found.append(together)
+    return found
+
+
+def arguments(task: str, arm: str, engine: str) -> dict[str, Any]:
+    """Of the environment in an engine."""
+    of, known = TASKS[task], NAMED[engine]
+    common = {"control_period": PERIOD, "duration": 10.0, "track_limit": of.track_limit}
+    if arm == "matched":
+        return {**common, "engine": engine, "integrator": known.matched, "dt": MATCHED_STEP}
+    contact = "engine" if of.touches and engine != "native" else "compliant"
+    own = {"engine": known.own or engine, "integrator": known.integrator, "dt": known.dt}
+    return {**common, **own, "contact": contact}
+
+
+def defect(given: dict[str, Any], known: str) -> float:
+    """Largest error of one step of an environment's engine against a native map's.
+
+    Raises:
+        RuntimeError: if it is beyond rounding.
+    """
+    with closing(gym.make(ENV_ID, **given)) as env:
+        setup = env.unwrapped.setup  # type: ignore[attr-defined]
+        plant, width = setup.plant, setup.engine.width
+    steps = [
+        one_step(name, plant, given["dt"])
+        for name in (f"{given['engine']}/{given['integrator']}", f"native/{known}")
+    ]
+    most = 0.55 * given["track_limit"]  # of the two units to which cases go
+    cases = [((most * q[0], q[1]), v, u) for q, v, u in cases_of(plant, True, 200)]
+    found = max(largest_error(*[step(*case) for step in steps]) for case in cases)
+    if found > IDENTICAL[width]:
+        raise RuntimeError(f"a step of {given} is not one of {known}: {found:g}")
+    return found
+
+
+@cache
+def contract(task: str, arm: str, trained_on: str, judged_on: str) -> dict[str, str]:
+    """Boundaries at which two environments differ, and at which one cannot say."""
+    trained, judged = (arguments(task, arm, engine) for engine in (trained_on, judged_on))
+    kept = ("track_limit", "duration")
+    cells = [{k: v for k, v in one.items() if k not in kept} for one in (trained, judged)]
+    found = compare_contracts(*cells, ENV_ID, environment={k: judged[k] for k in kept})
+    return {
+        "differs": ", ".join(check.boundary for check in found.broken),
+        "silent": ", ".join(check.boundary for check in found.checks if not check.compared),
+    }
+
+
+def run(unit: Unit) -> list[Row]:
+    """Contract, identity, training, and successes of a unit's policies in every engine."""
+    home = arguments(unit.task, unit.arm, unit.trained_on)
+    away = {engine.name: arguments(unit.task, unit.arm, engine.name) for engine in ENGINES}
+    said = {name: contract(unit.task, unit.arm, unit.trained_on, name) for name in away}
+    error = None if unit.map is None else defect(home, unit.map)
+    seeds, begun = list(range(unit.first_seed, unit.first_seed + unit.count)), time.process_time()
+    acts = _by_fleet(unit, home, seeds) if unit.map else _on_engine(unit, home, seeds)
+    spent = (time.process_time() - begun) / unit.count
+    first = unit.first_seed - unit.first_seed % APART
+    of = {"task": unit.task, "arm": unit.arm, "trained_on": unit.trained_on}
+    return [
+        {**of, "judged_on": name, "seed": seed, "run": seed - first, "successes": count,
+         "starts": STARTS, "trainer": "fleet" if unit.map else "stable-baselines3",
+         "defect": error, **said[name], "cpu_seconds": round(spent, 2)}
+        for name, given in away.items()
+        for seed, count in zip(seeds, judged_in(ENV_ID, given, acts, seeds), strict=True)
+    ]  # fmt: skip
+
+
+def _configs(unit: Unit, given: dict[str, Any], seeds: list[int]) -> list[PPOConfig]:
+    steps = TASKS[unit.task].decisions
+    return [
+        PPOConfig.of(ENV_ID, seed=seed, env_arguments=given, total_steps=steps, **PPO)
+        for seed in seeds
+    ]
+
+
+def _by_fleet(unit: Unit, home: dict[str, Any], seeds: list[int]) -> list[Act]:
+    given = {**home, "engine": "native", "integrator": unit.map}
+    return trained_by_fleet([_configs(unit, given, seeds)], given)
+
+
+def _on_engine(unit: Unit, home: dict[str, Any], seeds: list[int]) -> list[Act]:
+    acts: list[Act] = []
+    for config in _configs(unit, home, seeds):
+        with TemporaryDirectory() as folder:
+            acts.append(read_trained(train_run(config, Path(folder)).policy)[0].act)
+    return acts
+
+
+TABLE = Table(
+    columns={
+        "task": "what is learned",
+        "arm": "engines as their users get them, or matched",
+        "trained_on": "engine of training",
+        "judged_on": "engine of judging",
+        "seed": "of training, and of the starts",
+        "run": "which of its engine's seeds it is, from 0",
+        "successes": "of the starts",
+        "starts": "that the policy was judged from",
+        "trainer": "fleet: on the map that a step of the engine is; else on the engine itself",
+        "defect": "largest error of one step of the engine of training against that map",
+        "differs": "boundaries of the two environments that the contract check found to differ",
+        "silent": "boundaries at which one of them cannot say",
+        "cpu_seconds": "processor time of the training, s",
+    },
+    cell=4,
+    declared={
+        "tasks": {name: asdict(task) for name, task in TASKS.items()},
+        "engines": [asdict(engine) for engine in ENGINES],
+        "matched_step": MATCHED_STEP,
+        "control_period": PERIOD,
+        "ppo": PPO,
+        "seeds": SEEDS,
+        "apart": APART,
+        "starts": STARTS,
+    },
+    packages=(
+        *PACKAGES, "stable-baselines3", "torch",
+        "mujoco", "drake", "pybullet", "dartpy", "sapien",
+    ),
+    units=units,
+    first_seed=5000,
+    run=run,
+)  # fmt: skip
+NAMES = tuple(TABLE.columns)[: TABLE.cell]
+Rates = dict[str, list[float]]
+
+
+def home_and_away(cells: Cells, task: str, arm: str, engine: str) -> tuple[Any, Any]:
+    """Success of an engine's policies in it, and the mean of that in the others; by seed."""
+    found = {name: cells.rates(task, arm, engine, name) for name in NAMED}
+    others = [found[name] for name in NAMED if name != engine]
+    return np.array(found[engine]), np.array(others).mean(axis=0)
+
+
+def is_whole(cells: Cells, task: str, arm: str) -> bool:
+    """Whether all policies were run that were declared."""
+    return all(len(cells.rates(task, arm, name, name)) == SEEDS for name in NAMED)
+
+
+def over_engines(cells: Cells, task: str, arm: str) -> tuple[Any, Any]:
+    """As :func:`home_and_away`, the mean over engines."""
+    pairs = [home_and_away(cells, task, arm, name) for name in NAMED]
+    home, away = (np.mean(side, axis=0) for side in zip(*pairs, strict=True))
+    return home, away
+
+
+def comparisons(cells: Cells) -> Iterator[tuple[str, str, Difference | None]]:
+    """All tests that were declared: which, task, difference; None: not run.
+
+    The second is half the difference of the losses, so that both its sides are in [0, 1].
+    """
+    for task in TASKS:
+        whole = [is_whole(cells, task, arm) for arm in ARMS]
+        found: list[Difference | None] = [None, None]
+        if whole[0]:
+            home, away = over_engines(cells, task, "as got")
+            found[0] = paired_difference(home, away)
+            if whole[1]:
+                kept, lost = over_engines(cells, task, "matched")
+                found[1] = paired_difference((home + lost) / 2.0, (away + kept) / 2.0)
+        yield "lost as got", task, found[0]
+        yield "lost as got − lost matched", task, found[1]
+
+
+def tables(rows: list[Row]) -> str:
+    """The page's tables, as Markdown."""
+    cells = Cells(rows, NAMES)
+    parts = [_blocks(rows), _tests(cells), _losses(cells), _checks(rows), *_matrices(cells)]
+    return "\n\n".join("\n".join(part) for part in parts) + "\n"
+
+
+def _blocks(rows: list[Row]) -> list[str]:
+    asked: dict[str, int] = {}
+    for unit in units(TABLE.first_seed):
+        asked[unit.block] = asked.get(unit.block, 0) + unit.count
+    spent = {(row["unit"], row["seed"]): row["cpu_seconds"] for row in rows}
+    lines = []
+    for block, count in asked.items():
+        own = [value for (name, _), value in spent.items() if name.startswith(f"{block} on ")]
+        lines.append((block, f"{len(own)} of {count}", f"{sum(own) / 60.0:.0f}"))
+    return markdown(("block", "policies that were run", "training, core-minutes"), lines)
+
+
+def _tests(cells: Cells) -> list[str]:
+    found = list(comparisons(cells))
+    p = holm([1.0 if one is None else one.p_greater() for *_, one in found])
+    lines = []
+    for (name, task, one), value in zip(found, p, strict=True):
+        if one is None:
+            continue
+        scale = 2.0 if "−" in name else 1.0
+        own = one.interval
+        ends = [None if x is None else scale * x for x in (own.estimate, own.low, own.high)]
+        lines.append((name, task, interval(ends), p_value(value)))
+    return markdown(("test", "task", "difference", "p (Holm)"), lines)
+
+
+def _losses(cells: Cells) -> list[str]:
+    lines = []
+    for task in TASKS:
+        for name in NAMED:
+            line = [task, name]
+            for arm in ARMS:
+                home, away = home_and_away(cells, task, arm, name)
+                whole = len(home) == SEEDS
+                line += [success(list(home)) if whole else ""]
+                line += [gained(paired_difference(home, away)) if whole else ""]
+            lines.append(line)
+    header = [f"{what} {arm}" for arm in ARMS for what in ("success at home", "lost elsewhere")]
+    return markdown(("task", "trained on", *header), [line for line in lines if any(line[2:])])
+
+
+def _checks(rows: list[Row]) -> list[str]:
+    """What the checks before training said, by engine of training."""
+    found: dict[tuple[str, ...], list[Row]] = {}
+    for row in rows:
+        found.setdefault((row["task"], row["arm"], row["trained_on"]), []).append(row)
+    lines = []
+    for key, own in sorted(found.items(), key=lambda pair: _order(pair[0])):
+        error = own[0]["defect"]
+        differs, silent = (
+            "; ".join(
+                f"{row['judged_on']}: {row[what]}"
+                for row in own
+                if row[what] and row["seed"] == own[0]["seed"]
+            )
+            for what in ("differs", "silent")
+        )
+        step = "trained on the engine" if error is None else f"{error:.0e}".replace("-", "−")
+        lines.append((*key, step, differs or "nowhere", silent or "nobody"))
+    return markdown(("task", "arm", "trained on", "defect of a step", "differs", "silent"), lines)
+
+
+def _order(key: tuple[str, ...]) -> tuple[int, ...]:
+    return list(TASKS).index(key[0]), ARMS.index(key[1]), list(NAMED).index(key[2])
+
+
+def _matrices(cells: Cells) -> Iterator[list[str]]:
+    """Trained in an engine, judged in all."""
+    for task in TASKS:
+        for arm in ARMS:
+            lines = [
+                [name, *[success(cells.rates(task, arm, name, other)) for other in NAMED]]
+                for name in NAMED
+            ]
+            if shown := [line for line in lines if any(line[1:])]:
+                yield markdown((f"{task}, {arm}: trained on", *NAMED), shown)
+
+
+def figure(rows: list[Row], path: Path) -> None:
+    """Mean success, by engines of training and of judging."""
+    cells, run_there = Cells(rows, NAMES), {row["task"] for row in rows}
+    shown = [(task, arm) for task in TASKS if task in run_there for arm in ARMS]
+    height = 0.6 + 3.1 * -(-len(shown) // 2)
+    drawn = blank_figure(6.6, height)
+    for place, (task, arm) in enumerate(shown):
+        across, down = place % 2, place // 2
+        axes = axes_at(drawn, 0.9 + 2.9 * across, height - 2.7 - 3.1 * down, 2.3, 2.3)
+        means = np.full((len(NAMED),) * 2, np.nan)
+        for i, name in enumerate(NAMED):
+            for j, other in enumerate(NAMED):
+                if rates := cells.rates(task, arm, name, other):
+                    means[i, j] = np.mean(rates)
+                    axes.text(j, i, f"{means[i, j]:.2f}", ha="center", va="center", fontsize=7)
+        axes.imshow(means, vmin=0.0, vmax=1.0, cmap="RdYlGn", alpha=0.6)
+        axes.set_title(f"{task}, {arm}", fontsize=9)
+        axes.set_xticks(range(len(NAMED)), list(NAMED), fontsize=7, rotation=45, ha="right")
+        axes.set_yticks(range(len(NAMED)), list(NAMED) if not across else [], fontsize=7)
+    drawn.text(0.02, 0.5, "trained on", rotation=90, va="center", fontsize=8)
+    drawn.text(0.5, 0.02, "judged on", ha="center", fontsize=8)
+    write_figure(drawn, path)
+
+
+if __name__ == "__main__":
+    command(TABLE, tables, figure, __doc__)
