@@ -239,8 +239,8 @@ def limitations(found: Judgement) -> list[str]:
     few = sorted({one.place for one in compared if one.status == "too_few_seeds"})
     split = [one for one in found.losses if one.rest]
     lines = {
-        "Starts are not known to be the same, so a difference holds their luck too. Which starts "
-        "are lost, and the exact test over pairs of them, take `integ-gym evaluate`.": True,
+        "Starts are not known to be the same, so a difference includes their luck. `integ-gym "
+        "evaluate` shows which starts are lost, and tests pairs of them exactly.": True,
         "Why an episode failed, and whether dt is the cause, takes a simulation: `integ-gym "
         "evaluate` or `integ-gym check`.": True,
         f"Of {', '.join(single)} one training seed was judged: the intervals are over episodes "
@@ -249,9 +249,9 @@ def limitations(found: Judgement) -> list[str]:
         f"or {verdict.MIN_SEEDS} episodes of single ones.": few,
         "No home is known, so nothing is called a loss: give --home CONDITION, or a column home.":
         not found.losses,
-        "A loss is split into a harder task and the rest only where several seeds were judged, of "
-        "policies trained in the condition too.": len(split) < len(found.losses),
-        "No episode went on beyond its horizon, so the rest holds what more time would win back.":
+        "A loss is split into a harder task and the rest only if several seeds were judged, and "
+        "other policies were trained in that condition.": len(split) < len(found.losses),
+        "No episode went beyond its horizon, so the rest includes what more time would win back.":
         split,
     }  # fmt: skip
     return [line for line, applies in lines.items() if applies]

@@ -330,6 +330,6 @@ def _episode(
         )
         on_doubt(
             f"on {cell.name} the episode {recorded} in its record and {again} when it is played "
-            "again: it hangs on the last bits of the policy's actions"
+            "again: it depends on the last bits of the policy's actions"
         )
     return episode

@@ -108,7 +108,7 @@ REASONS = {
     "success_unknown": "{goal}; the return is {return:.6g}",
     "succeeded": "succeeded: {goal}{since}",
     "contract_differs": "observation, command, force or acceleration at once differ from those at "
-    f"home, so nothing is put down to the discretization; {_COURSE}",
+    f"home, so the discretization is not blamed; {_COURSE}",
     "cell_unachievable": "a search over controls misses the goal's energy here from most starts, "
     f"in twice the time too; {_COURSE}",
     "not_learned_at_home": "the policy succeeds from {percentage:.3g} % of its starts at home; "

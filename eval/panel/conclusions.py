@@ -226,8 +226,8 @@ def _look_warnings(panel: Panel) -> Iterator[str]:
         yield (
             f"These results were seen before, the last time on {plural(before.episodes, 'start')}: "
             f"this is look {number}. Looks share the level of {ALPHA}, so p-values are multiplied "
-            f"by {1.0 / share_of_look(number):.0f} here. What is called practically equal goes by "
-            "95 % intervals, which are not adjusted for looks: it is no verdict."
+            f'by {1.0 / share_of_look(number):.0f} here. "Practically equal" rests on 95 % '
+            "intervals, which are not adjusted for looks, and is no verdict."
         )
     if not (panel.verdicts or panel.policy_comparisons):
         return
@@ -468,7 +468,7 @@ def _first(panel: Panel, finding: Finding, row: Row) -> str:
         "not_cause": f"practically equal ({_margin_words(finding)}), dt is not the cause",
         "gained": "nothing is lost, and dt makes it look worse at home",
         "closed": _closed_end(panel, finding),
-        "not_learned": "too little was learned at home to lose it.",
+        "not_learned": "too little was learned at home to show a loss.",
     }.get(finding.status, f"{sample} do not show whether dt is the cause")
     if panel.check and finding.status == "undecided" and is_small(finding.lost):
         end = f"dt is not a cause of losing more than {fixed(finding.lost.ends[1])}"

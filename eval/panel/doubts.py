@@ -55,19 +55,18 @@ def _unscaled(existing: Existing) -> Iterator[str]:
     if any(Path(name).suffix in STATE_DICT_ENDINGS for name in existing.files):
         yield (
             f"{existing.policy.policy_id} has the actor of CleanRL's ppo_continuous_action, which "
-            "learns from normalized observations and saves no statistics, and was judged without "
-            "them, so nothing here need be what it does with them; write its side-car again with "
-            'obs_stats={"mean": …, "var": …}, or with obs_stats=False if it saw observations as '
-            "they are"
+            "learns from normalized observations and saves no statistics. It was judged without "
+            "them, so it may do better with them; write its side-car again with "
+            'obs_stats={"mean": …, "var": …}, or with obs_stats=False if it saw observations '
+            "unchanged"
         )
         return
-    remedy = "pass --obs-stats vecnormalize.pkl, also of one with norm_obs=False, which says so"
+    remedy = "pass --obs-stats vecnormalize.pkl, also if it has norm_obs=False"
     if not existing.files:
         remedy = "load it with env=VecNormalize.load(path, venv)"
     yield (
-        f"{existing.policy.policy_id} was trained inside VecNormalize, which scales observations, "
-        "and was judged without its statistics, so nothing here need be what it does with them; "
-        f"{remedy}"
+        f"{existing.policy.policy_id} was trained inside VecNormalize, which scales observations. "
+        f"It was judged without its statistics, so it may do better with them; {remedy}"
     )
 
 
@@ -117,9 +116,9 @@ def _not_finite(existing: Existing, spec: PanelSpec, records: EvidenceStore) -> 
     if share:
         told = "less than 1 %" if share < 0.005 else percent(share)
         yield (
-            f"in {told} of control periods the fallback acted, for an action of {name} was no "
-            "finite number, so this is not what the policy does alone; find out which "
-            "observations it answers so, and mend it"
+            f"in {told} of control periods the fallback acted, because {name} gave no finite "
+            "action. So results are not of the policy alone; find the observations at which this "
+            "happens, and mend the policy"
         )
 
 
@@ -132,8 +131,8 @@ def _diverged_at_once(existing: Existing, records: EvidenceStore) -> Iterator[st
     )
     for row in found.to_pylist():
         yield (
-            f"every episode diverges at its first decision in {row['cell']}, so its loss there "
-            "need not be the policy's: the simulation may not work with these settings; leave that "
+            f"every episode diverges at its first decision in {row['cell']}, so the loss there "
+            "may not be the policy's: the simulation may not work with these settings; leave that "
             "cell out, or give it a shorter step"
         )
 
@@ -142,8 +141,8 @@ def _homeless(existing: Existing, env_id: str) -> Iterator[str]:
     """What is not known where the home is not."""
     if existing.home is None:
         yield (
-            f"the home of {existing.policy.policy_id} is unknown, so nothing is held against it "
-            f"and no failure is put down to the discretization; {how_to_state(env_id)}"
+            f"the home of {existing.policy.policy_id} is unknown, so nothing is compared with "
+            f"it and no failure is attributed to the discretization; {how_to_state(env_id)}"
         )
 
 

@@ -54,7 +54,7 @@ def findings_of(panel: Panel, trusts: Sequence[Trust]) -> list[Finding]:
         )
     elif not trusts:
         text = (
-            f"Nothing was compared with the {panel.yardstick_name} here, so this panel cannot show "
+            f"Nothing was compared with the {panel.yardstick_name} here, so this panel cannot tell "
             "false passes from true ones."
         )
     else:

@@ -296,7 +296,7 @@ def _tiles(panel: Panel, trusts: Sequence[forests.Trust]) -> list[tuple[str, str
     ]
     if trusts:
         wrong = sum(entry.contradicted for trust in trusts for entry in trust.judged)
-        tiles.append((f"{wrong}", f"answers the {panel.yardstick_name} contradicts"))
+        tiles.append((f"{wrong}", f"pass/fail results that the {panel.yardstick_name} contradicts"))
     return [*tiles, (seconds(panel.cost.wall_seconds), work)]
 
 

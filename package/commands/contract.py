@@ -103,8 +103,8 @@ def _print(found: Contract) -> None:
             print_wrapped(f"Not compared: {MAPS[check.boundary]}. {_silence(check, found)}")
     if found.starts_alone:
         print_wrapped(
-            "Starts of one seed are taken to be the same state in both, because both cannot be put "
-            "into one state; a testbed of your own says more by `boundaries`."
+            "Both cannot be set to one state, so starts of one seed are taken to be the same; "
+            "a testbed of your own can say more by its method `boundaries`."
         )
     if not found.broken:
         print_wrapped("What was compared is the same.")

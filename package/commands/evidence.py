@@ -90,8 +90,8 @@ def replay(
     sentences = [f"replayed: {done.records} of {plural(count, 'record')}, {exact}"]
     if done.sensitive:
         sentences.append(
-            f"sensitive: {plural(len(done.sensitive), 'record')} further off, by no more than "
-            "rounding grows to: most numbers differ here, so another machine made them"
+            f"sensitive: {plural(len(done.sensitive), 'record')} further off, but within what "
+            "rounding grows to: most records differ in a bit, so another machine made them"
         )
     sentences += [
         f"not replayed: {plural(n, 'record')} {why}" for why, n in done.skipped.items() if n
