@@ -144,7 +144,7 @@ def compare_contracts(
 
     State → observation, action → command of the actuators, command → generalized force, and force
     and state → acceleration at once. The first environment gives the states: starts, and what a few
-    random decisions make of them; positions and velocities correspond by their order.
+    random decisions make of them; positions and velocities are matched by their order.
 
     Args:
         first: with ``env_id`` a cell of it, else an environment: see :func:`find_testbed`.

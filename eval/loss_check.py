@@ -168,8 +168,8 @@ def check(
 
     Args:
         env_id: one of integ-gym's environments, a MuJoCo task of Gymnasium's, or a testbed.
-        integrator: that policies learn on.
-        dt: integration step that they learn with, s.
+        integrator: on which policies learn.
+        dt: integration step with which they learn, s.
         control_period: time between two decisions, s; by default the task's only one, or ``dt``.
         engine: of the integrator; by default the task's own.
         environment: other constructor arguments.

@@ -275,7 +275,7 @@ class EpisodeContext:
         training_discretization: what the policy was trained on, or a list for a mixture; None for
             a policy that was not trained, or of which this is not known.
         home_known: whether that is all there is to know; False for a policy whose training is
-            unknown, so that no failure is put down to its discretization or to anything else.
+            unknown, so that no failure is attributed to its discretization or to anything else.
         training_seed: seed of its training.
         perturbation: plant parameters changed in this cell.
         first_episode: index of the first episode where episodes are counted.

@@ -427,7 +427,7 @@ _FEWEST_ROWS = 4096
 class RecordEvidence(Recorder, gym.Wrapper[Any, Any, Any, Any]):
     """Records every finished episode of an environment.
 
-    Of one that is not integ-gym's, what it does not tell, such as its integrator and its energy, is
+    Of an environment that is not integ-gym's, what is unknown, such as integrator and energy, is
     null, and the wrappers around it are listed in ``engine_description``.
 
     Spaces, spec, observations, rewards and info pass through unchanged. Finished episodes are
@@ -440,9 +440,9 @@ class RecordEvidence(Recorder, gym.Wrapper[Any, Any, Any, Any]):
             policy sees; or any other of Gymnasium's interface, as the policy sees it.
         store: an :class:`EvidenceStore` or its directory.
         context: what the episodes are for.
-        commit_on_close: whether anything is written but by :meth:`commit`.
-        commit_every: finished episodes that are written together; None: all at the end, which
-            ``commit(replays=…)`` needs that is to label them all.
+        commit_on_close: False: only :meth:`commit` writes.
+        commit_every: finished episodes that are written together; None: all at the end, so that
+            ``commit(replays=…)`` can label every one.
 
     Raises:
         TypeError: for an integ-gym environment in a wrapper that changes what is seen of it.

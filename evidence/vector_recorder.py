@@ -199,9 +199,9 @@ class RecordVectorEvidence(Recorder, VectorWrapper):
             and what the lane does after that is not recorded. By default all episodes of a context
             count up from its ``first_episode`` in the order in which they end, and by lane where
             they end together.
-        commit_on_close: whether anything is written but by :meth:`commit`.
+        commit_on_close: False: only :meth:`commit` writes.
         commit_every: finished episodes that are written together, at least; None: all at the end,
-            which ``commit(replays=…)`` needs that is to label them all.
+            so that ``commit(replays=…)`` can label every one.
 
     Raises:
         TypeError: for another environment.

@@ -30,8 +30,8 @@ class Boundaries:
     """What one environment makes of states and actions, at four boundaries.
 
     A method that returns None cannot say, and that boundary is not compared. This base says what is
-    observed at a start and which action reaches the environment inside all wrappers; a testbed of
-    one's own says more by a subclass, which its ``boundaries`` returns.
+    observed at a start and which action reaches the environment inside all wrappers; your own
+    testbed states more in a subclass, which its ``boundaries`` returns.
 
     Args:
         env: one environment, or a vector environment whose first lane is meant.
@@ -39,7 +39,7 @@ class Boundaries:
     Attributes:
         coordinates: names of the positions that make a state; empty: it cannot be put into one.
         velocities: names of the velocities, likewise.
-        commands: what a command is; of two environments with different ones it is not compared.
+        commands: what a command is; commands of different kinds are not compared.
         width: bits of the floats that it computes with.
     """
 

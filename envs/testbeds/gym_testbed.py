@@ -253,11 +253,11 @@ class SequentialTestbed:
 
 
 class GymTestbed(SequentialTestbed):
-    """Base of a testbed of one's own: four things are said of an environment, the rest follows.
+    """Base class of your own testbed: state four things of an environment, and the rest follows.
 
-    ``home``, the discretization that it has by itself; ``choices``, its integrators; :meth:`build`,
-    how it is made in a discretization; :meth:`read`, what a made one really applies. Decisions are
-    taken at the home's control period. State, energy and truth are not known, and null in evidence.
+    ``home`` is its own discretization, ``choices`` are its integrators, :meth:`build` makes it in a
+    discretization, and :meth:`read` reads back what it really applies. Decisions are taken at the
+    home's control period. State, energy and truth are not known, and null in evidence.
 
     Args:
         success_return: an episode succeeds if its return reaches this; None: if it is not

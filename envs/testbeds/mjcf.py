@@ -149,7 +149,7 @@ def stock_arguments(testbed: Any) -> dict[str, Any]:
 
 
 class MjcfTestbed(MujocoTestbed):
-    """Base of a testbed of one's own robot: a model file, what a policy sees, and what it does.
+    """Base class of your own robot's testbed: a model file, what a policy sees, and what it does.
 
     The robot's home is what the file says: integrator, timestep, solver, cone and flags. In any
     other discretization the same model is stepped. :attr:`control_period`, :meth:`model`,
@@ -167,15 +167,15 @@ class MjcfTestbed(MujocoTestbed):
         duration: of an episode, s.
         actions: numbers in an action; None: one for each actuator.
         action_bounds: least and most of every one of them; what is beyond is clipped and counted.
-        commands: name of each number that an episode is commanded, to its least and most value.
+        commands: name of each number in an episode's command, with its least and largest value.
         fall: what a fall is, in words.
         achievement: what else a success asks for, in words; see :meth:`achieves`.
-        largest_error: by how much a success may miss what is commanded, root mean square over the
-            episode of what :meth:`measure` tells less that, as a vector, SI units; None: by any.
+        largest_error: most that an episode that succeeds may miss: the root mean square over it of
+            :meth:`measure` minus the command, as a vector, SI units; None: any.
         together: whether :meth:`observe`, :meth:`act`, :meth:`measure`, :meth:`remember`,
             :meth:`reward` and :meth:`falls` take many robots at once, as NumPy does: what they are
-            given and give then has robots first, as of shape (robots, n). Many starts are several
-            times as fast by this.
+            given and give then has robots first, as of shape (robots, n). With many starts this is
+            several times as fast.
 
     >>> import integ_gym
     >>> class Balance(integ_gym.MjcfTestbed):
@@ -233,7 +233,7 @@ class MjcfTestbed(MujocoTestbed):
         return np.array([rng.uniform(low, high) for low, high in self.commands.values()])
 
     def measure(self, robot: Robot) -> Any:
-        """What is commanded, as it is now, in the order of :attr:`commands`; None: not told."""
+        """Present values of what is commanded, ordered as :attr:`commands`; None: not measured."""
         return None
 
     def remember(self, memory: Memory, robot: Robot, command: Array) -> None:

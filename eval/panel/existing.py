@@ -547,7 +547,8 @@ def evaluate(
         progress: show a bar on stderr.
         on_home: called with what is taken as home and why, before anything is run.
         on_cells: gets the names of the policy's cells, likewise; may refuse them.
-        on_doubt: told each sentence that casts doubt on the result; by default stderr is.
+        on_doubt: called with each sentence that casts doubt on the result; by default it is printed
+            on stderr.
         command: how to run this again, for the page.
         executor: what runs the processes; see :func:`run_panel`.
         address: of a running cluster.

@@ -149,10 +149,10 @@ BARE_TRAINING = "phase = 'training' AND energy IS NULL"
 REFUSALS = [
     ("no such record", "zz", [], "no record 'zz'.*list some with `integ-gym watch RUN`"),
     ("too short an id", "", [], r"records of .* begin with ''.*give more digits"),
-    ("untraced training", BARE_TRAINING, [], "give one that has a trace, without --on, or a"),
+    ("untraced training", BARE_TRAINING, [], "or one that has a trace, without --on"),
     (
         "training elsewhere", "phase = 'training' AND energy IS NOT NULL", ["--on", "rk4"],
-        "a policy that has changed since",
+        "policy of a training episode has changed since",
     ),
     ("no integrator", TRACED, ["--on", "no_such"], "unknown integrator 'no_such'. Valid choices"),
     ("no engine", TRACED, ["--on", "no_such rk4"], "unknown engine 'no_such'. Valid choices"),

@@ -254,7 +254,7 @@ def test_minari_gets_foreign_actions_as_they_were(actions, taken, tmp_path):
 
 def test_minari_refuses_actions_that_it_could_not_give_back(tmp_path):
     run = _counted(gym.spaces.MultiDiscrete([2, 3]), [np.array([1, 2])] * 3, tmp_path / "run")
-    with pytest.raises(EvidenceError, match="actions of a MultiDiscrete space are recorded as"):
+    with pytest.raises(EvidenceError, match="actions as values of their MultiDiscrete space"):
         export(run, "minari", tmp_path / "out")
     assert not (tmp_path / "out").exists()
 

@@ -204,7 +204,7 @@ def test_actions_that_are_no_finite_numbers_are_counted(given, tmp_path):
     )
     name = panel.rows[0].name
     assert name.strip("_-") in ("far", "now_and_then", "now-and-then")
-    assert panel.warnings[0].startswith(f"{share}, for an action of {name} was no finite number")
+    assert panel.warnings[0].startswith(f"{share}, because {name} gave no finite action")
 
 
 @pytest.mark.parametrize(
