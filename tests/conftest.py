@@ -1,7 +1,5 @@
 """Shared test set-up: what is compiled is kept, and what takes long is made once in a run."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import sys

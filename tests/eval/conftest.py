@@ -1,7 +1,5 @@
 """A finished small panel and a finished diagnosis, made once in a run."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import json

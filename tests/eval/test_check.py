@@ -1,7 +1,5 @@
 """What a discretization costs, measured: what is run, what is said, what is refused."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import re

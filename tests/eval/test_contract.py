@@ -1,7 +1,5 @@
 """Two environments compared before they integrate: planted faults, and engines that are equal."""
 
-from __future__ import annotations
-
 import json
 import shutil
 

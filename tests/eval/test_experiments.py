@@ -1,7 +1,5 @@
 """The experiments beside the atlas: they run, go on where they stopped, and are told as found."""
 
-from __future__ import annotations
-
 import sys
 
 import pytest

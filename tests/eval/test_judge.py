@@ -1,7 +1,5 @@
 """Results that others measured: numbers are those of the statistics, refusals name the remedy."""
 
-from __future__ import annotations
-
 import csv
 import json
 from collections.abc import Iterable

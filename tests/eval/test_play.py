@@ -1,7 +1,5 @@
 """Playing: what a change keeps, where the energy comes from, keys in and pictures out."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

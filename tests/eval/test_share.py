@@ -1,7 +1,5 @@
 """A run is pushed to the Hub, and a policy judged from there, through the Hub's own library."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess

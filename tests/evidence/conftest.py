@@ -1,7 +1,5 @@
 """Runs of recorded environments that several tests look at."""
 
-from __future__ import annotations
-
 import shutil
 
 import pyarrow.parquet as pq

@@ -1,7 +1,5 @@
 """What is exported is opened by the format's own reader, and says what the records say."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

@@ -5,8 +5,6 @@ code: of everything else, a kind lets vary all that may not change its label, an
 what a rule before its own would take it for.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from collections import Counter

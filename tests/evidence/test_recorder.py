@@ -1,7 +1,5 @@
 """Recording a single environment."""
 
-from __future__ import annotations
-
 import json
 import warnings
 

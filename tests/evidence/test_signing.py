@@ -1,7 +1,5 @@
 """A seal's signature: by whom, of what, made and checked by OpenSSH."""
 
-from __future__ import annotations
-
 import base64
 import subprocess
 

@@ -1,7 +1,5 @@
 """The store: atomic batches, reading, checking, putting together."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess
@@ -43,7 +41,6 @@ def test_killed_writer_leaves_nothing_visible(store, table):
         [sys.executable, "-c", WRITER, str(store.files()[0]), str(store.directory)],
         stdout=subprocess.PIPE,
     )
-    assert writer.stdout is not None
     assert writer.stdout.readline() == b"writing\n"
     writer.send_signal(signal.SIGKILL)
     writer.wait()

@@ -1,14 +1,11 @@
 """Files of an earlier schema version are still read; files of a later one are refused."""
 
-from __future__ import annotations
-
 import csv
 import gzip
 import io
 import json
 from pathlib import Path
 
-import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from forgery import with_column
@@ -104,27 +101,6 @@ def test_as_much_is_asked_of_version_4_as_before(fourth, column, value, capsys):
     pq.write_table(with_hashes(with_column(table, column, [value] * len(table))), file)
     assert run(["evidence", "verify", str(fourth.run), "--depth", "whole", "--no-progress"]) == 1
     assert f"`{column}` is recorded as {value!r}" in capsys.readouterr().out
-
-
-def test_an_older_file_is_read_with_null_for_what_it_lacks_and_verified(old, table):
-    (file,) = old.files()
-    assert old.count() == 3
-    for record, before in zip(old.records(), table.to_pylist(), strict=True):
-        assert record["schema_version"] == 1
-        assert {record[name] for name in LATER} == {None}
-        assert set(record.fields) == {field.name for field in SUMMARY_FIELDS}
-        for field in SUMMARY_FIELDS:
-            if field.name not in (*STATED, "content_hash", *LATER):
-                assert record[field.name] == before[field.name], field.name
-        np.testing.assert_array_equal(record["theta"], before["theta"])
-        assert old.find(record["record_id"]).fields == record.fields
-        assert not set(LATER) & set(record.units)
-    for record in old.records(trace=False):
-        assert not record.trace
-        assert {record[name] for name in LATER} == {None}
-    assert old.verify() == []
-    pq.write_table(with_column(pq.read_table(file), "success", [True] * 3), file)
-    assert ["was altered" in problem.message for problem in old.verify()] == [True] * 3
 
 
 @pytest.mark.parametrize("form", TEXT_FORMATS)

@@ -25,7 +25,6 @@ def served_bucket() -> Iterator[dict[str, str]]:
         command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
     ) as server:
         try:
-            assert server.stdout is not None
             endpoint = f"http://127.0.0.1:{int(server.stdout.readline())}"
             made = urllib.request.Request(f"{endpoint}/bucket", method="PUT")
             urllib.request.urlopen(made).close()

@@ -1,7 +1,5 @@
 """Every benchmark runs: short turns of what it measures, a table, and JSON with the machine."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

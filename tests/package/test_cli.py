@@ -1,22 +1,26 @@
 """The command line as a whole: help, refusals, closed streams, the table after a panel."""
 
-from __future__ import annotations
-
 import importlib
+import json
 import os
 import re
 import shlex
 import subprocess
 import sys
 import warnings
+from functools import cache
 from pathlib import Path
 from unittest.mock import Mock
 
 import pytest
+from engine_cases import needs
 
 import integ_gym
 from integ_gym import cli
 from integ_gym.cli import COMMANDS, main
+from integ_gym.envs import numerics
+from integ_gym.envs.numerics.identity import fingerprint
+from integ_gym.envs.registries import ENGINES
 
 COMMAND = [sys.executable, "-m", "integ_gym.cli"]
 
@@ -149,3 +153,132 @@ def test_a_warning_is_a_sentence_without_a_line_of_source(monkeypatch, capsys):
     monkeypatch.setattr(cli, "_run", run)
     assert cli.main(["engines"]) == 0
     assert capsys.readouterr().err == "warning: a return of −5, and --seeds 2\n"
+
+
+WANTING = {
+    "panel small.toml --out run": "panel",
+    "check --integrator rk4 --dt 0.05": "panel",
+    "atlas small.toml": "panel",
+    "train --integrator rk4 --dt 0.05 --out policy": "train",
+    "train --trainer fleet --integrator rk4 --dt 0.05 --out policy": "fleet",
+    "train --trainer=fleet --integrator rk4 --dt 0.05 --out policy": "fleet",
+    "evaluate policy.zip --env IntegPendulum-v0 --out run": "report",
+    "diagnose --example drift": "report",
+    "census --published gymnasium --out run": "report",
+    "report run": "report",
+    "judge results.csv": "report",
+    "watch run 3f9a --out film.gif": "render,report",
+    "share run --repo me/run": "report,hub",
+    "evidence verify run": "evidence",
+}
+NAMES = {
+    "DiscretizationCallback": "train",
+    "train_ppo": "train",
+    "train_sac": "train",
+    "train_fleet": "fleet",
+    "run_panel": "panel",
+    "check": "panel",
+    "evaluate": "report",
+    "read_panel": "report",
+    "side_by_side": "render,report",
+}
+SCRIPT = """
+import contextlib, io, json, sys
+
+for name in (
+    "pyarrow", "duckdb", "jsonschema", "portalocker", "torch", "stable_baselines3", "safetensors",
+    "tensorboard", "rich", "scipy", "threadpoolctl", "jinja2", "matplotlib", "msgspec", "jax",
+    "pygame", "PIL", "imageio_ffmpeg", "huggingface_hub",
+):
+    sys.modules[name] = None
+
+import integ_gym
+from integ_gym.cli import main
+
+commands, names = json.loads(sys.argv[1])
+hints = {}
+for words in commands:
+    with contextlib.redirect_stderr(io.StringIO()) as said:
+        code = main(words.split())
+    hints[words] = f"{code} {said.getvalue()}"
+for name in names:
+    try:
+        getattr(integ_gym, name)
+        hints[name] = "nothing is missing"
+    except ModuleNotFoundError as error:
+        hints[name] = str(error)
+print(json.dumps(hints))
+"""
+
+
+def test_a_hint_names_the_smallest_extra_that_helps(tmp_path):
+    line = [sys.executable, "-c", SCRIPT, json.dumps([list(WANTING), list(NAMES)])]
+    done = subprocess.run(line, capture_output=True, text=True, cwd=tmp_path, check=True)
+    hints = json.loads(done.stdout)
+    wrong = {
+        use: hints[use]
+        for use, extra in {**WANTING, **NAMES}.items()
+        if f'pip install -e ".[{extra}]"' not in hints[use]
+    }
+    assert wrong == {}
+    assert all(hints[words].startswith("2 ") for words in WANTING)
+
+
+def _table(printed):
+    """Rows of the printed table, each {heading: cell}."""
+    headings, _, *lines = [re.split(r" {2,}", line.strip()) for line in printed.splitlines()]
+    return [dict(zip(headings, line, strict=True)) for line in lines if len(line) > 1]
+
+
+@pytest.mark.parametrize("engine", ["mujoco", "pybullet"])
+def test_every_integrator_of_an_engine_has_its_line(engine, capsys, monkeypatch):
+    """With the map that it is declared to apply in the column of what it was found to apply."""
+    needs(engine)
+    found = {}
+
+    def kept(engine, own, plant):
+        found[own] = fingerprint(engine, own, plant)
+        return found[own]
+
+    monkeypatch.setattr(numerics, "fingerprint", kept)
+    assert main(["engines", "--engine", engine]) == 0
+    rows = _table(capsys.readouterr().out)
+    assert {row["engine"] for row in rows} == {engine}
+    assert {row["integrator"]: row["applies"] for row in rows} == ENGINES.load(engine).maps
+    assert {measured.plant for measured in found.values()} == {"cart_pole"}
+    for row in rows:
+        volume = found[row["integrator"]].volume_defect
+        assert float(row["det J - 1"]) == pytest.approx(volume, rel=0.5)
+
+
+@pytest.fixture(scope="module")
+def of_native():
+    """Runs the command on the native engine, whose steps are measured once."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(numerics, "fingerprint", cache(fingerprint))
+        yield lambda *more: main(["engines", "--engine", "native", *more])
+
+
+def test_the_document_has_everything_measured(of_native, capsys):
+    assert of_native("--json") == 0
+    printed = capsys.readouterr().out
+    assert "not applicable: generalized coordinates" in printed
+    document = json.loads(printed)
+    found = {entry["integrator"]: entry for entry in document["installed"]}
+    assert found["rk4"]["map"] == "rk4"
+    assert found["rk4"]["order"] == pytest.approx(4.0, abs=0.05)
+    assert found["explicit_euler"]["energy_rate"] > 0.2
+    assert found["implicit_euler"]["energy_rate"] < -0.2
+    assert document["missing"] == {}
+
+
+def test_what_is_missing_is_named_with_its_remedy(of_native, capsys, monkeypatch):
+    monkeypatch.setattr(ENGINES.load("mujoco"), "modules", ("no_such_module",))
+    assert of_native("mujoco") == 0
+    out = capsys.readouterr().out
+    assert 'no_such_module); run: pip install -e ".[mujoco]"' in out
+
+
+def test_an_unknown_engine_is_refused(capsys):
+    assert main(["engines", "--engine", "mujco"]) == 2
+    assert "Did you mean 'mujoco'?" in capsys.readouterr().err

@@ -175,6 +175,8 @@ REFUSED = [
     ((*EVALUATE, "--success-return", "5"), "--success-return is for Gymnasium's tasks"),
     ((*EVALUATE, "--policy", "a:b"), "give either a policy's file or --policy"),
     (("evaluate", "--policy", "a:b", *EVALUATE[2:], "--own-code"), "--policy has none; omit it"),
+    (("evaluate", *EVALUATE[2:]), "give either a policy's file or --policy"),
+    (("evaluate", "--policy", "mine.py", *EVALUATE[2:]), "--policy must be MODULE:FUNCTION, got"),
     ((*PANEL, "--trainer", "sb3", "--memory-gib", "4"), "which does not train here; omit it"),
     ((*PANEL, "--policies", "x", "--memory-gib", "4"), "which does not train here; omit it"),
     ((*PANEL, "--plan"), "--plan says what a panel costs and runs nothing, so --out has no effect"),

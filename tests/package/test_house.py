@@ -1,7 +1,5 @@
 """Imports run one way; the users' door, type checkers and registries agree with the files."""
 
-from __future__ import annotations
-
 import ast
 import subprocess
 import sys

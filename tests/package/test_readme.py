@@ -1,7 +1,5 @@
 """The README's code blocks run, and what it links to exists."""
 
-from __future__ import annotations
-
 import json
 import re
 import shlex

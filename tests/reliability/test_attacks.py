@@ -3,8 +3,6 @@
 `benchmarks/attacks.py` tries the same attacks as often as is wanted.
 """
 
-from __future__ import annotations
-
 import pyarrow.parquet as pq
 import pytest
 from damage import DAMAGES
@@ -17,7 +15,13 @@ from victim import Victim, command, make_victim
 
 FILES = [f"file {kind}" for kind in DAMAGES]
 PLAIN = list(FORGERIES)
-FITTING = [f"{kind}, all made to fit" for kind in FORGERIES]
+OF_ONE_LEAF = {"number", "label", "trace", "panel.json", "plan"}
+"""What is forged in these is one leaf, each of which `test_every_leaf.py` changes."""
+FITTING = [
+    f"{kind}, all made to fit"
+    for kind in FORGERIES
+    if kind.removeprefix("forged ") not in OF_ONE_LEAF
+]
 STRANGERS = [f"hostile {kind}" for kind in HOSTILE]
 
 

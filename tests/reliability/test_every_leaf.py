@@ -5,8 +5,6 @@ in each in which what is read may stay the same: a key is gone, one is added, an
 twice. ``python tests/helpers/reliability/sweep.py --every`` changes all in all ways.
 """
 
-from __future__ import annotations
-
 import pytest
 from leaves import Leaf, record_leaves
 from sweep import (

@@ -1,7 +1,5 @@
 """Commands and constructors given anything: they do it, or refuse it in one sentence."""
 
-from __future__ import annotations
-
 import gymnasium as gym
 import pytest
 from hostile import ARGUMENTS, VALUES, refused_or

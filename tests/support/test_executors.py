@@ -1,7 +1,5 @@
 """Executors: what is refused, that tasks report and print, and that a lost worker is replaced."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from concurrent.futures import BrokenExecutor

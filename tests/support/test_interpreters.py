@@ -1,7 +1,5 @@
 """Interpreters with other package versions: what is asked for, uv's refusals, calls in them."""
 
-from __future__ import annotations
-
 import os
 
 import pytest

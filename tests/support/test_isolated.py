@@ -1,7 +1,5 @@
 """Environments of their own: the process, what goes wrong with it, and where none is set up."""
 
-from __future__ import annotations
-
 import gc
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Threads and worker processes: items made ahead, what can be started, and how it ends."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """Places of runs: how they are named, and how a copy follows an object store, over HTTP."""
 
-from __future__ import annotations
-
 import json
 import os
 import pickle

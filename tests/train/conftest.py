@@ -1,7 +1,5 @@
 """Files of policies that several tests read."""
 
-from __future__ import annotations
-
 import pytest
 from small_ppo import SMALL, trained
 

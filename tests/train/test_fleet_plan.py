@@ -1,7 +1,5 @@
 """What the fleet trains together, on what, and within which memory."""
 
-from __future__ import annotations
-
 import time
 from contextlib import suppress
 from functools import partial

@@ -1,7 +1,5 @@
 """The gap between discretizations, measured and logged during somebody else's training."""
 
-from __future__ import annotations
-
 import sys
 from types import SimpleNamespace
 

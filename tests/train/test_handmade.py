@@ -1,12 +1,13 @@
 """Hand-made controllers: what they reach on the truth, and how."""
 
-from __future__ import annotations
-
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 import pytest
 from playing import CART_POLE, ELASTIC, HOPPER, PENDULUM, QUADROTOR, REACHER, SWING_UP, TIGHT, play
+
+from integ_gym.train.baselines import make_baseline
 
 pytest.importorskip("scipy")
 
@@ -115,3 +116,20 @@ def test_where_the_integrator_drains_energy_no_skill_is_needed():
     """A success that is the simulator's own: without control, and only there."""
     assert play(ELASTIC, "zero", 20, integrator="implicit_euler", dt=0.05).success == 1.0
     assert play(ELASTIC, "zero", 20, integrator="reference", dt=0.05).success == 0.0
+
+
+LANES = 40
+
+
+@pytest.mark.parametrize("integrator", ["reference", "rk4"])
+@pytest.mark.parametrize("env_id", ["IntegAcrobot-v0", "IntegAcrobotSwingUp-v0"])
+def test_the_hand_made_controller_succeeds(env_id, integrator):
+    envs = gym.make_vec(env_id, LANES, integrator=integrator)
+    policy = make_baseline("handmade", envs.unwrapped.setup)
+    observations, _ = envs.reset(seed=1)
+    ended, succeeded = np.zeros(LANES, bool), np.zeros(LANES, bool)
+    while not ended.all():
+        observations, _, terminated, truncated, info = envs.step(policy.act(observations))
+        succeeded |= info["success"] & ~ended
+        ended |= terminated | truncated
+    assert succeeded.mean() >= 0.9

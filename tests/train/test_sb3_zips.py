@@ -1,7 +1,5 @@
 """Zips of stable-baselines3: read as their algorithms act, refused where anything does not fit."""
 
-from __future__ import annotations
-
 import base64
 import io
 import json

@@ -1,7 +1,5 @@
 """The SB3 adapter gives what SB3's own `DummyVecEnv` gives, bit by bit."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import gymnasium as gym

@@ -1,7 +1,5 @@
 """Policies written as safetensors and ONNX are the same policies; graphs of others are judged."""
 
-from __future__ import annotations
-
 import json
 import pickle
 import shutil
@@ -87,7 +85,6 @@ def test_the_metadata_says_order_scale_and_home(tmp_path):
         environment={"max_torque": 1.5}, seed=4,
     )  # fmt: skip
     card = onnx_card(path)
-    assert card is not None
     assert card["observations"] == ["cos_theta", "sin_theta", "theta_dot"]
     assert (card["actions"], card["action_low"], card["action_high"]) == (["torque"], [-2.0], [2.0])
     home = {"engine": "native", "integrator": "explicit_euler", "dt": 0.05, "control_period": 0.1}

@@ -1,7 +1,5 @@
 """Nothing leaves its declared bounds, and what cannot be started is refused when it is made."""
 
-from __future__ import annotations
-
 from contextlib import nullcontext
 from itertools import cycle
 

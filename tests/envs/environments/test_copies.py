@@ -1,7 +1,5 @@
 """Environments that are copied or pickled go on as the original does."""
 
-from __future__ import annotations
-
 import copy
 import pickle
 

@@ -1,7 +1,5 @@
 """The elastic pendulum: physics, and what a stiff spring does to the integrators."""
 
-from __future__ import annotations
-
 from math import sqrt
 
 import gymnasium as gym

@@ -1,7 +1,5 @@
 """The functional environment is the vector environment, as pure functions."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import gymnasium as gym

@@ -1,7 +1,5 @@
 """The hopper: physics written again, its falls, its hops and its starts."""
 
-from __future__ import annotations
-
 import math
 
 import gymnasium as gym

@@ -1,7 +1,5 @@
 """At Gymnasium's own discretization the environments are Gymnasium's."""
 
-from __future__ import annotations
-
 import warnings
 
 import gymnasium as gym

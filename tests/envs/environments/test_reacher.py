@@ -1,7 +1,5 @@
 """The reacher: physics written again, its servos' limits, its marker, and its engines."""
 
-from __future__ import annotations
-
 import math
 
 import gymnasium as gym

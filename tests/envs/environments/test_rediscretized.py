@@ -1,7 +1,5 @@
 """Gymnasium's MuJoCo tasks under an integrator and timestep of one's choice."""
 
-from __future__ import annotations
-
 import math
 import subprocess
 import sys

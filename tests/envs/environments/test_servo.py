@@ -1,7 +1,5 @@
 """Position servos, where they are computed, and what they are held against."""
 
-from __future__ import annotations
-
 import pickle
 from importlib import import_module
 

@@ -1,7 +1,5 @@
 """The limit in decisions: in specs, from Gymnasium's `max_episode_steps`, in every form."""
 
-from __future__ import annotations
-
 from functools import partial
 
 import gymnasium as gym

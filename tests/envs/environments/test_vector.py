@@ -1,7 +1,5 @@
 """The vector environment equals `SyncVectorEnv` of the single one."""
 
-from __future__ import annotations
-
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -168,37 +166,6 @@ def test_arrays_are_refused_where_they_cannot_work():
         gym.make_vec("IntegPendulum-v0", num_envs=0)
     with pytest.raises(ValueError, match="unknown key in `mixture` 'mass'"):
         gym.make_vec("IntegPendulum-v0", num_envs=2, mixture=[{"dt": 0.05}, {"mass": 2.0}])
-
-
-def test_mixture_draws_a_discretization_at_each_reset():
-    members = [
-        {"integrator": "explicit_euler", "dt": 0.05},
-        {"integrator": "rk4", "dt": 0.025},
-        {"integrator": "implicit_euler", "dt": 0.0125},
-    ]
-    env = gym.make_vec(
-        "IntegPendulum-v0", num_envs=32, mixture=members, control_period=0.05, duration=0.2
-    )
-    state = np.tile((2.0, 1.0), (32, 1))
-    _, info = env.reset(seed=0, options={"state": state})
-    first = info["mixture_index"].copy()
-    env.step(np.full((32, 1), 0.5))
-    for index, member in enumerate(members):
-        single = gym.make("IntegPendulum-v0", control_period=0.05, **member)
-        single.reset(options={"state": (2.0, 1.0)})
-        single.step(np.array([0.5]))
-        lanes = first == index
-        assert lanes.any()
-        np.testing.assert_allclose(
-            env.state[lanes], single.unwrapped.state[None].repeat(lanes.sum(), 0), rtol=1e-12
-        )
-    for _ in range(4):
-        *_, info = env.step(np.zeros((32, 1)))
-    assert not np.array_equal(info["mixture_index"], first)
-    with pytest.raises(ValueError, match="give `control_period`, one for all"):
-        gym.make_vec("IntegPendulum-v0", mixture=members)
-    with pytest.raises(ValueError, match="at least one"):
-        gym.make_vec("IntegPendulum-v0", mixture=[])
 
 
 def test_wrong_use_is_refused():

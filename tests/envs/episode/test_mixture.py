@@ -1,7 +1,5 @@
 """Mixtures: what is drawn, with which shares, and that all worlds advance the same."""
 
-from __future__ import annotations
-
 import gymnasium as gym
 import jax
 import numpy as np

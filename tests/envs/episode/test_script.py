@@ -1,7 +1,5 @@
 """Steps written in JavaScript do in a browser what they do in Python."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Driven, damped motion: convergence to the reference, and the energy ledger."""
 
-from __future__ import annotations
-
 import re
 from math import pi
 from pathlib import Path

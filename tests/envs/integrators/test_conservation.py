@@ -1,7 +1,5 @@
 """What is conserved, and what the integrators do to what should be."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Planted faults are caught by the checks that the suite itself runs."""
 
-from __future__ import annotations
-
 import mutants
 import pytest
 from checks import (

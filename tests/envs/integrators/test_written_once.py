@@ -1,7 +1,5 @@
 """The physics is written once: no second equation of motion, no second integration step."""
 
-from __future__ import annotations
-
 import ast
 import inspect
 

@@ -1,7 +1,5 @@
 """Stops: force, rebound, ledger and how integrators and environments carry them."""
 
-from __future__ import annotations
-
 from functools import cache
 from math import log, pi
 

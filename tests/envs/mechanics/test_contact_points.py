@@ -1,7 +1,5 @@
 """Points that touch planes: forces, rebound, sliding, ledger, and how integrators carry them."""
 
-from __future__ import annotations
-
 from functools import partial
 from math import asinh, cosh, hypot, log, sqrt, tanh
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Dry friction: force, power, and how the integrators carry it."""
 
-from __future__ import annotations
-
 from math import tanh
 
 import gymnasium as gym

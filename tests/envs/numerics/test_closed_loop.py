@@ -1,7 +1,5 @@
 """The step at which one fixed linear policy goes unstable, by integrator."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

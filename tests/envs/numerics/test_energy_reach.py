@@ -1,7 +1,5 @@
 """What a search over controls reaches, against what can be said by hand."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The measuring functions, on maps whose properties are known, and on a user's own classes."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Pictures: what they show, that they repeat exactly, and that a window keeps real time."""
 
-from __future__ import annotations
-
 import math
 import sys
 

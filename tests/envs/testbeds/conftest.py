@@ -1,7 +1,5 @@
 """Where tests of robots act."""
 
-from __future__ import annotations
-
 import pytest
 from engine_cases import needs
 from house import ROOT

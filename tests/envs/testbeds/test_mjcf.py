@@ -1,7 +1,5 @@
 """Testbeds of robots' models: their episodes are those of a plain loop of MuJoCo's."""
 
-from __future__ import annotations
-
 import importlib
 import warnings
 

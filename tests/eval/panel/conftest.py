@@ -1,7 +1,5 @@
 """Finished runs that tests read, or change in a copy of their own."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

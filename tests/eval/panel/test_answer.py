@@ -1,7 +1,5 @@
 """The answer's first line says home, truth, loss and cause; the rest and what to do follow."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 
@@ -126,7 +124,6 @@ def test_what_is_found_of_home_and_truth(
     panel = judged({HOME.name: told.pop("here", 1.0), where: there}, {where: returned}, **told)
     assert panel.answer.startswith(panel.headline)
     found = finding_of(panel)
-    assert found is not None
     assert (found.status, found.cell) == (status, where)
     if status == "closed":
         assert next_step(panel) is None

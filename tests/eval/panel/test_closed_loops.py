@@ -1,7 +1,5 @@
 """`benchmarks/closed_loops.py`: fixed points, areas and arrivals against what is known."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

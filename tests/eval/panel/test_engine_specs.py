@@ -1,7 +1,5 @@
 """Specifications of several engines: what they expand to, and what is refused."""
 
-from __future__ import annotations
-
 import pytest
 from engine_cases import ELSEWHERE, FOREIGN
 from engines_panel import alike_data, trained_units

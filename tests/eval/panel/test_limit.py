@@ -192,13 +192,10 @@ def test_the_limit_takes_the_truths_place_by_its_own_name():
     panel = judged(at(1.0, 0.6, 0.5, 0.48))
     finding = finding_of(panel)
     assert panel.truth is None
-    assert panel.limit is not None
-    assert finding is not None
     assert finding.cell == panel.limit.name == STEPS[-1].name
     assert "at the limit" in answer_lines(panel)[0]
     assert "2 of 100" in limit_words(panel)
     matrix = success_matrix(panel)
-    assert matrix is not None
     assert (matrix.groups[0].label, matrix.groups[0].reference) == ("limit", True)
     assert panel.entry("mine", HOME.name).reference_class == "false_pass"  # type: ignore[union-attr]
 
@@ -255,8 +252,6 @@ def test_what_is_shown_at_the_limit_exceeds_what_still_changes():
 def test_the_finest_step_is_told_as_it_is_where_it_is_not_called_a_limit(rate):
     panel = judged(at(rate, 0.6, 0.5, rate))
     home, finest = (panel.entry("mine", name) for name in (HOME.name, STEPS[-1].name))
-    assert home is not None
-    assert finest is not None
     assert (finest.success == home.success) is (panel.limit is None)
     (lost,) = (one for one in panel.paired if one.cell == STEPS[-1].name)
     assert (lost.success.ends[1] < 0.1) is (panel.limit is None)

@@ -1,7 +1,5 @@
 """Cells with other package versions: their records, what is verified of them, what is refused."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

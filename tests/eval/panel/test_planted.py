@@ -1,7 +1,5 @@
 """Panels whose answer is planted: what happened is known, and must be what is said."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np
@@ -114,8 +112,6 @@ def test_where_the_contract_of_home_is_not_kept_nothing_is_said_to_be_lost() -> 
     )
     panel = planted(lambda row, cell: PERFECT, contracts={Pair(HERE, THERE): contract})
     entry, back = panel.entry(HERE.name, THERE.name), panel.entry(THERE.name, HERE.name)
-    assert entry is not None
-    assert back is not None
     assert entry.home_drop is entry.overfitting is entry.transfer_gap is entry.reference_class
     assert entry.transfer_gap is None is not back.transfer_gap
 

@@ -1,7 +1,5 @@
 """Mixtures held against single discretizations, and what training cost, on known numbers."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Any argument as an axis: expanded tables, their cells, and what each difference costs."""
 
-from __future__ import annotations
-
 import json
 import math
 import tomllib

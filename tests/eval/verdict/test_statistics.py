@@ -1,7 +1,5 @@
 """Intervals and tests over training seeds, of returns, paired episodes and rankings: exact laws."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Callable
@@ -256,7 +254,6 @@ def test_iqm_interval_agrees_with_all_resamples() -> None:
     values = np.array([[0.0, 1.0], [4.0, 6.0], [10.0, 11.0]])
     every = [iqm(values[list(rows)]) for rows in itertools.product(range(3), repeat=3)]
     found = iqm_interval(values, 0.8)
-    assert found is not None
     assert found.estimate == iqm(values)
     assert found.low == pytest.approx(np.quantile(every, 0.1, method="inverted_cdf"))
     assert found.high == pytest.approx(np.quantile(every, 0.9, method="inverted_cdf"))
@@ -266,8 +263,6 @@ def test_iqm_interval_resamples_whole_seeds() -> None:
     rng = np.random.default_rng(5)
     values = rng.normal(size=(10, 1)) + 0.01 * rng.normal(size=(10, 50))
     whole, scattered = iqm_interval(values), iqm_interval(rng.permuted(values.ravel())[:, None])
-    assert whole is not None
-    assert scattered is not None
     assert whole.high - whole.low > 3.0 * (scattered.high - scattered.low)
 
 
@@ -283,7 +278,6 @@ def test_mean_interval_is_student_t(size: int) -> None:
     finite = values[:size]
     found = mean_interval(values, 0.9)
     low, high = stats.t.interval(0.9, size - 1, finite.mean(), stats.sem(finite))
-    assert found is not None
     assert (found.estimate, found.low, found.high) == pytest.approx((finite.mean(), low, high))
 
 
@@ -321,11 +315,9 @@ def test_returns_are_compared_start_by_start():
     random = np.random.default_rng(0)
     starts = 100.0 * random.normal(size=30)
     interval, p = paired_return(starts + 1.0, starts + 0.1 * random.normal(size=30))
-    assert interval is not None
     assert 0.9 < interval.low < interval.high < 1.1
     assert p == pytest.approx(1e-4, rel=0.01)
     same, p = paired_return(starts, starts)
-    assert same is not None
     assert (same.low, same.high, p) == (0.0, 0.0, 1.0)
     assert paired_return([1.0], [0.0])[0] is None
 
@@ -395,7 +387,6 @@ def test_intervals_hold_the_estimate_and_narrow_with_seeds():
         quality = rng.random(seeds)
         judged, true = (np.clip(quality + 0.1 * rng.standard_normal(seeds), 0, 1) for _ in "ab")
         correlation, violation = ranking_intervals(judged, true, np.arange(seeds))
-        assert correlation is not None
         assert correlation.low <= correlation.estimate <= correlation.high
         assert correlation.estimate == pytest.approx(np.corrcoef(judged, true)[0, 1])
         assert 0.0 <= violation.low <= violation.estimate <= violation.high <= 1.0

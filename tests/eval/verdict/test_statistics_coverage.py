@@ -1,7 +1,5 @@
 """Intervals and tests over training seeds: coverage, type-I error, power."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from rate_laws import Array, Law, bimodal, chance, lattice, smooth

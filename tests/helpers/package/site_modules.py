@@ -12,8 +12,6 @@ from house import ROOT
 def loaded(name: str) -> ModuleType:
     """A module of `docs/site`."""
     spec = importlib.util.spec_from_file_location(name, ROOT / "docs" / "site" / f"{name}.py")
-    assert spec is not None
-    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module
     spec.loader.exec_module(module)

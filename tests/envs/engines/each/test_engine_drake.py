@@ -1,7 +1,5 @@
 """Drake: exact steps, no memory between them, and what its integrators report and refuse."""
 
-from __future__ import annotations
-
 import gymnasium as gym
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Isaac Lab's engine, from a recorded exchange with its own environment, and without one."""
 
-from __future__ import annotations
-
 import gc
 
 import gymnasium as gym

@@ -1,7 +1,5 @@
 """Pinocchio: what its `aba` is told, and what it is not asked to do."""
 
-from __future__ import annotations
-
 import gymnasium as gym
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """DART, PyBullet and SAPIEN: what would falsify their steps is off, and stops are their own law."""
 
-from __future__ import annotations
-
 import gc
 
 import numpy as np

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
+import msgspec
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
@@ -11,6 +13,7 @@ from engine_cases import needs
 
 from integ_gym.envs.settings import Discretization
 from integ_gym.envs.testbeds.making import find_testbed
+from integ_gym.eval.panel.achieve import tried
 from integ_gym.eval.panel.cells import (
     Cell,
     DiscretizationMixture,
@@ -18,8 +21,10 @@ from integ_gym.eval.panel.cells import (
     nominal_setup,
 )
 from integ_gym.eval.panel.episodes import Subject, Successes, divided, evaluate
-from integ_gym.eval.panel.evaluate import evaluation_seconds
-from integ_gym.eval.panel.spec import PanelSpec
+from integ_gym.eval.panel.evaluate import evaluation_seconds, statuses
+from integ_gym.eval.panel.run_directory import RunDirectory, RunDirectoryError
+from integ_gym.eval.panel.spec import PanelSpec, read_spec
+from integ_gym.eval.verdict import Search
 from integ_gym.evidence.fields import VOLATILE_NAMES
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.train.baselines import BASELINES, make_baseline
@@ -157,3 +162,51 @@ def test_the_undisturbed_cell_answers_for_what_the_perturbation_alone_brings(
     assert said.home == "no home"
     assert said.without_noise is (None if nothing else without_noise)
     assert said.without_delay is (None if nothing else without_delay)
+
+
+WHOLE = replace(read_spec("quick"), episodes=5, episode_parts=(3, 2))
+CELL = WHOLE.columns()[0]
+
+
+def _search(*highest):
+    return msgspec.to_builtins(Search(24.0, 1.0, highest, "by trying"))
+
+
+def _tried(tmp_path, *parts):
+    directory = RunDirectory(tmp_path / "run", {"name": "run"})
+    directory.make_folders()
+    for first, success, search in parts:
+        unit = f"achieve-cell-{first}"
+        directory.finish(
+            unit, "key", 0.0, first=first, cell=CELL.name, success=success, recovered=success,
+            search=search,
+        )  # fmt: skip
+    return directory
+
+
+def test_a_cell_is_judged_by_the_starts_that_there_were(tmp_path):
+    """Each part's records are labelled by it and the parts before, the panel by all."""
+    parts = (3, [1.0, 1.0], None), (0, [0.0, 0.0, 0.0], _search(0.1, 0.2, 0.3))
+    directory = _tried(tmp_path, *parts)
+    first, whole = WHOLE.parts()
+    assert statuses(first, directory) == {CELL.name: "unachievable"}
+    assert statuses(whole, directory) == {CELL.name: "undecided"}, "no search rules all of it out"
+    assert tried(directory)[CELL.name].success == (0.0, 0.0, 0.0, 1.0, 1.0)
+
+
+def test_searches_from_all_starts_rule_a_cell_out_together(tmp_path):
+    parts = (0, [0.0], _search(0.1)), (3, [0.0, 0.0], _search(0.2, 2.0))
+    directory = _tried(tmp_path, *parts)
+    assert tried(directory)[CELL.name].search.highest == (0.1, 0.2, 2.0)
+    assert statuses(WHOLE, directory) == {CELL.name: "unachievable"}
+
+
+@pytest.mark.parametrize("change", [{}, {"first": "3"}])
+def test_a_marker_says_which_starts_it_is_of(tmp_path, change):
+    directory = _tried(tmp_path, (0, [1.0], None))
+    (marker,) = (tmp_path / "run" / "units").glob("*.json")
+    held = json.loads(marker.read_text())
+    del held["first"]
+    marker.write_text(json.dumps({**held, **change}))
+    with pytest.raises(RunDirectoryError, match=r"is damaged: .*'first'"):
+        tried(directory)

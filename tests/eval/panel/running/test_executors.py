@@ -1,7 +1,5 @@
 """One panel on every executor: equal records, whatever is killed in the middle."""
 
-from __future__ import annotations
-
 import os
 import signal
 

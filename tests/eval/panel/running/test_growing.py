@@ -1,7 +1,5 @@
 """A panel that is given more seeds, and one that is shown before it is finished."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil
@@ -152,6 +150,7 @@ def test_labels_of_later_episodes_rest_on_success_at_home_in_all(tmp_path):
         ),
         ("episodes = 3", "episodes = [2, 2]", r"`episodes` 3 \(now 2 \+ 2\); .* --out \(--pol"),
         ("max_torque = 1.0", "max_torque = 1.1", "`environment.max_torque` 1.0"),
+        ('trainer = "sb3"', 'trainer = "fleet"', "`trainer"),
     ],
 )
 def test_what_contradicts_is_refused(spec, run, capsys, was, now, sentence):

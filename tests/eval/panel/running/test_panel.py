@@ -1,7 +1,5 @@
 """The panel end to end: what it writes, resuming, refusals."""
 
-from __future__ import annotations
-
 import json
 import platform
 import shutil
@@ -231,32 +229,6 @@ def test_a_panel_file_without_its_plan_is_refused(tmp_path, capsys):
     (tmp_path / "panel.json").write_text(json.dumps(content))
     message = _fails(capsys, "report", str(tmp_path))
     assert "run.json: is missing, which says what was planned" in message
-
-
-@pytest.mark.slow
-def test_the_fleet_trains_the_same_panel(tiny_panel, tmp_path, capsys):
-    """Directory, records and resuming are those of any panel; policies open alike."""
-    spec, out = tiny_panel.parent / "tiny.toml", tmp_path / "out"
-    command = ["panel", str(spec), "--trainer", "fleet", "--out", str(out), "--no-progress"]
-    assert main(command) == 0
-    store = EvidenceStore(out / "evidence")
-    assert store.verify() == []
-    counts = "SELECT phase, count(*) AS n FROM records GROUP BY phase ORDER BY phase"
-    ours = store.query(counts).to_pylist()
-    theirs = EvidenceStore(tiny_panel / "evidence").query(counts).to_pylist()
-    assert ours == theirs
-    assert len(list((out / "policies").glob("*/policy.zip"))) == 2
-    assert _panel(out)["spec"]["trainer"]["name"] == "fleet"
-    units = {p: p.stat().st_mtime_ns for p in (out / "units").glob("*.json")}
-    (out / "policies" / "explicit_euler-dt-0.05-seed1" / "policy.zip").unlink()
-    assert main(command) == 0
-    again = {p: p.stat().st_mtime_ns for p in (out / "units").glob("*.json")}
-    assert {p.name for p in units if again[p] != units[p]} == {
-        "train-explicit_euler-dt-0.05-seed1.json"
-    }
-    assert "done again" in capsys.readouterr().err
-    message = _fails(capsys, "panel", str(spec), "--out", str(out))
-    assert "holds another panel" in message
 
 
 def test_failures_are_labelled_with_the_replays_that_the_panel_has(panel_directory):

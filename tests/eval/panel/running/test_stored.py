@@ -1,7 +1,5 @@
 """A panel whose directory is a place in an object store: sent as it is done, and resumed there."""
 
-from __future__ import annotations
-
 import obstore
 import pytest
 from shared_panel import assert_equal_records, ended, kill_group, started, until, words
