@@ -54,30 +54,6 @@ def test_a_stop_pushes_inwards_and_only_takes_energy(x, v, d):
     assert power + stored + contact.dissipated == pytest.approx(0.0, abs=1e-9 * (1 + abs(power)))
 
 
-@pytest.mark.parametrize(
-    "plant",
-    [
-        Pendulum(joint_limit=1.0, damping=0.1, friction=0.3, friction_speed=0.5),
-        Pendulum(joint_limit=1.0, stop_damping=2.0),
-        Pendulum(friction=1.0, friction_speed=0.5),
-    ],
-)
-def test_slopes_are_those_of_the_accelerations(plant):
-    system = PlantSystem(plant)
-    rng = np.random.default_rng(0)
-    for q, v in zip(rng.uniform(-2.0, 2.0, 40), rng.normal(size=40), strict=True):
-        by_q, by_v = system.slopes(SCALAR, (q,), (v,), (0.7,))
-        h = 1e-6
-
-        def of_system(a, b):
-            return system.rates(SCALAR, (a,), (b,), (0.7,))[0][0]
-
-        expected_q = (of_system(q + h, v) - of_system(q - h, v)) / (2.0 * h)
-        expected_v = (of_system(q, v + h) - of_system(q, v - h)) / (2.0 * h)
-        assert by_q[0][0] == pytest.approx(expected_q, rel=1e-6, abs=1e-5)
-        assert by_v[0][0] == pytest.approx(expected_v, rel=1e-6, abs=1e-5)
-
-
 @pytest.mark.parametrize(("arrival", "damping"), [(0.5, 0.4), (2.0, 0.05), (2.0, 2.0), (8.0, 0.4)])
 def test_rebound_has_the_analytic_speed(arrival, damping):
     """The reference's rebound and its loss against g(arrival) = g(-departure)."""

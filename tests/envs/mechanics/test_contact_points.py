@@ -24,6 +24,7 @@ from integ_gym.envs.environment import environment_setup
 from integ_gym.envs.integrators.newton import time_of_kink
 from integ_gym.envs.mechanics import Kink
 from integ_gym.envs.ops.ops import ARRAY, SCALAR
+from integ_gym.envs.plants.pendulum import Pendulum
 from integ_gym.envs.plants.system import PlantSystem
 from integ_gym.envs.registries import INTEGRATORS
 from integ_gym.envs.steps import script_of
@@ -83,8 +84,18 @@ def test_a_plane_pushes_rubs_and_only_takes_energy(z, v):
         assert (energy, damped, rubbed) == (0.0, 0.0, 0.0)
 
 
-@pytest.mark.parametrize("plant", [Puck(pull=1.0, damping=0.3), Rod()])
+@pytest.mark.parametrize(
+    "plant",
+    [
+        Puck(pull=1.0, damping=0.3),
+        Rod(),
+        Pendulum(joint_limit=1.0, damping=0.1, friction=0.3, friction_speed=0.5),
+        Pendulum(joint_limit=1.0, stop_damping=2.0),
+        Pendulum(friction=1.0, friction_speed=0.5),
+    ],
+)
 def test_slopes_are_those_of_the_accelerations(plant):
+    """Of contacts with the ground, and of stops."""
     system, rng, n, small = (
         PlantSystem(plant),
         np.random.default_rng(0),
@@ -93,6 +104,7 @@ def test_slopes_are_those_of_the_accelerations(plant):
     )
     for speed in (0.01, 1.0) * 50:
         q, v = draw(plant, rng, speed)
+        q = tuple(rng.uniform(-2.0, 2.0, 1)) if n == 1 else q
 
         def accelerations(y):
             return np.array(system.rates(SCALAR, tuple(y[:n]), tuple(y[n:]), (0.7,))[0])
