@@ -6,18 +6,18 @@ from typing import Any
 import msgspec
 import numpy as np
 import pytest
+from known_outcomes import matrix_of, panel_of
 
 from integ_gym.envs.settings import Discretization
 from integ_gym.eval.panel.achieve import Tried
-from integ_gym.eval.panel.artefact import build_artefact
 from integ_gym.eval.panel.cells import Cell
 from integ_gym.eval.panel.conclusions import (
     NextStep,
     finding_of,
     next_step,
 )
-from integ_gym.eval.panel.matrix import Matrix, PanelLayout
-from integ_gym.eval.panel.result import Cost, Look, Panel, Policy, Row
+from integ_gym.eval.panel.matrix import PanelLayout
+from integ_gym.eval.panel.result import Look, Panel, Policy, Row
 from integ_gym.eval.verdict import Search
 
 HOME = Discretization("symplectic_euler", 0.05, 0.05)
@@ -61,33 +61,21 @@ def judged(
     noise = np.linspace(-1.0, 1.0, starts)
     earned = {**dict.fromkeys(cells, -10.0), **(returns or {})}
     rates = {**dict.fromkeys(cells, success[HOME.name]), **success}
-    records = [
-        {
-            "policy_id": row.name, "cell": cell, "episode_index": k,
-            "record_id": f"{row.name}{cell}{k}",
-            "success": row.name == "mine" and k < round(rates[cell] * starts),
-            "replay_second_horizon": None,
-            "return": (earned[cell] if row.name == "mine" else -110.0) + noise[k],
-            "time_to_success": None, "energy_residual_total": 0.0,
-            "energy_residual_abs_total": 0.0, "solver_status": "ok", "failure_label": "none",
-            "failure_reason": "", "arrival_energy": 10.0, "arrival_residual": 1.0, "duration": 10.0,
-            "command_error": None, "terminated": False,
+
+    def outcome(row, cell, _, k):
+        mine = row.name == "mine"
+        return {
+            "success": mine and k < round(rates[cell] * starts),
+            "return": (earned[cell] if mine else -110.0) + noise[k],
         }
-        for row in rows
-        for cell in cells
-        for k in range(starts)
-    ]  # fmt: skip
+
     layout = PanelLayout(
         rows, cells, {row.name: tuple(cells) for row in rows}, TRUTH.name if truth else None,
         tried={TRUTH.name: tried},
     )  # fmt: skip
-    return build_artefact(
-        layout, Matrix(rows, records, starts),
-        {"mine": (), "random": ()},
-        directory="runs/mine", name="evaluate mine", question="?", command=command, versions={},
-        spec={"env_id": "IntegPendulum-v0", "environment": {"max_torque": 0.7}},
-        cost=Cost(wall_seconds=0.0, workers=1, train_seconds=0.0, evaluate_seconds=0.0),
-    )  # fmt: skip
+    spec = {"env_id": "IntegPendulum-v0", "environment": {"max_torque": 0.7}}
+    matrix = matrix_of(layout, starts, outcome)
+    return panel_of(layout, matrix, name="evaluate mine", command=command, spec=spec)
 
 
 def step_of(panel: Panel) -> NextStep:

@@ -9,21 +9,21 @@ import msgspec
 import numpy as np
 import pytest
 from engine_cases import needs
+from known_outcomes import matrix_of, panel_of
 
 import integ_gym
 from integ_gym.cli import main
 from integ_gym.envs.registries import ENGINES, INTEGRATORS
 from integ_gym.envs.settings import Discretization
 from integ_gym.envs.testbeds.making import find_testbed
-from integ_gym.eval.panel.artefact import build_artefact
 from integ_gym.eval.panel.cells import Cell, SpecError
 from integ_gym.eval.panel.claims import parse_claim
 from integ_gym.eval.panel.conclusions import answer_lines, finding_of, limit_words
 from integ_gym.eval.panel.extrapolation import extrapolate
 from integ_gym.eval.panel.limit import PARTS, order_of, steps_of_limit
-from integ_gym.eval.panel.matrix import Matrix, PanelLayout
+from integ_gym.eval.panel.matrix import PanelLayout
 from integ_gym.eval.panel.plan import planned_spec
-from integ_gym.eval.panel.result import Cost, Panel, Policy, Row, read_panel
+from integ_gym.eval.panel.result import Panel, Policy, Row, read_panel
 from integ_gym.eval.panel.spec import parse_spec
 from integ_gym.eval.report.matrices import success_matrix
 from integ_gym.eval.statistics import paired_success
@@ -158,29 +158,18 @@ def judged(rates: dict[float, float], starts: int = 100, known: bool = True) -> 
         Row.of("mine", "given", [Policy(id="mine")], home),
         Row.of("random", "baseline", [Policy(id="random")]),
     )
-    empty = (
-        *("replay_second_horizon", "time_to_success", "energy_residual_total"),
-        *("energy_residual_abs_total", "arrival_energy", "arrival_residual"),
-    )
-    records = [
-        {
-            **dict.fromkeys(empty), "policy_id": row.name, "cell": name, "episode_index": k,
-            "record_id": f"{row.name}{name}{k}", "failure_label": "none", "solver_status": "ok",
-            "success": row.name == "mine" and k < round(rates[cell.dt] * starts),
-            "return": (0.0 if row.name == "mine" else -100.0) + np.sin(k), "duration": 10.0,
-            "failure_reason": "", "command_error": None, "terminated": False,
-        }
-        for row in rows
-        for name, cell in cells.items()
-        for k in range(starts)
-    ]  # fmt: skip
-    names = {row.name: tuple(cells) for row in rows}
-    return build_artefact(
-        PanelLayout(rows, cells, names, None), Matrix(rows, records, starts),
-        {"mine": (), "random": ()}, directory="runs/mine", name="evaluate mine", question="?",
-        command="", versions={}, spec={"env_id": "Pendulum-v1", "variations": []},
-        cost=Cost(wall_seconds=0.0, workers=1, train_seconds=0.0, evaluate_seconds=0.0),
-    )  # fmt: skip
+
+    def outcome(row, cell, _, k):
+        mine = row.name == "mine"
+        return {
+            "success": mine and k < round(rates[cells[cell].dt] * starts),
+            "return": (0.0 if mine else -100.0) + np.sin(k), "energy_residual_total": None,
+            "energy_residual_abs_total": None, "arrival_energy": None, "arrival_residual": None,
+        }  # fmt: skip
+
+    layout = PanelLayout(rows, cells, {row.name: tuple(cells) for row in rows}, None)
+    spec = {"env_id": "Pendulum-v1", "variations": []}
+    return panel_of(layout, matrix_of(layout, starts, outcome), name="evaluate mine", spec=spec)
 
 
 def at(home: float, half: float, quarter: float, finest: float) -> dict[float, float]:

@@ -5,15 +5,15 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 import pytest
+from known_outcomes import matrix_of, panel_of
 
 from integ_gym.envs.settings import Discretization
 from integ_gym.eval.contract import BoundaryCheck, Contract
 from integ_gym.eval.panel.achieve import Tried
-from integ_gym.eval.panel.artefact import build_artefact
 from integ_gym.eval.panel.cells import Cell
 from integ_gym.eval.panel.contracts import Contracts, Pair
-from integ_gym.eval.panel.matrix import Matrix, PanelLayout
-from integ_gym.eval.panel.result import Cost, Panel, Policy, Row
+from integ_gym.eval.panel.matrix import PanelLayout
+from integ_gym.eval.panel.result import Panel, Policy, Row
 from integ_gym.eval.verdict import Search
 
 Rates = npt.NDArray[np.float64]
@@ -47,36 +47,21 @@ def planted(
         for home in ROWS
     )
     cells = {d.name: Cell.of(d, "reference" if d == TRUTH else "grid") for d in ROWS}
-    records = [
-        {
-            "policy_id": policy, "cell": cell, "episode_index": k,
-            "record_id": f"{policy}{cell}{k}",
-            "success": k < round(success(row.name, cell)[seed] * EPISODES),
-            "replay_second_horizon": k
-            < round((recovered or success)(row.name, cell)[seed] * EPISODES),
-            "return": 0.0, "time_to_success": None, "energy_residual_total": 0.0,
-            "energy_residual_abs_total": 0.0, "solver_status": "ok", "failure_label": "none",
-            "failure_reason": "", "arrival_energy": 10.0, "arrival_residual": 1.0,
-            "command_error": None, "terminated": False,
-        }
-        for row in rows
-        for cell in cells
-        for seed, policy in enumerate(row.policy_ids)
-        for k in range(EPISODES)
-    ]  # fmt: skip
+    later = recovered or success
+
+    def outcome(row, cell, seed, k):
+        within, again = (
+            round(rates(row.name, cell)[seed] * EPISODES) for rates in (success, later)
+        )
+        return {"success": k < within, "replay_second_horizon": k < again}
+
     can = dict.fromkeys(cells, SOLVED) | (tried or {})
     layout = PanelLayout(
         rows, cells, {row.name: tuple(cells) for row in rows}, TRUTH.name, family, tried=can,
         contracts=contracts or {},
     )  # fmt: skip
-    ids = [policy for row in rows for policy in row.policy_ids]
-    return build_artefact(
-        layout, Matrix(rows, records, EPISODES),
-        dict.fromkeys(ids, "evidence/x.parquet"),
-        directory="runs/planted", name="planted", question="?", spec={"control_period": 0.05},
-        command="", versions={},
-        cost=Cost(wall_seconds=0.0, workers=1, train_seconds=0.0, evaluate_seconds=0.0),
-    )  # fmt: skip
+    matrix = matrix_of(layout, EPISODES, outcome)
+    return panel_of(layout, matrix, spec={"control_period": 0.05})
 
 
 def verdicts(panel: Panel) -> dict[tuple[str, str], str]:

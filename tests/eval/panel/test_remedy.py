@@ -4,12 +4,13 @@ import math
 
 import numpy as np
 import pytest
+from known_outcomes import matrix_of
 from scipy import stats
 
 from integ_gym.envs.settings import Discretization
 from integ_gym.eval.panel.cells import Cell, DiscretizationMixture
 from integ_gym.eval.panel.findings import RATE, WINDOW, decisions_to_success, remedies
-from integ_gym.eval.panel.matrix import Matrix, PanelLayout
+from integ_gym.eval.panel.matrix import PanelLayout
 from integ_gym.eval.panel.result import Policy, Row
 from integ_gym.eval.statistics import median_interval, paired_difference, unpaired_difference
 
@@ -46,21 +47,12 @@ def _panel(success=SUCCESS):
         for name in (*homes, "handmade")
     )
     cells = {d.name: Cell.of(d, "reference" if d == TRUTH else "grid") for d in (A, B, C, D, TRUTH)}
-    records = [
-        {
-            "policy_id": policy,
-            "cell": cell.name,
-            "episode_index": k,
-            "success": k < success[row.name, cell.discretization] * EPISODES,
-            "replay_second_horizon": None,
-        }
-        for row in rows
-        for cell in cells.values()
-        for policy in row.policy_ids
-        for k in range(EPISODES)
-    ]
-    names = {row.name: tuple(cells) for row in rows}
-    return PanelLayout(rows, cells, names, TRUTH.name), Matrix(rows, records, EPISODES)
+    layout = PanelLayout(rows, cells, {row.name: tuple(cells) for row in rows}, TRUTH.name)
+
+    def outcome(row, cell, _, k):
+        return {"success": k < success[row.name, cells[cell].discretization] * EPISODES}
+
+    return layout, matrix_of(layout, EPISODES, outcome)
 
 
 def _remedies(layout, matrix):

@@ -10,13 +10,14 @@ import duckdb
 import numpy as np
 import pyarrow as pa
 import pytest
+from known_outcomes import matrix_of
 from mountain_car import swing
 
 import integ_gym
 from integ_gym.cli import main
 from integ_gym.eval.panel.doubts import doubts_of
 from integ_gym.eval.panel.existing import plan
-from integ_gym.eval.panel.matrix import Matrix, PanelLayout, given_rows
+from integ_gym.eval.panel.matrix import PanelLayout, given_rows
 from integ_gym.eval.panel.policies import given_policy, read_existing
 from integ_gym.eval.panel.result import Policy
 from integ_gym.evidence.store import EvidenceStore
@@ -66,16 +67,13 @@ def _found(existing, outcome):
     rows, homes = given_rows(spec, Policy(id=name), existing.home)
     layout = PanelLayout.of(spec, rows, homes, {}, {})
     noise = np.linspace(-1.0, 1.0, EPISODES)
-    records = []
-    for row in layout.rows:
-        for cell in layout.cells_of[row.name]:
-            success, mean = outcome(row.name, cell)
-            records += [
-                {"policy_id": row.name, "cell": cell, "episode_index": k, "return": mean + x,
-                 "success": k < success * EPISODES}
-                for k, x in enumerate(noise if row.name == name else noise[::-1])
-            ]  # fmt: skip
-    return spec, layout, Matrix(layout.rows, records, EPISODES)
+
+    def told(row, cell, _, k):
+        success, mean = outcome(row.name, cell)
+        own = noise if row.name == name else noise[::-1]
+        return {"return": mean + own[k], "success": k < success * EPISODES}
+
+    return spec, layout, matrix_of(layout, EPISODES, told)
 
 
 def _doubts_of(existing, outcome, fallbacks=0):

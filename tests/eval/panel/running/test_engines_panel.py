@@ -8,6 +8,7 @@ import pytest
 import small_panel
 from engine_cases import needs, setup_of
 from engines_panel import alike_data, trained_units
+from known_outcomes import matrix_of
 from small_panel import SHORTEST, bare_data
 
 from integ_gym import run_panel
@@ -21,7 +22,7 @@ from integ_gym.envs.settings import Discretization
 from integ_gym.eval.panel import units
 from integ_gym.eval.panel.cells import Cell
 from integ_gym.eval.panel.findings import EVALUATED_ONCE, agreements, twin_of
-from integ_gym.eval.panel.matrix import Matrix, PanelLayout
+from integ_gym.eval.panel.matrix import PanelLayout
 from integ_gym.eval.panel.result import Policy, Row, read_panel
 from integ_gym.eval.panel.run_directory import RunDirectoryError
 from integ_gym.eval.panel.spec import parse_spec
@@ -220,13 +221,8 @@ def test_a_panel_looks_whether_its_plant_has_stops(env_id, twin):
     spec = parse_spec(bare_data(place, theirs, env_id=env_id, environment={}), "test")
     cells = {cell.name: cell for cell in spec.columns()}
     rows = (Row.of("zero", "baseline", [Policy(id="zero")]),)
-    records = [
-        {"policy_id": "zero", "cell": cell, "episode_index": k, "success": True}
-        for cell in cells
-        for k in range(2)
-    ]
     layout = PanelLayout(rows, cells, {"zero": tuple(cells)}, None)
-    (found,) = agreements(layout, Matrix(rows, records, 2), spec)
+    (found,) = agreements(layout, matrix_of(layout, 2, lambda *_: {"success": True}), spec)
     assert found.twin == twin
     assert found.differing == (None if twin is None else 0)
 
