@@ -165,7 +165,9 @@ def finished(made_once):
     """What trainers differ in ends with the policies; here stable-baselines3's."""
 
     def make(folder):
-        run_panel(parse_spec(_data(trainer="sb3"), "test"), folder / "out", 1, progress=False)
+        run_panel(
+            parse_spec(_data(trainer="sb3"), "test"), folder / "out", workers=1, progress=False
+        )
 
     return made_once("mixed", make) / "out"
 
