@@ -159,10 +159,9 @@ def check_reversibility(integrator: str) -> None:
 def check_solver(integrator: str) -> None:
     """The implicit equations hold for what the step returns, and the status is `ok`."""
     stepper = INTEGRATORS.load(integrator)()
-    rng = np.random.default_rng(5)
     for plant in registered_plants(damping=0.3):
         system, rate = PlantSystem(plant), fastest_rate(plant)
-        n = len(plant.coordinates)
+        n, rng = len(plant.coordinates), np.random.default_rng(5)
         for _ in range(20):
             start = probe_state(plant) + 0.3 * rng.standard_normal(2 * n)
             q, v = split_state(tuple(start.tolist()))
