@@ -44,7 +44,6 @@ from .cells import (
     fitting,
     main_home,
     many,
-    setup_of,
     standard_variations,
     vary,
 )
@@ -70,7 +69,7 @@ from .result import Panel
 from .result import Policy as PanelPolicy
 from .run import as_there, resources_for
 from .run_directory import GIVEN, MANIFEST, RunDirectory, Seen
-from .spec import TRAINERS, PanelSpec, check_variations, read_toml
+from .spec import TRAINERS, PanelSpec, check_cells, check_variations, read_toml
 from .units import baseline_of
 
 
@@ -310,8 +309,7 @@ def plan(
         baselines=possible_baselines(spec.nominal, testbed.controller),
     )
     check_variations(whole, own)
-    for cell in whole.cells_of(existing.home):
-        setup_of(testbed, cell)
+    check_cells(whole, whole.cells_of(existing.home))
     return whole
 
 

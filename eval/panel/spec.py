@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import lru_cache
 from pathlib import Path
@@ -444,8 +444,7 @@ def check_parts(spec: PanelSpec) -> None:
     files = list(map(file_name, (*columns, *mixtures, *spec.baselines)))
     check_unique("names of rows, cells and baselines, as files have them", files)
     check_variations(spec, spec.trained_on())
-    for cell in {cell.name: cell for cells in every for cell in cells}.values():
-        setup_of(spec.testbed, cell)
+    check_cells(spec, {cell.name: cell for cells in every for cell in cells}.values())
     for place in spec.trained_on():
         if place not in spec.grid and place != spec.reference:
             raise SpecError(
@@ -481,6 +480,25 @@ def check_variations(spec: PanelSpec, homes: Sequence[Discretization]) -> None:
         faults = {fault for _, fault in replace(spec, variations=(one,)).varied(homes)}
         if faults and None not in faults:
             raise SpecError(f"{one.name!r} is possible in no cell: {min(map(str, faults))}")
+
+
+def check_cells(spec: PanelSpec, cells: Iterable[Cell]) -> None:
+    """Refuse a cell that cannot be made, and one whose records would have other columns.
+
+    Raises:
+        TypeError, ValueError: for such a cell.
+    """
+    same = _columns_of(spec.nominal)
+    for cell in cells:
+        if _columns_of(setup_of(spec.testbed, cell)) != same:
+            raise SpecError(
+                f"{cell.name!r} has another state or other controls, so its records fit in no file "
+                "with the rest; give the argument to all cells, in `environment`"
+            )
+
+
+def _columns_of(setup: Any) -> tuple[Any, ...]:
+    return setup.plant.coordinates, setup.plant.controls
 
 
 def _check_comparison(spec: PanelSpec, homes: Sequence[Home]) -> None:

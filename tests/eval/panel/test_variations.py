@@ -99,6 +99,18 @@ def test_a_wrong_table_is_refused(table, about):
         _spec(table)
 
 
+@pytest.mark.parametrize(
+    ("env_id", "other"),
+    [("IntegQuadrotor-v0", {"way_point_period": 3.0}), ("IntegReacher-v0", {"actuator": "effort"})],
+)
+def test_another_state_or_other_controls_are_refused_before_anything_runs(env_id, other):
+    with pytest.raises(SpecError, match="give the argument to all cells"):
+        _spec(
+            env_id=env_id, environment={}, perturbations=[{"name": "other", "environment": other}]
+        )
+    _spec(env_id=env_id, environment=other)
+
+
 def test_cells_of_single_differences_are_added():
     spec = _spec({"integrator": "rk4", "dt": 0.025, "control_period": 0.1, "mass": 1.2})
     home, cells = spec.train[0], _cells(spec)
