@@ -134,7 +134,7 @@ class IntegEnv(gym.Env[Observation, Any]):
         """How many episodes have begun since the last seed, before this one."""
         self._state: EnvState | None = None
         self._applied = [applied for _, applied in control_columns(self.setup.plant)]
-        self._controls = (0.0,) * len(self._applied)
+        self._controls = self._idle = (0.0,) * len(self._applied)
         self._sampled = True
         self._terminated = self._warned = False
         self.status_code = quiet_status(self.setup)
@@ -225,7 +225,7 @@ class IntegEnv(gym.Env[Observation, Any]):
             self._noise_stream = stream_of_episode(self.np_random, NOISE, self.episode)
         if self.setup.timing.drawn:
             self._arrivals = stream_of_episode(self.np_random, ARRIVAL, self.episode)
-        self._controls, self._sampled = (0.0,) * len(self._applied), True
+        self._controls, self._sampled = self._idle, True
         self._terminated = self._warned = False
         self.status_code = info["solver_status"]
         info["solver_status"] = STATUS_NAMES[self.status_code]

@@ -106,8 +106,11 @@ def is_possible(setup: Setup, start: Components) -> Component:
     fine: Component = True
     for x in start[0::2]:
         fine = fine & (abs(x) <= FLOAT32_MAX)
-    for v, most in zip(start[1::2], _fastest(setup), strict=True):
-        fine = fine & (abs(v) <= most)
+    for v in start[1::2]:
+        fine = fine & (abs(v) <= DIVERGENCE_SPEED)
+    if setup.system.speed_limits is not None:
+        for v, most in zip(start[1::2], setup.system.speed_limits, strict=True):
+            fine = fine & (abs(v) <= most)
     return fine
 
 
