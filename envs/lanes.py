@@ -49,7 +49,7 @@ def lane_parameters(setup: Setup) -> dict[str, Array]:
 
 def setup_of_lanes(setup: Setup, lanes: Array) -> Setup:
     """``setup`` with the parameters of some lanes."""
-    plant, task = _part_of(setup.plant, lanes), _part_of(setup.task, lanes)
+    plant, task = part_of(setup.plant, lanes), part_of(setup.task, lanes)
     return setup.with_values(plant, task, setup.timing, setup.system.max_speed)
 
 
@@ -84,7 +84,8 @@ def lane_seeds(seed: int | Sequence[int | None] | None, lanes: int) -> Sequence[
     return seed
 
 
-def _part_of(part: Any, lanes: Array) -> Any:
+def part_of(part: Any, lanes: Any) -> Any:
+    """A plant or task with the parameters of some lanes, or of one."""
     return replace(part, **{name: x[lanes] for name, x in _arrays(part).items()})
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any, ClassVar
 
 import gymnasium as gym
@@ -35,6 +36,7 @@ from .lanes import (
     lane_parameters,
     lane_seeds,
     mask_outside,
+    part_of,
     put,
     setup_of_lanes,
     take,
@@ -395,7 +397,10 @@ class IntegVectorEnv(DiscretizedVectorEnv):
                     f"got {states!r:.60}"
                 )
             options["state"] = states[lane]
-        return draw_start(self.setup, self._rngs[lane], options)
+        setup = self.setup
+        if self._lanes_differ:
+            setup = replace(setup, task=part_of(setup.task, lane))
+        return draw_start(setup, self._rngs[lane], options)
 
     def _read_actions(self, actions: Any, ignored: Array) -> Components:
         """Actions as floats, by entry; those of lanes that are being reset are not looked at."""

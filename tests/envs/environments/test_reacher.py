@@ -123,3 +123,14 @@ def test_starts_are_bent_and_markers_go_at_any_rate():
     assert ((theta_2 >= 0.5) & (theta_2 <= 2.0)).all()
     assert phase.min() < -2.5 < 2.5 < phase.max()
     assert -math.pi <= rate.min() < -2.9 < 2.9 < rate.max() <= math.pi
+
+
+@pytest.mark.parametrize("env_id", [REACHER, "IntegQuadrotor-v0"])
+def test_a_clock_starts_at_the_rate_of_its_lane(env_id):
+    name = "marker_period" if env_id == REACHER else "way_point_period"
+    envs = gym.make_vec(env_id, 2, **{name: np.array([1.0, 2.0])})
+    envs.reset(seed=3)
+    rates = [gym.make(env_id, **{name: period}).unwrapped for period in (1.0, 2.0)]
+    for lane, env in enumerate(rates):
+        env.reset(seed=3 + lane)
+        np.testing.assert_array_equal(envs.unwrapped.state[lane], env.state)
