@@ -17,10 +17,11 @@ from typing import Any, Final, Literal
 import msgspec
 
 from integ_gym.envs.environment import is_integ_environment
-from integ_gym.envs.settings import DISCRETIZATION, NATIVE, Discretization
+from integ_gym.envs.settings import DISCRETIZATION, NATIVE, Discretization, Settings
 from integ_gym.envs.testbeds.making import find_testbed
 from integ_gym.support.errors import InputError
 from integ_gym.support.optional import require
+from integ_gym.support.parameters import check_values
 
 from .panel.cells import SpecError, file_name
 from .panel.conclusions import contract_reason, finding_of, is_small
@@ -190,6 +191,7 @@ def check(
     require("report", "evidence")
     if given := [name for name in DISCRETIZATION if name in (environment or {})]:
         raise InputError(f"`environment` gives `{given[0]}`; give it as an argument of its own")
+    check_values(Settings, {"dt": dt, "control_period": control_period})
     testbed = find_testbed(env_id, environment or {})
     period = testbed.control_period if control_period is None else control_period
     own = testbed.home.engine if engine is None else engine

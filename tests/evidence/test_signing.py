@@ -150,7 +150,7 @@ def test_the_command_seals_signs_and_verifies(store, key, capsys):
     assert signed.startswith(printed)
     fingerprint = signed.split()[-1]
     assert f"signed: by {fingerprint}; --public-key" in told(0, "verify", run)
-    assert f"signed: by {fingerprint}, of {key}.pub" in told(0, "verify", run, *public)
+    assert f"signed: by {fingerprint}, a key of {key}.pub" in told(0, "verify", run, *public)
     (store.directory / "seal.json.sig").write_text("no signature")
     assert "seal.json.sig: is no signature of this seal.json" in told(1, "verify", run)
     (store.directory / "note.json").write_text("{}")

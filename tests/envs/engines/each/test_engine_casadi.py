@@ -121,7 +121,8 @@ class Asking(CentralSpring):
 
 
 @pytest.mark.parametrize(
-    ("plant", "reason"), [(Searching(), "`while_loop`.*engine 'native'"), (Asking(), "the truth")]
+    ("plant", "reason"),
+    [(Searching(), "`while_loop`.*engine 'native'"), (Asking(), "no truth value")],
 )
 def test_equations_that_cannot_be_told_are_refused(plant, reason):
     with pytest.raises(TypeError, match=reason):
