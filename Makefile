@@ -16,7 +16,7 @@ TABLES := learned_periods learned_engines
 # Bytecode is kept, whatever the environment says: tests start many processes.
 PYTEST := PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n 2 --dist worksteal
 
-.PHONY: panel train test test-slow lint docs notebooks bench tables atlas-figures published census isaaclab dm_control moto clean
+.PHONY: panel train test test-slow lint docs notebooks bench tables atlas-figures published census isaaclab dm_control moto trackers clean
 
 panel: $(LIGHT)
 	@$(BIN)/integ-gym panel --out runs/panel
@@ -27,7 +27,7 @@ train: $(TORCH)
 test: $(READY)
 	$(PYTEST) -m "not slow" $(PYTEST_OPTIONS)
 
-test-slow: $(READY) moto
+test-slow: $(READY) moto trackers
 	$(PYTEST) -m slow $(PYTEST_OPTIONS)
 
 lint: $(READY)
@@ -74,6 +74,8 @@ dm_control: .dm_control/.ready
 
 moto: .moto/.ready
 
+trackers: .trackers/.ready
+
 .isaaclab/.ready: constraints-isaaclab.txt
 	@$(ISAACLAB_PYTHON) -c 'import sys; sys.exit("Isaac Lab needs Python 3.12, found " + sys.version.split()[0] + "; set ISAACLAB_PYTHON" if sys.version_info[:2] != (3, 12) else 0)'
 	@echo "Setting up .isaaclab with Isaac Lab: 8 GB, once."
@@ -92,6 +94,12 @@ moto: .moto/.ready
 	@echo "Setting up .moto with an S3-compatible server for tests."
 	@$(PYTHON) -m venv .moto
 	@.moto/bin/python -m pip install --quiet --requirement constraints-moto.txt
+	@touch $@
+
+.trackers/.ready: constraints-trackers.txt
+	@echo "Setting up .trackers with Weights & Biases and MLflow for a test."
+	@$(PYTHON) -m venv .trackers
+	@.trackers/bin/python -m pip install --quiet --requirement constraints-trackers.txt
 	@touch $@
 
 # Each step of the set-up adds to the one before, in the same .venv.
@@ -113,4 +121,4 @@ $(READY): $(TORCH)
 	@touch $@
 
 clean:
-	rm -rf $(VENV) .isaaclab .dm_control .moto build dist *.egg-info
+	rm -rf $(VENV) .isaaclab .dm_control .moto .trackers build dist *.egg-info
