@@ -251,7 +251,7 @@ def specify(
     try:
         check_spec(spec)
     except SpecError:
-        if trainer is not None or not spec.fleet:
+        if trainer is not None or spec.trainer != "fleet":
             raise
         spec = replace(spec, trainer="sb3")
         check_spec(spec)

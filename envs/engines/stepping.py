@@ -76,6 +76,32 @@ def missing_modules(engine: str) -> list[str]:
     return not_installed(getattr(ENGINES.load(engine), "modules", ()))
 
 
+def is_engine(name: str) -> bool:
+    """Whether a name is of an engine of ours or a user's; a testbed's own is its package."""
+    return ":" in name or name in ENGINES
+
+
+def engine_versions(engines: Iterable[str]) -> dict[str, str]:
+    """Distribution and version behind each engine, this package itself left out."""
+    packages = {ENGINES.load(n).package if is_engine(n) else n for n in engines} - {"integ-gym"}
+    return {package: running_version(package) for package in sorted(packages)}
+
+
+def absent_engines() -> tuple[str, ...]:
+    """Names of the engines whose extra is not installed."""
+    return tuple(name for name in ENGINES.names() if missing_modules(name))
+
+
+def installed_engines() -> tuple[str, ...]:
+    """Names of the installed engines, the native one among them."""
+    return tuple(name for name in ENGINES.names() if not missing_modules(name))
+
+
+def map_of(engine: str, integrator: str) -> str:
+    """The one-step map that an engine applies by the name of its integrator."""
+    return str(ENGINES.load(engine).maps.get(integrator, integrator))
+
+
 def make_engine(
     name: str, system: Any, integrator: str, dt: Any, solver: Mapping[str, Any] | None = None
 ) -> Engine:

@@ -18,11 +18,12 @@ import msgspec
 import numpy as np
 
 from integ_gym.envs import numerics
+from integ_gym.envs.engines.stepping import engine_versions
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.support.processes import report_work
 
 from ..verdict import ACHIEVED, Achieved, Attempt, Search, achieved
-from .cells import Cell, engine_versions, environments_of, file_name
+from .cells import Cell, environments_of, file_name
 from .costs import trying_seconds
 from .episodes import attempts
 from .plan import inputs

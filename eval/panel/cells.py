@@ -16,7 +16,11 @@ from typing import Annotated, Any, Final, Literal, TypeAlias, TypeVar
 import msgspec
 
 from integ_gym.envs.engines.maps import map_names
-from integ_gym.envs.engines.stepping import missing_modules, without_idle_solver
+from integ_gym.envs.engines.stepping import (
+    absent_engines,
+    installed_engines,
+    without_idle_solver,
+)
 from integ_gym.envs.lanes import DiscretizedVectorEnv
 from integ_gym.envs.registries import ENGINES, TRUTH
 from integ_gym.envs.settings import (
@@ -37,7 +41,7 @@ from integ_gym.envs.testbeds.making import make_checked
 from integ_gym.support.errors import InputError, IntegGymError
 from integ_gym.support.interpreters import PACKAGES, parse_packages
 from integ_gym.support.isolated import ISOLATED
-from integ_gym.support.optional import install_command, running_version
+from integ_gym.support.optional import install_command
 from integ_gym.support.parameters import check_values, unknown_name
 
 from ..statistics import Part
@@ -398,23 +402,6 @@ def file_name(row: str) -> str:
     return re.sub(r"[^A-Za-z0-9._]+", "-", row)
 
 
-def map_of(discretization: Discretization) -> str:
-    """The one-step map that a discretization applies."""
-    maps = ENGINES.load(discretization.engine).maps
-    return str(maps.get(discretization.integrator, discretization.integrator))
-
-
-def is_engine(name: str) -> bool:
-    """Whether a name is of an engine of ours or a user's; a testbed's own is its package."""
-    return ":" in name or name in ENGINES
-
-
-def engine_versions(engines: Iterable[str]) -> dict[str, str]:
-    """Distribution and version behind each engine, this package itself left out."""
-    packages = {ENGINES.load(n).package if is_engine(n) else n for n in engines} - {"integ-gym"}
-    return {package: running_version(package) for package in sorted(packages)}
-
-
 class Places(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A table of `train` or `evaluate`: every integrator at every step and control period.
 
@@ -452,7 +439,7 @@ class Places(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
                 )
             for name in many(self.map):
                 check_known("map in `evaluate`", name, map_names())
-            found = ((engine, self.applied_by(engine)) for engine in installed_engines())
+            found = [(one, self.applied_by(one)) for one in installed_engines() if one != NATIVE]
             chosen = [(engine, integrator) for engine, integrator in found if integrator]
         elif self.integrator is None or self.map is not None:
             raise SpecError(f"every entry of `{key}` needs `integrator` and `dt`, and no `map`")
@@ -507,16 +494,6 @@ INSTALLED = "installed"
 """In place of an engine's name: every installed one but the native."""
 
 
-def absent_engines() -> tuple[str, ...]:
-    """Names of the engines whose extra is not installed."""
-    return tuple(name for name in ENGINES.names() if name != NATIVE and missing_modules(name))
-
-
-def installed_engines() -> tuple[str, ...]:
-    """Names of the installed engines, without the native one."""
-    return tuple(name for name in ENGINES.names() if name not in (NATIVE, *absent_engines()))
-
-
 def training_homes(entries: Sequence[Mapping[str, Any]], home: Discretization) -> tuple[Home, ...]:
     """Training discretizations and mixtures, in order.
 
@@ -567,12 +544,12 @@ def evaluation_cells(
             places, faults = fitting(places, [place.dt for place in places])
             unmade += faults
             grid += [] if rest else places
-        elif not rest:
-            raise SpecError(f"{where} does not say what is varied; give arguments, or no `at`")
         else:
             named = many(["home", "truth"] if at is None else at)
             for one in convert(f"{where}.at", named, list[Literal["home", "truth"] | Places]):
                 places += one.discretizations("at", home) if isinstance(one, Places) else [one]
+        if not rest and (name is not None or at is not None or not entry):
+            raise SpecError(f"{where} varies nothing; give arguments, or no `at` and no `name`")
         if rest:
             name = None if name is None else convert(where, name, Name)
             for new in vary(name, rest, tuple(places)):

@@ -12,11 +12,12 @@ from typing import Any, NamedTuple, TypeAlias
 
 import msgspec
 
+from integ_gym.envs.engines.stepping import engine_versions
 from integ_gym.envs.settings import Discretization
 from integ_gym.support.errors import InputError
 
 from ..contract import Contract, boundaries_of, compare_boundaries, without_delays
-from .cells import Cell, Home, engine_versions, environments_of, file_name, place_name
+from .cells import Cell, Home, environments_of, file_name, place_name
 from .run_directory import RunDirectory, key_of
 from .spec import PanelSpec
 from .units import Work

@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
+from integ_gym.envs.engines.stepping import is_engine
 from integ_gym.envs.registries import ENGINES
 from integ_gym.envs.settings import Discretization, Timing
 from integ_gym.evidence.episodes import Layout
 
-from .cells import Cell, Home, SpecError, is_engine
+from .cells import Cell, Home, SpecError
 from .elsewhere import all_cells
 from .spec import PanelSpec
 from .units import Unit, has_controller, trained_units, training_config
@@ -183,7 +184,7 @@ def fixed_cost(spec: PanelSpec, workers: int = 1) -> ExpectedCost:
     seconds = START_SECONDS + sum(trying_seconds(spec, cell) for cell in columns)
     seconds += CELL_SECONDS * (workers * len(cells) + len(columns))
     seconds += INTERPRETER_SECONDS * workers * len(interpreters)
-    compiling = COMPILE_SECONDS * len(spec.train) if spec.fleet else 0.0
+    compiling = COMPILE_SECONDS * len(spec.train) if spec.trainer == "fleet" else 0.0
     storage = FILE_BYTES + _tried_bytes(spec)
     return total_cost([baselines, ExpectedCost(compiling, seconds, storage)])
 
@@ -218,7 +219,7 @@ def _training(spec: PanelSpec, unit: Unit) -> ExpectedCost:
 
 
 def _training_seconds(spec: PanelSpec, config: Any) -> float:
-    if not spec.fleet:
+    if spec.trainer != "fleet":
         return float(config.rounded_steps) * TRAINING_DECISION_SECONDS[config.algorithm]
     from integ_gym.train.fleet.planning import training_seconds
 

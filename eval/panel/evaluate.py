@@ -15,12 +15,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from integ_gym.envs.engines.stepping import engine_versions
 from integ_gym.evidence.episodes import Layout
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.support.executors import Cluster
 
 from .achieve import Tried, not_tried, tried, try_cells
-from .cells import Cell, engine_versions
+from .cells import Cell
 from .contracts import Contracts, compare_engines, contracts_in, not_compared
 from .costs import cell_seconds, cell_timing, trying_seconds
 from .episodes import Subject, divided, evaluate, in_order

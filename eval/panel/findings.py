@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from integ_gym.envs import numerics
+from integ_gym.envs.engines.stepping import is_engine, map_of
 from integ_gym.envs.plants.interface import Plant
 from integ_gym.envs.registries import ENGINES, TRUTH
 from integ_gym.envs.settings import NATIVE, Discretization
@@ -20,7 +21,7 @@ from integ_gym.evidence.store import EvidenceStore
 from .. import statistics as stats
 from ..verdict import FAIL_MARGIN, UNSOLVED, Loss, adjust_for_look, share_of_look
 from . import result
-from .cells import Cell, axes_between, changes_name, is_engine, map_of
+from .cells import Cell, axes_between, changes_name
 from .conclusions import RETURN_MARGIN
 from .extrapolation import widen
 from .limit import order_of
@@ -55,7 +56,7 @@ def twin_of(cell: Cell, cells: Mapping[str, Cell], plant: Plant, resisted: bool)
     own = cell.discretization
     if not is_engine(own.engine):
         return None
-    wanted = map_of(own)
+    wanted = map_of(own.engine, own.integrator)
     ours = VARIANTS.get(wanted, wanted)
     if ours != wanted and not _same_steps(ours, wanted, plant, own.dt):
         return None
@@ -103,7 +104,7 @@ def _agreement(
     return result.EngineAgreement(
         cell=cell.name,
         **cell.discretization.arguments(),
-        map=map_of(cell.discretization),
+        map=map_of(cell.engine, cell.integrator),
         twin=twin,
         episodes=sum(values.size for values in here),
         success=_mean(here),

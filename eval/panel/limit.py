@@ -11,12 +11,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Final
 
+from integ_gym.envs.engines.stepping import is_engine, map_of
 from integ_gym.envs.integrators.newton import LEAST_TOLERANCE
 from integ_gym.envs.registries import INTEGRATORS, MAPS
 from integ_gym.envs.settings import Discretization
 from integ_gym.envs.testbeds.gym_testbed import Testbed
 
-from .cells import Cell, Home, SpecError, is_engine, map_of, setup_of
+from .cells import Cell, Home, SpecError, setup_of
 
 PARTS: Final = (2, 4, 8)
 """Parts of a home's step that the limit is extrapolated from."""
@@ -36,8 +37,11 @@ def order_of(place: Discretization) -> int:
 
     Integrators of engines that do not tell their maps are known by name, such as dm_control's RK4.
     """
-    own = place.integrator
-    name = map_of(place) if is_engine(place.engine) else own if ":" in own else own.lower()
+    name = place.integrator
+    if is_engine(place.engine):
+        name = map_of(place.engine, name)
+    elif ":" not in name:
+        name = name.lower()
     registry = MAPS if name in MAPS.names() else INTEGRATORS
     known = ":" in name or name in registry.names()
     return int(getattr(registry.load(name), "order", 1)) if known else 1

@@ -9,7 +9,8 @@ from typing import Any, Final, get_type_hints
 
 import msgspec
 
-from integ_gym.envs.settings import DISCRETIZATION, WEIGHT, Discretization
+from integ_gym.envs.registries import TRUTH
+from integ_gym.envs.settings import DISCRETIZATION, Discretization
 from integ_gym.support.parameters import texts_of
 from integ_gym.support.terminal import plural
 
@@ -24,6 +25,7 @@ from .cells import (
     changes_name,
     convert,
     flatten,
+    training_homes,
 )
 from .result import Look
 from .spec import LATER, NO_RESULT, TRAINERS, PanelSpec
@@ -46,7 +48,8 @@ def planned_spec(plan: Mapping[str, Any]) -> PanelSpec:
         kinds |= {"trainer": dict[str, str | None], "train": list[dict[str, Any]]}
         told = [n for n in kinds if n not in NO_RESULT and (n in plan or n not in LATER)]
         known = {name: convert(name, plan[name], kinds[name]) for name in told}
-        known["train"] = tuple(map(_home, known["train"]))
+        period = known["control_period"]
+        known["train"] = training_homes(known["train"], Discretization(TRUTH, period, period))
         known["trainer"] = known["trainer"].get("name")
         if known["trainer"] not in TRAINERS:
             raise SpecError("it names no trainer that there is")
@@ -77,14 +80,6 @@ def planned_home(plan: Mapping[str, Any]) -> Home | None:
 def names_code(plan: Mapping[str, Any]) -> bool:
     """Whether a plan names code of somebody's own, as ``"module:Name"``."""
     return any(":" in text for part in _CODE for text in texts_of(plan.get(part)))
-
-
-def _home(entry: dict[str, Any]) -> Home:
-    if "mixture" not in entry:
-        return msgspec.convert(entry, Discretization)
-    weights = msgspec.convert([one.get(WEIGHT) for one in entry["members"]], list[float])
-    members = msgspec.convert(entry["members"], list[Discretization])
-    return DiscretizationMixture(str(entry["mixture"]), tuple(zip(members, weights, strict=True)))
 
 
 GROWING: Final = "seeds"

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import json
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import lru_cache
+from operator import attrgetter
 from pathlib import Path
 from typing import Annotated, Any, get_type_hints
 
 import msgspec
 
-from integ_gym.envs.engines.stepping import has_solver
+from integ_gym.envs.engines.stepping import engine_versions, has_solver
 from integ_gym.envs.registries import INTEGRATORS, TRUTH
 from integ_gym.envs.settings import DISCRETIZATION, WEIGHT, Discretization
 from integ_gym.envs.testbeds.gym_testbed import Testbed
@@ -24,7 +25,7 @@ from integ_gym.support.optional import package_version
 from integ_gym.train.baselines import BASELINES, possible_baselines
 from integ_gym.train.runs import ALGORITHMS, Algorithm
 
-from ..verdict import MIN_SEEDS
+from ..verdict import MIN_SEEDS, CellRole
 from .cells import (
     AXIS_OF,
     Cell,
@@ -42,7 +43,6 @@ from .cells import (
     check_known,
     check_unique,
     convert,
-    engine_versions,
     evaluation_cells,
     file_name,
     many,
@@ -75,9 +75,6 @@ NO_RESULT = ("memory_gib",)
 
 LATER = ("episode_parts", "looks", "unmade", "limit", "check")
 """Attributes that are written only where they say something; older specifications lack them."""
-
-
-_WITH_SOLVER = "choose an integrator that `integ-gym engines` lists with one"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -201,8 +198,7 @@ class PanelSpec(Stated):
 
         They do not depend on how many training seeds there are, so that more may be added.
         """
-        first = self.seeds[0] if self.seeds else 0
-        return tuple(range(first, first + (START_SETS if self.seeds else 1)))
+        return tuple(range(self.seeds[0], self.seeds[0] + START_SETS)) if self.seeds else (0,)
 
     def columns(self) -> tuple[Cell, ...]:
         """Cells that every row is evaluated in: the grid, the truth and the limit.
@@ -213,14 +209,11 @@ class PanelSpec(Stated):
         truths = [truth for truth in map(self.testbed.truth, periods) if truth is not None]
         limit = tuple(self._limit_cells())
         parts = {cell.discretization: cell.limit_part for cell in limit if not cell.changes}
-        cells = []
-        for place in self.grid:
-            if place not in truths:
-                role = "quarter_step" if self._decides(place) else None
-                cells.append(self._cell(place, "grid", role=role, limit_part=parts.get(place)))
-        for place in truths:
-            role = "reference" if place == self.reference else None
-            cells.append(self._cell(place, "reference", role=role))
+        kinds: dict[Discretization, CellKind] = {d: "grid" for d in self.grid if d not in truths}
+        cells = [
+            self._cell(place, kind, role=self._role(place), limit_part=parts.get(place))
+            for place, kind in (kinds | dict.fromkeys(truths, "reference")).items()
+        ]
         return _each_once(*cells, *(cell for cell in limit if cell.limit_part == PARTS[-1]))
 
     def _limit_cells(self) -> Iterator[Cell]:
@@ -238,12 +231,14 @@ class PanelSpec(Stated):
         """All discretizations that something is trained on."""
         return tuple(dict.fromkeys(d for home in self.train for d in home.shares))
 
-    def _decides(self, discretization: Discretization) -> bool:
-        """Whether it is its integrator's finest step, a quarter of what it was trained at."""
-        dts = [d.dt for d in self.grid if d.scheme == discretization.scheme]
-        homes = [d.dt for d in self.trained_on() if d.scheme == discretization.scheme]
-        coarsest = max(homes, default=discretization.control_period)
-        return discretization.dt <= min(*dts, coarsest * (1.0 + 1e-9) / 4.0)
+    def _role(self, place: Discretization) -> CellRole | None:
+        """Of the truth, and of an integrator's finest step, a quarter of what it was trained at."""
+        if place.integrator == TRUTH:
+            return "reference" if place == self.reference else None
+        dts = [d.dt for d in self.grid if d.scheme == place.scheme]
+        homes = [d.dt for d in self.trained_on() if d.scheme == place.scheme]
+        coarsest = max(homes, default=place.control_period)
+        return "quarter_step" if place.dt <= min(*dts, coarsest * (1.0 + 1e-9) / 4.0) else None
 
     def gaps(self) -> list[str]:
         """What every panel has and this one lacks, in sentences."""
@@ -292,7 +287,10 @@ class PanelSpec(Stated):
             for place in filter(None, dict.fromkeys(named.get(at, (at,)))):
                 solves = has_solver(place.engine, place.integrator)
                 if {*variation.changes} == {"solver"} and not solves:
-                    yield None, f"{place.integrator} has no solver; {_WITH_SOLVER}"
+                    yield (
+                        None,
+                        f"{place.integrator} has no solver; `integ-gym engines` lists others",
+                    )
                 elif cell := self._vary(place, variation, stated=place is at):
                     yield cell, timing_fault(cell.arguments(self.environment))
 
@@ -345,8 +343,7 @@ class PanelSpec(Stated):
     def engine_versions(self) -> dict[str, str]:
         """Version of the distribution behind each foreign engine that is used."""
         cells = (cell for home in (*self.train, None) for cell in self.cells_of(home))
-        here = {cell.engine for cell in cells if not cell.packages}
-        return engine_versions({d.engine for d in self.trained_on()} | here)
+        return engine_versions({cell.engine for cell in cells if not cell.packages})
 
     def to_json(self) -> dict[str, Any]:
         """The specification as plain data, everything resolved.
@@ -362,11 +359,6 @@ class PanelSpec(Stated):
         plan["trainer"] = {"name": self.trainer, **packages}
         plan["sources"] = {name: digest for name, digest in hashes.items() if digest}
         return dict(json.loads(json.dumps(plan, default=msgspec.to_builtins)))
-
-    @property
-    def fleet(self) -> bool:
-        """Whether the policies are trained by the fleet trainer."""
-        return self.trainer == "fleet"
 
     @property
     def algorithm(self) -> Algorithm:
@@ -421,7 +413,7 @@ def check_parts(spec: PanelSpec) -> None:
         raise SpecError(f"`episodes` must be at most {STARTS_APART}, got {spec.episodes}")
     learner = spec.training.get(ALGORITHM, DEFAULT_ALGORITHM)
     check_known(f"`{ALGORITHM}` in `training`", learner, ALGORITHMS)
-    if spec.fleet and learner != DEFAULT_ALGORITHM:
+    if spec.trainer == "fleet" and learner != DEFAULT_ALGORITHM:
         raise SpecError(
             f"the fleet does not train by {spec.algorithm.config.algorithm}; take "
             '`trainer = "sb3"`, or --trainer sb3'
@@ -431,20 +423,15 @@ def check_parts(spec: PanelSpec) -> None:
             f"`looks` must hold numbers of seeds from {MIN_SEEDS} on, each above the one before, "
             f"got {list(spec.looks)}; `looks = [{len(spec.seeds)}]` spends the whole level at once"
         )
-    every = [spec.cells_of(home) for home in (*spec.train, None)]
     columns = [cell.name for cell in spec.columns()]
     homes = {spec.name_of(home): home for home in spec.train}
     mixtures = [home.name for home in spec.train if isinstance(home, DiscretizationMixture)]
     for label in ("seeds", "baselines", "family", "compare"):
         check_unique(label, getattr(spec, label))
-    check_unique("train", list(map(spec.name_of, spec.train)))
     check_unique("variations", [one.name for one in spec.variations])
-    for cells in every:
-        check_unique("cells", [cell.name for cell in cells])
     files = list(map(file_name, (*columns, *mixtures, *spec.baselines)))
     check_unique("names of rows, cells and baselines, as files have them", files)
-    check_variations(spec, spec.trained_on())
-    check_cells(spec, {cell.name: cell for cells in every for cell in cells}.values())
+    check_cells(spec, (*spec.train, None))
     for place in spec.trained_on():
         if place not in spec.grid and place != spec.reference:
             raise SpecError(
@@ -466,39 +453,33 @@ def check_parts(spec: PanelSpec) -> None:
         _check_comparison(spec, [homes[row] for row in pair])
 
 
-def check_variations(spec: PanelSpec, homes: Sequence[Discretization]) -> None:
-    """Refuse a variation that can be had nowhere.
+def check_cells(spec: PanelSpec, homes: Sequence[Home | None]) -> None:
+    """Refuse cells that cannot be made, and those whose records would have other columns.
 
     Args:
         spec: the panel.
-        homes: of its policies.
+        homes: of its policies; None: unknown.
 
     Raises:
-        SpecError: for such a variation, with what is wrong.
+        SpecError: for a variation that is possible in no cell, with what is wrong, and for cells of
+            one name, or with other columns.
+        TypeError, ValueError: for another cell that cannot be made.
     """
+    own = tuple(dict.fromkeys(place for home in homes if home for place in home.shares))
     for one in spec.variations:
-        faults = {fault for _, fault in replace(spec, variations=(one,)).varied(homes)}
+        faults = {fault for _, fault in replace(spec, variations=(one,)).varied(own)}
         if faults and None not in faults:
             raise SpecError(f"{one.name!r} is possible in no cell: {min(map(str, faults))}")
-
-
-def check_cells(spec: PanelSpec, cells: Iterable[Cell]) -> None:
-    """Refuse a cell that cannot be made, and one whose records would have other columns.
-
-    Raises:
-        TypeError, ValueError: for such a cell.
-    """
-    same = _columns_of(spec.nominal)
-    for cell in cells:
-        if _columns_of(setup_of(spec.testbed, cell)) != same:
+    cells = [spec.cells_of(home) for home in homes]
+    for several in cells:
+        check_unique("cells", [cell.name for cell in several])
+    columns = attrgetter("plant.coordinates", "plant.controls")
+    for cell in {cell.name: cell for several in cells for cell in several}.values():
+        if columns(setup_of(spec.testbed, cell)) != columns(spec.nominal):
             raise SpecError(
                 f"{cell.name!r} has another state or other controls, so its records fit in no file "
                 "with the rest; give the argument to all cells, in `environment`"
             )
-
-
-def _columns_of(setup: Any) -> tuple[Any, ...]:
-    return setup.plant.coordinates, setup.plant.controls
 
 
 def _check_comparison(spec: PanelSpec, homes: Sequence[Home]) -> None:
@@ -631,8 +612,10 @@ def _parse(data: Mapping[str, Any]) -> PanelSpec:
     testbed = find_testbed(stated.env_id, stated.environment)
     home = replace(testbed.home, control_period=stated.control_period)
     nominal = nominal_setup(testbed, home.control_period)
-    grid, variations, unmade = evaluation_cells(stated.evaluate, home)
-    swept = [{"at": ["home", "truth"], x.argument: sorted(x.values)} for x in stated.sweep]
+    both = {"at": ["home", "truth"]}
+    tables = [{**both, "name": x.name, **x.environment} for x in stated.perturbations or ()]
+    tables += [{**both, x.argument: sorted(x.values)} for x in stated.sweep]
+    grid, variations, unmade = evaluation_cells([*stated.evaluate, *tables], home)
     train, parts = training_homes(stated.train, home), tuple(many(stated.episodes))
     standard = standard_variations(nominal) if stated.perturbations is None else ()
     possible = possible_baselines(nominal, testbed.controller)
@@ -641,12 +624,7 @@ def _parse(data: Mapping[str, Any]) -> PanelSpec:
         train=train,
         grid=grid,
         baselines=possible if stated.baselines is None else stated.baselines,
-        variations=(
-            *standard,
-            *(Variation(one.name, one.environment) for one in stated.perturbations or ()),
-            *evaluation_cells(swept, home)[1],
-            *variations,
-        ),
+        variations=(*standard, *variations),
         limit=steps_of_limit(testbed, train, home) if stated.limit else (),
         episodes=sum(parts),
         episode_parts=parts if len(parts) > 1 else (),

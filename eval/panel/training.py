@@ -64,7 +64,7 @@ def _divided(
 ) -> list[tuple[str, ...]]:
     if not units:
         return []
-    if not spec.fleet:
+    if spec.trainer != "fleet":
         return [(unit.policy,) for unit in units]
     from integ_gym.train.fleet.planning import plan
 
@@ -91,7 +91,7 @@ def check_training(spec: PanelSpec, workers: Workers, memory_gib: float | None =
     """
     configs: list[Any] = [training_config(spec, unit) for unit in trained_units(spec)]
     spec.algorithm.config.check_actions(spec.nominal.action_space)
-    if not spec.fleet:
+    if spec.trainer != "fleet":
         require(*(("train",) if configs else ()))
         return
     try:
@@ -129,7 +129,7 @@ def train_units(spec: PanelSpec, directory: RunDirectory, cluster: Cluster, prog
     directory.storage.send()  # what is no longer there
     options: dict[str, Any] = {"tensorboard": False}
     train: Any = spec.algorithm.train
-    if spec.fleet:
+    if spec.trainer == "fleet":
         from integ_gym.train.fleet.training import train_fleet as train
 
         ends = iter(range(len(units)))
@@ -157,7 +157,7 @@ def memory_of(spec: PanelSpec, cluster: Cluster) -> float | None:
 
 def preparation_of(spec: PanelSpec, cluster: Cluster) -> Callable[[int], None] | None:
     """What a worker elsewhere does first; it may train and evaluate in turn."""
-    if not (spec.fleet and cluster.remote):
+    if not (spec.trainer == "fleet" and cluster.remote):
         return None
     from integ_gym.train.fleet.training import preparation
 

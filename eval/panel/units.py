@@ -11,6 +11,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from integ_gym.envs.engines.stepping import engine_versions
 from integ_gym.support.errors import IntegGymError
 from integ_gym.support.executors import Cluster, TaskPool
 from integ_gym.support.files import read_files
@@ -22,7 +23,7 @@ from integ_gym.train.policy import Policy
 from integ_gym.train.policy_files.card import card_hash
 from integ_gym.train.policy_files.sidecar import policy_file
 
-from .cells import Home, engine_versions, file_name, training_arguments
+from .cells import Home, file_name, training_arguments
 from .run_directory import RunDirectory, key_of
 from .spec import ALGORITHM, PanelSpec
 

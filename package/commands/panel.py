@@ -135,7 +135,7 @@ def main(argv: Sequence[str]) -> int:
             raise InputError(
                 f"--memory-gib must be a finite number above 0, got {arguments.memory_gib}"
             )
-        if not spec.fleet or arguments.policies:
+        if spec.trainer != "fleet" or arguments.policies:
             raise InputError(
                 "--memory-gib is for training with the fleet, which does not train here; omit it"
             )

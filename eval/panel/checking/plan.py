@@ -10,6 +10,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
+from integ_gym.envs.engines.stepping import engine_versions
 from integ_gym.evidence.fields import FIRST_WRITTEN, SCHEMA_VERSION
 from integ_gym.evidence.recomputing import recompute
 from integ_gym.evidence.replaying import replay_some
@@ -26,7 +27,7 @@ from integ_gym.train.policy_files.sidecar import (
 )
 
 from ..achieve import unit_of_cell
-from ..cells import SpecError, engine_versions
+from ..cells import SpecError
 from ..evaluate import Evaluated, evaluated
 from ..plan import inputs, names_code, planned_home, planned_spec
 from ..policies import ActingIn, hashes_of

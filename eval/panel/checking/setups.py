@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import gymnasium as gym
 from gymnasium import spaces
 
+from integ_gym.envs.engines.stepping import engine_versions
 from integ_gym.envs.environment import is_integ_environment
 from integ_gym.envs.settings import DISCRETIZATION, NATIVE, Mixture
 from integ_gym.evidence.fields import recorded_arguments
@@ -24,7 +25,7 @@ from integ_gym.train.policy_files.card import LAST_EPISODES, episode_summary, ma
 from integ_gym.train.policy_files.sb3_published import zip_faults
 from integ_gym.train.policy_files.sidecar import POLICY_FILE, WEIGHTS_FILE
 
-from ..cells import Cell, Home, engine_versions, setup_of
+from ..cells import Cell, Home, setup_of
 from ..plan import planned_home
 from ..run_directory import PACKAGES as OF_EVERY_RUN
 from ..run_directory import key_of
@@ -147,7 +148,7 @@ def of_training(
             "training_seed": unit.seed,
             "trace_every": config.trace_every,
             "traceless": False,
-            "unseeded": spec.fleet,
+            "unseeded": spec.trainer == "fleet",
         }
         native = {home.engine for home in unit.home.shares} == {NATIVE}
         if own_code and native and is_integ_environment(spec.env_id):
@@ -157,7 +158,7 @@ def of_training(
             with suppress(EvidenceError):
                 told = argument_values(row["arguments"])
             nearest = min(made[policy], key=lambda one: len([*differing("", told, one)]))
-            expected |= {"arguments": nearest, "float_width": 32 if spec.fleet else 64}
+            expected |= {"arguments": nearest, "float_width": 32 if spec.trainer == "fleet" else 64}
         yield from _check_fields(row, expected, where)
     yield from _of_lanes(spec, units, store)
 
@@ -182,7 +183,7 @@ def _of_lanes(
             continue
         config: Any = training_config(spec, unit)
         lanes = range(config.n_envs)
-        if spec.fleet:
+        if spec.trainer == "fleet":
             known = {f"fleet-{unit.seed}-{lane}" for lane in lanes}
             seeded = row["seed"] is None
         else:

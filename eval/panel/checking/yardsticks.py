@@ -15,14 +15,14 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from integ_gym.envs.engines.stepping import missing_modules
+from integ_gym.envs.engines.stepping import is_engine, missing_modules
 from integ_gym.envs.settings import Discretization
 from integ_gym.evidence.fields import ATTEMPT, LATER_ATTEMPT, SECOND_HORIZON
 from integ_gym.evidence.schema import Finding, argument_values
 from integ_gym.evidence.store import EvidenceStore
 
 from ..achieve import search_of, tried_in, unit_of_cell
-from ..cells import Cell, Home, is_engine
+from ..cells import Cell, Home
 from ..contracts import PREFIX as COMPARED
 from ..contracts import (
     contract_of,

@@ -133,7 +133,7 @@ def test_cells_of_a_row_begin_at_home_and_replays_come_first():
         ),
         ({"family": [["rk4 dt=0.05", "rk4 dt=0.05"]]}, ["own home"]),
         (
-            {"perturbations": [{"name": "x", "environment": {"mass": 2.0}}] * 2},
+            {"perturbations": [{"name": "x", "environment": {"mass": m}} for m in (2.0, 3.0)]},
             ["`variations` lists something twice"],
         ),
         (
