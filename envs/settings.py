@@ -339,7 +339,7 @@ class Settings:
     hold_probability: float = parameter(
         0.0,
         "1",
-        "probability that a command does not arrive, drawn for each: the one before it holds",
+        "probability that a command does not arrive, so that the one before it stays in force",
         probability,
     )
     observation_latency: float = parameter(

@@ -152,6 +152,17 @@ def print_wrapped(
     print(wrap(text, file, indent, hanging), file=file)
 
 
+def print_command(command: str) -> None:
+    """Print a command to copy; where a line is too short, it goes on after a backslash."""
+    width = width_of(sys.stdout)
+    lines = [command]
+    if width is not None:
+        lines = textwrap.wrap(
+            command, max(NARROWEST, width - 8), break_long_words=False, break_on_hyphens=False
+        )
+    print("  " + " \\\n      ".join(lines))
+
+
 def wrap(text: str, file: TextIO, indent: str = "", hanging: str = "  ") -> str:
     """A sentence in lines that fit.
 
@@ -193,14 +204,19 @@ def hanging_indent(name: str, text: str, width: int | None, most: int | None = N
 
 
 def column_widths(names: Sequence[str], rows: Rows, width: int) -> list[int] | None:
-    """Widths that fit, names broken before cells and no word broken; None if there are none."""
+    """Widths that fit, names broken before cells and long words last; None if there are none."""
     words = [max(map(len, name.split(" "))) for name in names]
     cells = list(zip(*rows, strict=True)) or [()] * len(names)
-    least = [max([word, *map(_least_width, own)]) for word, own in zip(words, cells, strict=True)]
-    widths = [max([word, *map(len, own)]) for word, own in zip(words, cells, strict=True)]
     room = width - _GAP * (len(names) - 1)
-    if sum(least) > room:
+    for least_width in (_least_width, _least_folded):
+        least = [
+            max([word, *map(least_width, own)]) for word, own in zip(words, cells, strict=True)
+        ]
+        if sum(least) <= room:
+            break
+    else:
         return None
+    widths = [max([word, *map(len, own)]) for word, own in zip(words, cells, strict=True)]
     while sum(widths) > room:
         widths[max(range(len(widths)), key=lambda i: (widths[i] > least[i], widths[i]))] -= 1
     for i, name in enumerate(names):
@@ -213,17 +229,35 @@ def _least_width(cell: str) -> int:
     return max(min(len(cell), READABLE), *map(len, cell.split(" ")), 0)
 
 
+def _least_folded(cell: str) -> int:
+    """The same where long words may be broken after a sign."""
+    return min(len(cell), READABLE)
+
+
+def _folded(cell: str, width: int) -> str:
+    """A cell whose words fit, those that are longer broken after a sign where they have one."""
+    words = []
+    for word in cell.split(" "):
+        while len(word) > width:
+            end = max([word.rfind(sign, 0, width) for sign in "_-./=,"]) + 1 or width
+            words.append(word[:end] + "\n")
+            word = word[end:]
+        words.append(word + " ")
+    return "".join(words)[:-1]
+
+
 def print_columns(
     names: Sequence[str],
     rows: Rows,
     file: TextIO | None = None,
     right: Sequence[bool] | None = None,
     colours: Mapping[str, str] | None = None,
+    optional: Sequence[str] = (),
 ) -> None:
     """Print cells in columns under their names.
 
-    Where a line is too short for that, cells are broken; where that does not suffice, each row is
-    printed as a list of names and cells.
+    Where a line is too short for that, cells are broken, then optional columns left out; where that
+    does not suffice, each row is printed as a list of names and cells.
 
     Args:
         names: of the columns.
@@ -231,10 +265,17 @@ def print_columns(
         file: where to; by default standard output.
         right: which columns are flush right; None: none.
         colours: text of a whole cell to its style of rich, where the terminal has colours.
+        optional: names of columns that may be left out, the last one first.
     """
     file = file or sys.stdout
     width = width_of(file)
-    widths = column_widths(names, rows, width or 1 << 20)
+    left_out: list[str] = []
+    while (widths := column_widths(names, rows, width or 1 << 20)) is None and optional:
+        *optional, name = optional
+        place = list(names).index(name)
+        left_out.append(name)
+        names, *rows = ([*row[:place], *row[place + 1 :]] for row in (names, *rows))
+        right = right and [*right[:place], *right[place + 1 :]]
     if widths is None:
         print_lists(names, rows, file, width)
         return
@@ -250,7 +291,10 @@ def print_columns(
         justify = "right" if right and right[place] else "left"
         table.add_column(text_of(name), justify=justify, overflow="fold", width=widths[place])
     for row in rows:
-        table.add_row(*(text_of(cell, style=(colours or {}).get(cell, "")) for cell in row))
+        cells = zip(row, widths, strict=True)
+        table.add_row(
+            *(text_of(_folded(x, most), style=(colours or {}).get(x, "")) for x, most in cells)
+        )
     plain = {"color_system": None} if os.environ.get("NO_COLOR") else {}
     console = console_of(file=file, width=width or 1 << 20, **plain)
     with console.capture() as captured:
@@ -258,6 +302,12 @@ def print_columns(
     for line in captured.get().splitlines():
         ruled = not line.strip("- ") and "-" in line
         print((line.replace("- -", "  -") if ruled else line).rstrip(), file=file)
+    if left_out:
+        print_wrapped(
+            f"Left out to fit {width} characters: {', '.join(reversed(left_out))}. A wider "
+            "terminal, a file or `| less -S` has all columns.",
+            file,
+        )
 
 
 def print_lists(

@@ -162,7 +162,7 @@ def training_parser(
         _add_flag(environment, env_field)
     add_named_values(environment, "--env-arg", "another constructor argument")
     learner = arguments.add_argument_group(
-        f"run (defaults as shown, but for what `{owner.__name__}.of` sets for an environment)"
+        f"run (defaults as shown, unless `{owner.__name__}.of` sets others for the environment)"
     )
     for config_field in fields(owner):
         if config_field.name not in _OWN_FLAGS:

@@ -231,7 +231,7 @@ def train_in_processes(
                 policy = _keep(runs[place], outcome) if cluster.remote else write(place, outcome)
                 trained[place] = policy
                 on_trained(place, policy)
-            bar.describe(f"{len(trained)} of {len(runs)} policies", draw=False)
+            bar.describe(f"{len(trained)} of {len(runs)} done", draw=False)
     return [trained[place] for place in sorted(trained)]
 
 

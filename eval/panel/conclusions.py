@@ -598,7 +598,7 @@ def _split(loss: Entry | Verdict | None) -> str:
     return (
         f"Of that loss, {loss.overfitting} is overfitting to home, "
         f"{fixed(loss.deadline.estimate)} comes back in twice the time, and "
-        f"{fixed(loss.difficulty.estimate)} others lose there too."
+        f"{fixed(loss.difficulty.estimate)} is lost by other policies too."
     )
 
 
@@ -1074,6 +1074,9 @@ def _next_of_check(panel: Panel, finding: Finding) -> NextStep | None:
     if words[:2] != ["integ-gym", "check"]:
         words = _split_command(_check(panel, row, 1))
     if finding.status == "not_learned" and row.training_steps is not None:
+        for word in [word for word in words if word.startswith("total_steps=")]:
+            place = words.index(word)
+            del words[place - 1 : place + 1]
         longer = f"--train-arg total_steps={2 * row.training_steps}"
         return NextStep("Train longer", f"{_without(words, '--out')} {longer}")
     if finding.status != "cause" or row.dt is None or row.control_period is None:

@@ -54,8 +54,8 @@ def parser() -> argparse.ArgumentParser:
     add("--only", nargs="+", metavar="BLOCK", help="run these blocks alone")
     add(
         "--again", metavar="BLOCK",
-        help="run the first two seeds of a finished block anew (all, if these differ in a bit), "
-        "and note in the summaries' folder that outcomes agree",
+        help="train the first two seeds of a finished block again, or all seeds if a bit of these "
+        "differs, and note in the summaries' folder that outcomes agree",
     )  # fmt: skip
     add(
         "--publish", type=Path, metavar="DIR",

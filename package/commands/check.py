@@ -107,8 +107,8 @@ def main(argv: Sequence[str]) -> int:
     print_wrapped(_cost(found))
     names = ("judged on", "success", "within twice the time", "lost", "95 % interval")
     print_columns(names, list(_rows(found)), right=(False, True, True, True, True))
-    print(f"Page: {(found.directory / 'report.html').resolve()}")
     print_next(found.panel)
+    print(f"Page: {(found.directory / 'report.html').resolve()}")
     return 0
 
 

@@ -21,8 +21,8 @@ examples:
   integ-gym contract Hopper-v5 my_hopper:HopperTestbed
   integ-gym contract --env IntegCartPole-v0 engine=drake engine=pinocchio --json
 
-States are starts of the first environment, and what a few random decisions make
-of them. Positions and velocities are matched by their order. Exit code 3 if
+States are starts of the first environment, and states that a few random
+decisions lead to from there. Positions and velocities are matched by their order. Exit code 3 if
 something differs.
 """
 

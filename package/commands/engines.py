@@ -69,7 +69,8 @@ def main(argv: Sequence[str]) -> int:
         if installed:
             rows = [_row(found) for found in measured]
             right = [name in _NUMBERS for name in rows[0]]
-            print_columns(list(rows[0]), [list(row.values()) for row in rows], right=right)
+            cells = [list(row.values()) for row in rows]
+            print_columns(list(rows[0]), cells, right=right, optional=_OPTIONAL)
             print()
             for line in _solver_lines(installed):
                 print_wrapped(line)
@@ -93,6 +94,7 @@ def chosen_engines(names: Sequence[str] | None) -> Sequence[str]:
     return names or sorted(ENGINES.names(), key=lambda name: name != NATIVE)
 
 
+_OPTIONAL = ("det J - 1", "own stops", "bits", "version")
 _NUMBERS = ("off by", "det J - 1", "order", "frequency %", "energy %/s", "bits")
 
 

@@ -118,9 +118,9 @@ def parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     add(
         "--fail-if", metavar="CLAIM",
-        help='end with exit code 3 if a claim is shown, such as "loss > 0.1" or "success < 0.9 in '
-        'rk4 dt=0.01": loss, success or return, in the worst cell or a named one, by the end of '
-        "its interval that is against the claim",
+        help='end with exit code 3 if a claim such as "loss > 0.1" or "success < 0.9 in rk4 '
+        'dt=0.01" is shown, which takes the whole interval; of loss, success or return, in the '
+        "worst cell or a named one",
     )  # fmt: skip
     add(
         "--success-return", type=float, metavar="R",
@@ -135,7 +135,7 @@ def parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     add(
         "--obs-stats", type=options.file_or_hub, metavar="FILE",
-        help="VecNormalize's statistics: vecnormalize.pkl, of which nothing is executed, or JSON: "
+        help="VecNormalize's statistics: vecnormalize.pkl, read without executing it, or JSON: "
         '{"mean": [...], "var": [...], "epsilon": 1e-8, "clip_obs": 10.0}',
     )  # fmt: skip
     add(

@@ -393,8 +393,9 @@ def parser() -> argparse.ArgumentParser:
     command.add_argument("sql", metavar="SQL", help="a statement in DuckDB's dialect")
     command.add_argument(
         "--format", choices=printing.TABLE_FORMATS, default="table",
-        help="csv and json give every value in full; a table shortens numbers and long lists, and "
-        "of many columns prints each in a line with its unit, long texts cut (default: table)",
+        help="csv and json give every value in full; a table shortens numbers and long lists, "
+        "and lists each row one column a line, with units, if the columns do not fit (default: "
+        "table)",
     )  # fmt: skip
 
     command = add("verify", verify, "check a run: hashes, plan, traces, seal and replays")

@@ -40,7 +40,7 @@ def parser() -> argparse.ArgumentParser:
         "results", nargs="+", metavar="[NAME=]FILE",
         help="a .csv, .parquet or .json table with columns policy, seed, episode, condition, and "
         "success or return; LeRobot's eval_info.json; or what Isaac Lab's robust_eval.py writes. "
-        "NAME is the policy of a file that names none; its files are its training seeds",
+        "NAME is the policy where a file names none; files of one NAME are its training seeds",
     )  # fmt: skip
     add("--home", metavar="CONDITION", help="condition that policies were trained in")
     add(
@@ -60,18 +60,20 @@ def main(argv: Sequence[str]) -> int:
     write_json(given.out / "judge.json", msgspec.to_builtins(found))
     page = replace_file(given.out / "judge.html", render_judgement(found, command).encode())
     print_wrapped(answer_of(found), hanging="")
+    measures = [name for name in MEASURES if any(name in one.estimates for one in found.judged)]
     rows = [
-        (one.policy, one.condition, *(_words(one, name) for name in MEASURES), f"{one.seeds}",
+        (one.policy, one.condition, *(_words(one, name) for name in measures), f"{one.seeds}",
          f"{one.episodes}")
         for one in found.judged
     ]  # fmt: skip
-    print_columns(("policy", "condition", *MEASURES, "seeds", "episodes"), rows)
+    print_columns(("policy", "condition", *measures, "seeds", "episodes"), rows)
     for title, compared in (("lost from home", found.losses), ("compared", found.policies)):
         if compared:
             print()
             rows = [
                 (one.place, f"{one.first} − {one.second}", one.difference.in_words(),
-                 p_text(one.p_adjusted), STATUS_WORDS[one.status])
+                 p_text(one.p_adjusted).removeprefix("p ").removeprefix("= "),
+                 STATUS_WORDS[one.status])
                 for one in compared
             ]  # fmt: skip
             print_columns(("in", title, "difference", "p", "is"), rows)

@@ -89,12 +89,13 @@ def parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     add(
         "--policies", type=Path, metavar="DIR",
-        help="take the policies of this finished panel, trained alike, instead of training",
+        help="use the policies of this finished panel, which was trained with the same settings, "
+        "instead of training",
     )  # fmt: skip
     add(
         "--seeds", type=options.whole_number, metavar="N",
-        help="train with so many seeds of the specification's, or with more; a finished directory "
-        "keeps what it has",
+        help="number of training seeds: the specification's first, or all and the numbers that "
+        "follow; a finished directory keeps what it has",
     )  # fmt: skip
     add(
         "--sign", type=Path, metavar="KEY",

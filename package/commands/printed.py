@@ -18,7 +18,15 @@ from integ_gym.eval.report.forests import ordered_verdicts
 from integ_gym.eval.statistics import Estimate
 from integ_gym.eval.verdict import MIN_SEEDS
 from integ_gym.support.processes import cores
-from integ_gym.support.terminal import NONE, fixed, plural, print_columns, print_wrapped, seconds
+from integ_gym.support.terminal import (
+    NONE,
+    fixed,
+    plural,
+    print_columns,
+    print_command,
+    print_wrapped,
+    seconds,
+)
 
 
 def print_headline(panel: Panel) -> None:
@@ -33,13 +41,14 @@ def print_details(panel: Panel) -> None:
 
 
 def print_next(panel: Panel) -> None:
-    """Print what to do next, the command in a line of its own, so that it can be copied."""
+    """Print what to do next, the command in lines of its own, so that it can be copied."""
     if (step := next_step(panel)) is not None:
-        print(f"Next: {step.purpose.lower()}\n  {step.command}")
+        print(f"Next: {step.purpose.lower()}")
+        print_command(step.command)
 
 
 COUNTS = (10, 1_000, 100_000)
-"""Policies whose cost is told beside the panel's own."""
+"""Numbers of policies whose cost is shown beside the panel's own."""
 
 
 def print_plan(spec: PanelSpec, workers: int | None, trains: bool = True) -> None:

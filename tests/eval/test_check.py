@@ -217,6 +217,14 @@ def test_terminal_and_page_say_one_thing_with_one_interval(finished):
     assert entry.home_drop == finished.loss
 
 
+def test_a_check_that_learned_too_little_is_trained_twice_as_long(finished):
+    command = "integ-gym check --train-arg total_steps=128 --train-arg n_envs=4 --dt 0.05"
+    step = next_step(msgspec.structs.replace(finished.panel, command=command))
+    assert step.command == (
+        "integ-gym check --train-arg n_envs=4 --dt 0.05 --train-arg total_steps=256"
+    )
+
+
 @pytest.mark.parametrize(
     ("mean", "draw"),
     [

@@ -6,6 +6,7 @@ import io
 import os
 import re
 import signal
+import subprocess
 from argparse import ArgumentTypeError
 from pathlib import Path
 
@@ -30,6 +31,8 @@ from integ_gym.support.terminal import (
     compact_percent,
     fixed,
     percent,
+    print_columns,
+    print_command,
     report_errors,
     seconds,
     width_of,
@@ -127,6 +130,45 @@ def test_nothing_is_lost_where_a_text_is_broken(text, width, monkeypatch):
     lines = wrap(text, io.StringIO()).split("\n")
     assert max(map(len, lines)) <= width
     assert "".join(lines).replace(" ", "") == text.replace(" ", "")
+
+
+NAMES = ("policy", "success", "what it took")
+CELLS = [
+    ["a_policy_with_a_name_longer_than_its_column", "0.98 (0.74 to 1.00)", "7 s"],
+    ["b", "–", "8 s"],
+]
+
+
+@pytest.mark.parametrize("width", [34, 48, 60])
+def test_a_table_fits_and_breaks_long_words_after_a_sign(width, monkeypatch):
+    shown = io.StringIO()
+    monkeypatch.setenv("COLUMNS", str(width))
+    print_columns(NAMES, CELLS, shown, optional=("what it took",))
+    lines = shown.getvalue().splitlines()
+    assert max(map(len, lines)) <= width
+    assert any(re.match(r"[a_]\w*_( |$)", line) for line in lines)
+    left_out = "Left out to fit 34 characters: what it took." in " ".join(shown.getvalue().split())
+    assert ("7 s" in shown.getvalue(), left_out) == (width > 34, width == 34)
+
+
+def test_without_room_for_a_table_rows_are_lists(monkeypatch):
+    shown = io.StringIO()
+    monkeypatch.setenv("COLUMNS", "30")
+    print_columns(NAMES, CELLS, shown)
+    assert "\npolicy        b\nsuccess       –\n" in shown.getvalue()
+
+
+def test_a_command_that_goes_on_is_one_for_the_shell(monkeypatch, capsys):
+    words = ["printf", "%s,", *(f"--argument-{k}={k}" for k in range(9)), "'two  words'"]
+    monkeypatch.setenv("COLUMNS", "40")
+    print_command(" ".join(words))
+    shown = capsys.readouterr().out
+    assert max(map(len, shown.splitlines())) <= 40
+    done = subprocess.run(["sh", "-c", shown], capture_output=True, text=True, check=True)
+    assert done.stdout == ",".join([*(f"--argument-{k}={k}" for k in range(9)), "two  words", ""])
+    monkeypatch.delenv("COLUMNS")
+    print_command(" ".join(words))
+    assert capsys.readouterr().out == f"  {' '.join(words)}\n"
 
 
 def test_numbers_keep_two_digits_and_have_true_minus_signs():
