@@ -424,7 +424,7 @@ def is_own_horizon(
 ) -> bool:
     """Whether a limit is only what the spec of a made environment says, and was not asked for.
 
-    It is if it is the horizon of the arguments in that spec, and no id of somebody else's is
+    It is if it is the horizon of the arguments in that spec, and no id of another package is
     registered with it.
 
     Args:

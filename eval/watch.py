@@ -281,7 +281,7 @@ _SAME = ("phase", "env_id", "policy_id", "policy_hash", "episode_index", "seed",
 
 
 def _check_code(record: EvidenceRecord, own_code: bool) -> None:
-    """Refuse a record made with code of somebody's own, unless it may be run."""
+    """Refuse a record made with code of the user's own, unless it may be run."""
     values = (record["env_id"], *record.arguments().values())
     classes = [value for value in values if isinstance(value, str) and ":" in value]
     if classes and not own_code:

@@ -313,7 +313,7 @@ def _is_seeded(record: EvidenceRecord) -> bool:
 
 
 def _is_of_robot(record: EvidenceRecord) -> bool:
-    """Whether a testbed of somebody's own robot made it, whose code is loaded."""
+    """Whether a testbed of the user's own robot made it, whose code is loaded."""
     env_id = record.fields["env_id"]
     return _testbed_class(record) == env_id and issubclass(TESTBEDS.load(env_id), MjcfTestbed)
 

@@ -622,7 +622,7 @@ Way = Literal["act", "predict", "call"]
 
 @dataclass(frozen=True, eq=False)
 class CalledPolicy:
-    """A policy in somebody else's code, asked as its author asks it.
+    """A policy in another library's code, asked as its author asks it.
 
     With ``act`` or ``predict``, as of stable-baselines3, it is given a batch of observations, and
     ``deterministic=True`` where ``predict`` takes that; anything else that is callable is given one

@@ -373,7 +373,7 @@ def _baseline(name: str, record: EvidenceRecord, store: EvidenceStore) -> Policy
 
 
 def _own_arguments(record: EvidenceRecord) -> dict[str, Any]:
-    """What a testbed of somebody's own was made with."""
+    """What a testbed of the user's own was made with."""
     if ":" not in record["env_id"] or is_integ_environment(record["env_id"]):
         return {}
     own = model_arguments(record.arguments())

@@ -22,8 +22,8 @@ examples:
   integ-gym contract --env IntegCartPole-v0 engine=drake engine=pinocchio --json
 
 States are starts of the first environment, and states that a few random
-decisions lead to from there. Positions and velocities are matched by their order. Exit code 3 if
-something differs.
+decisions lead to from there. Positions and velocities are matched by their
+order. Exit code 3 if something differs.
 """
 
 BROKEN: Final = 3

@@ -75,7 +75,7 @@ def stated_arguments(
     Args:
         stated: the home.
         env_id: environment.
-        environment: other arguments, without which a testbed of somebody's own may have no home.
+        environment: other arguments, without which a testbed of the user's own may have no home.
 
     Raises:
         ValueError: for what is no home, in one sentence.
