@@ -32,7 +32,7 @@ from integ_gym.support.parameters import (
 from .actuators import SERVO_ARGUMENTS, ServoPlant, with_efforts, with_servo, with_targets
 from .engines.stepping import DIVERGENCE_SPEED, Engine, NativeEngine, make_engine
 from .mechanics import Servo
-from .ops.ops import Component
+from .ops.ops import SCALAR, Component
 from .plants.interface import Plant
 from .plants.system import PlantSystem
 from .tasks.interface import Task
@@ -420,6 +420,14 @@ class Setup:
     def largest_controls(self) -> tuple[float, ...]:
         """Largest magnitude of each control in any lane, in its unit."""
         return tuple(float(np.max(np.abs(ends))) for ends in self.task.control_limits)
+
+    @property
+    def energy_at_goal(self) -> float:
+        """Energy at rest at the goal, J; 0.0 where zero is not at the goal."""
+        rest = (0.0,) * len(self.plant.coordinates)
+        if not np.any(self.task.at_goal(SCALAR, rest, rest)):
+            return 0.0
+        return float(np.max(self.plant.energy(SCALAR, rest, rest)))
 
     def arguments(self) -> dict[str, Any]:
         """All constructor arguments with their values, defaults included."""

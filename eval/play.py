@@ -11,7 +11,6 @@ from typing import Any
 
 from integ_gym.envs.engines.stepping import integrators_of
 from integ_gym.envs.environment import IntegEnv, environment_class
-from integ_gym.envs.ops.ops import SCALAR
 from integ_gym.envs.registries import TRUTH
 from integ_gym.envs.rendering.canvas import load_pygame, open_screen
 from integ_gym.envs.rendering.cockpit import SHOWN, Choice, Cockpit, Course, Moment, View
@@ -138,7 +137,7 @@ class Game:
 
     def view(self) -> View:
         """What there is to see."""
-        settings, plant = self.setup.settings, self.setup.plant
+        settings = self.setup.settings
         engine = "" if settings.engine == NATIVE else f"{settings.engine} "
         step = "solved to rounding" if self._integrator == TRUTH else f"dt {self._dt:g} s"
         status = self._info["solver_status"]
@@ -148,8 +147,6 @@ class Game:
         names = [f"{place}  {_words(name)}" for place, name in enumerate(self.integrators, 1)]
         since = bisect_left(self._times, self.time - SHOWN)
         amounts = {name: self._amounts[name][since:] for name in ("motor", "numerics", "energy")}
-        rest = (0.0,) * len(plant.coordinates)
-        goal = float(plant.energy(SCALAR, rest, rest))
         return View(
             f"{engine}{_words(self._integrator)}, {step}",
             warning,
@@ -159,7 +156,7 @@ class Game:
                 Choice("integrator", names, self.integrators.index(self._integrator)),
                 Choice("step", [f"{step:g} s" for step in self.steps], self.steps.index(self._dt)),
             ),
-            Course(self._times[since:], amounts, self._marks, goal or None),
+            Course(self._times[since:], amounts, self._marks, self.setup.energy_at_goal or None),
         )
 
     def _controls(self) -> tuple[float, ...]:

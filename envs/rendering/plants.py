@@ -14,7 +14,7 @@ from ..plants.interface import state_names, state_units
 from ..settings import Setup
 from ..tasks.elastic_pendulum import NEAR_PLUMB
 from ..tasks.interface import NEAR_UPRIGHT, wrap_angle
-from ..tasks.quadrotor import NEAR_TARGET, ROOM, QuadrotorWayPoints
+from ..tasks.quadrotor import NEAR_TARGET, ROOM
 from ..tasks.reacher import MARKER_CENTRE, MARKER_RADIUS, NEAR_MARKER
 from .canvas import BLUE, FAINT, GREEN, INK, MUTED, VERMILION, WHITE, Canvas, Point, polar, tint
 from .skeletons import SIZE
@@ -108,8 +108,8 @@ def draw_quadrotor(
     """Room and target to scale, the body larger than that, and arrows with commanded thrusts."""
     x, z, theta = state[0], state[2], state[4]
     scale, target = 62.0, (0.0, 0.0)
-    if isinstance(setup.task, QuadrotorWayPoints):
-        target = setup.task.guide(SCALAR, split_state(tuple(state))[0])
+    if hasattr(setup.task, "target"):
+        target = setup.task.target(SCALAR, split_state(tuple(state))[0])
     aim = 300.0 + scale * target[0], 200.0 - scale * target[1]
     middle = (300.0 + scale * x, 200.0 - scale * z)
     canvas.box((300.0, 200.0), (2.0 * ROOM * scale, 2.0 * ROOM * scale), 4.0, FAINT)
@@ -137,6 +137,9 @@ def draw_hopper(
     swung = math.pi + hip - theta
     foot = polar(joint, scale * leg, swung)
     canvas.line((0.0, ground + 6.0), (600.0, ground + 6.0), 8.0, FAINT)
+    finish = 300.0 + scale * (float(np.max(getattr(setup.task, "finish", math.inf))) - x)
+    if finish < 600.0:
+        canvas.line((max(0.0, finish), ground + 6.0), (600.0, ground + 6.0), 8.0, tint(GREEN, 0.3))
     for metre in range(math.ceil(x - 1.1), math.floor(x + 1.1) + 1):
         place = 300.0 + scale * (metre - x)
         canvas.line((place, ground + 4.0), (place, ground + 14.0), 2.0, MUTED)
@@ -162,7 +165,7 @@ def draw_double_pendulum(
     if getattr(setup.task, "ends_at_goal", False):
         height = hinge[1] - scale * lengths[0]
         canvas.line((20.0, height), (480.0, height), 2.0, GREEN)
-    if hasattr(setup.task, "marker"):
+    if hasattr(setup.task, "target"):
         _marker(canvas, hinge, scale, setup.task, state)
     shares = shares_of_limits(controls, setup)
     joints = ((hinge, upper, math.pi), (elbow, lower, upper))
@@ -268,7 +271,7 @@ def _marker(canvas: Canvas, hinge: Point, scale: float, task: Any, state: Sequen
     ring = scale * MARKER_RADIUS
     canvas.arc(centre, (ring - 1.0, ring + 1.0), (0.0, 2.0 * math.pi), FAINT)
     q, v = split_state(tuple(state))
-    x, z = task.marker(SCALAR, q, v)[0]
+    x, z = task.target(SCALAR, q)
     strength = 0.6 if task.at_goal(SCALAR, q, v) else 0.3
     place = hinge[0] + scale * x, hinge[1] - scale * z
     canvas.disc(place, scale * NEAR_MARKER, tint(GREEN, strength))

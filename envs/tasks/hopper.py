@@ -49,6 +49,11 @@ class HopperRun(BoxTask):
     )  # fmt: skip
 
     @property
+    def finish(self) -> Component:
+        """Goal: farther than this, m."""
+        return DISTANCE_TIME * self.target_speed
+
+    @property
     def control_limits(self) -> Limits:
         """±`max_torque` of the hip, N m, and ±`max_force` along the leg, N."""
         return (-self.max_torque, self.max_torque), (-self.max_force, self.max_force)
@@ -84,7 +89,7 @@ class HopperRun(BoxTask):
 
     def at_goal(self, ops: Ops, q: Components, v: Components) -> Component:
         """Far enough, upright, and about as fast as commanded."""
-        far = q[0] > DISTANCE_TIME * self.target_speed
+        far = q[0] > self.finish
         return far & (abs(q[2]) < NEAR_PITCH) & (abs(v[0] - self.target_speed) < NEAR_SPEED)
 
     def draw_start(self, rng: Any, start: str, options: Mapping[str, Any]) -> Components:

@@ -44,6 +44,8 @@ class Task(Protocol):
     """How long the goal must have held, without a break, when the episode ends, s.
 
     Where a class attribute ``ends_at_goal`` is true, it is the goal that terminates the episode.
+    What moves by itself, for pictures to show: a method ``target(ops, q)`` gives its place in m,
+    and a class attribute ``near_target`` the distance from it that counts as there, m.
     """
     observation_names: ClassVar[tuple[str, ...]]
     observation_units: ClassVar[tuple[str, ...]]

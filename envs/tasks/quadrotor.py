@@ -116,7 +116,7 @@ class QuadrotorHover(BoxTask):
 class QuadrotorWayPoints(QuadrotorHover):
     """Fly a thrown quadrotor from one corner of a square to the next, and hover at each.
 
-    The way-points are the corners, in turn and against the clock; see `guide`. Reward and
+    The way-points are the corners, in turn and against the clock; see `target`. Reward and
     observation are those of :class:`QuadrotorHover`, seen from the way-point.
     """
 
@@ -125,6 +125,7 @@ class QuadrotorWayPoints(QuadrotorHover):
     )
 
     plant: ClassVar[str] = "guided_quadrotor"
+    near_target: ClassVar[float] = NEAR_TARGET
     goal: ClassVar[str] = (
         "within 0.1 m of the way-point and |theta| < 0.2 rad (wrapped) throughout the second half "
         "of each way-point's time, in the last two times"
@@ -138,7 +139,7 @@ class QuadrotorWayPoints(QuadrotorHover):
         """Twice `way_point_period`, s."""
         return 2.0 * self.way_point_period
 
-    def guide(self, ops: Ops, q: Components) -> tuple[Component, Component]:
+    def target(self, ops: Ops, q: Components) -> tuple[Component, Component]:
         """Where the way-point is, (x, z) in m: the corner of the quadrant that the phase is in."""
         x, z = (
             ops.where(side > 0.0, WAY_POINT, -WAY_POINT) for side in (ops.cos(q[5]), ops.sin(q[5]))
@@ -172,5 +173,5 @@ class QuadrotorWayPoints(QuadrotorHover):
         return *thrown, rng.uniform(low=-pi, high=pi), 0.5 * pi / self.way_point_period
 
     def _from_guide(self, ops: Ops, q: Components) -> Components:
-        x, z = self.guide(ops, q)
+        x, z = self.target(ops, q)
         return q[0] - x, q[1] - z, *q[2:]

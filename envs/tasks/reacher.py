@@ -43,6 +43,7 @@ class ReacherFollow(BoxTask):
     start_options: ClassVar[tuple[str, ...]] = ()
     goal: ClassVar[str] = "tip within 0.05 m of the marker throughout the last 2 s"
     goal_stay: ClassVar[float] = 2.0
+    near_target: ClassVar[float] = NEAR_MARKER
     observation_names: ClassVar[tuple[str, ...]] = (
         *LINK_NAMES, "marker_x", "marker_z", "marker_x_dot", "marker_z_dot",
     )  # fmt: skip
@@ -58,10 +59,10 @@ class ReacherFollow(BoxTask):
         speed = inf if max_speed is None else max_speed
         return 1.0, 1.0, 1.0, 1.0, speed, speed, inf, inf, inf, inf
 
-    def marker(self, ops: Ops, q: Components, v: Components) -> tuple[Point, Point]:
-        """Where the marker is, (x, z) in m, and its velocity in m/s."""
-        along, up = MARKER_RADIUS * ops.cos(q[2]), MARKER_RADIUS * ops.sin(q[2])
-        return (MARKER_CENTRE[0] + along, MARKER_CENTRE[1] + up), (-up * v[2], along * v[2])
+    def target(self, ops: Ops, q: Components) -> Point:
+        """Where the marker is, (x, z) in m."""
+        along, up = self._from_centre(ops, q)
+        return MARKER_CENTRE[0] + along, MARKER_CENTRE[1] + up
 
     def tip(self, ops: Ops, q: Components) -> Point:
         """Where the tip is, (x, z) in m."""
@@ -73,8 +74,8 @@ class ReacherFollow(BoxTask):
 
     def observe(self, ops: Ops, q: Components, v: Components) -> Components:
         """(cos θ₁, sin θ₁, cos θ₂, sin θ₂, θ̇₁, θ̇₂), and the marker's (x, z, ẋ, ż)."""
-        place, velocity = self.marker(ops, q, v)
-        return *observe_links(ops, q, v), *place, *velocity
+        along, up = self._from_centre(ops, q)
+        return *observe_links(ops, q, v), *self.target(ops, q), -up * v[2], along * v[2]
 
     def reward(
         self,
@@ -88,12 +89,12 @@ class ReacherFollow(BoxTask):
         """Nearness to the marker at the start of the period times gentleness in it."""
         full = self.max_torque * self.max_torque
         effort = 0.5 * (mean_squares[0] + mean_squares[1]) / full
-        away = self._squared_distance(ops, q, v) / (FOLLOW_REACH * FOLLOW_REACH)
+        away = self._squared_distance(ops, q) / (FOLLOW_REACH * FOLLOW_REACH)
         return (1.0 - 0.1 * effort) / (1.0 + away) * (control_period / REWARD_STEP)
 
     def at_goal(self, ops: Ops, q: Components, v: Components) -> Component:
         """The tip at the marker."""
-        return self._squared_distance(ops, q, v) < NEAR_MARKER * NEAR_MARKER
+        return self._squared_distance(ops, q) < NEAR_MARKER * NEAR_MARKER
 
     def draw_start(self, rng: Any, start: str, options: Mapping[str, Any]) -> Components:
         """θ₁ in ±0.5 rad and θ₂ from 0.5 to 2 rad, at rest; the marker anywhere, at any rate."""
@@ -101,6 +102,9 @@ class ReacherFollow(BoxTask):
         theta_1, theta_2, phase, turn = rng.uniform(low=low, high=high)
         return theta_1, 0.0, theta_2, 0.0, phase, turn * (2.0 * pi / self.marker_period)
 
-    def _squared_distance(self, ops: Ops, q: Components, v: Components) -> Component:
-        (x, z), (tip_x, tip_z) = self.marker(ops, q, v)[0], self.tip(ops, q)
+    def _from_centre(self, ops: Ops, q: Components) -> Point:
+        return MARKER_RADIUS * ops.cos(q[2]), MARKER_RADIUS * ops.sin(q[2])
+
+    def _squared_distance(self, ops: Ops, q: Components) -> Component:
+        (x, z), (tip_x, tip_z) = self.target(ops, q), self.tip(ops, q)
         return (x - tip_x) * (x - tip_x) + (z - tip_z) * (z - tip_z)

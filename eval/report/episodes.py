@@ -9,7 +9,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
-from typing import Any, Final, Literal, TypeAlias
+from typing import Any, Final, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -33,6 +33,7 @@ from ..panel.result import Entry, Panel, Policy
 from ..power import WITHOUT_VERDICT
 from ..verdict import UNSOLVABLE
 from .forests import ordered_verdicts
+from .task import panel_setup, shown_places, typical_start
 
 Array = npt.NDArray[Any]
 
@@ -42,8 +43,8 @@ LEDGER: Final = ("motor", "numerics", "losses")
 MOST_TRACES: Final = 150
 """Traces that a page carries."""
 
-MOST_OF_SKELETONS: Final = 400_000
-"""Numbers in the traces that a page carries of a robot, which has many joints."""
+MOST_NUMBERS: Final = 400_000
+"""In the traces that a page carries."""
 
 SKELETON_PERIOD: Final = 0.04
 """Time between two samples of a robot's motion, at least, s."""
@@ -209,13 +210,15 @@ def read_episodes(panel: Panel, directory: str | PathLike[str]) -> Episodes | No
         return None
     outcomes = _read_outcomes(panel, store)
     skeleton = _read_skeleton(store)
-    most = MOST_TRACES
+    names = _trace_columns(panel, store, skeleton)
+    duration = max(1.0, float(panel.spec.get("environment", {}).get("duration") or 10.0))
+    periods = [cell.control_period for cell in panel.columns] or [duration]
+    samples = min(MOST_SAMPLES, duration / min(periods))
     if skeleton is not None:
-        duration = max(1.0, float(panel.spec.get("environment", {}).get("duration") or 10.0))
-        numbers = len(_robot_columns(skeleton, ())) * duration / SKELETON_PERIOD
-        most = min(most, max(4, int(MOST_OF_SKELETONS / numbers)))
-    leads = choose_episodes(panel, outcomes, most)
-    traces = _read_traces(panel, store, leads, skeleton)
+        samples = duration / SKELETON_PERIOD
+    numbers = samples * (len(names.motion) + len(names.control) + len(LEDGER))
+    leads = choose_episodes(panel, outcomes, min(MOST_TRACES, max(4, int(MOST_NUMBERS / numbers))))
+    traces = _read_traces(panel, store, leads, skeleton, names)
     there = {trace.key for trace in traces}
     shown = [lead for lead in leads if (lead.row, lead.cell, lead.seed, lead.episode) in there]
     policies: dict[tuple[str, int], MlpPolicy] = {}
@@ -404,32 +407,47 @@ def _cells_of_lead(
     return (first, *sorted(others, key=order))
 
 
+class _Columns(NamedTuple):
+    """Names of columns of a trace."""
+
+    motion: list[str]
+    control: list[str]
+    commands: list[str]
+
+
+def _trace_columns(
+    panel: Panel, store: EvidenceStore, skeleton: Mapping[str, Any] | None
+) -> _Columns:
+    """What is shown: coordinates that can be seen, and controls, or what a robot is drawn from."""
+    names = store.query("DESCRIBE records").column("column_name").to_pylist()
+    after = names[names.index("time") + 1 :]
+    if skeleton is not None:
+        commands = [name for name in after if name.startswith(COMMANDED)]
+        return _Columns(_robot_columns(skeleton, after), [], commands)
+    control = [name for name in after if name.endswith("_applied")][:2]
+    setup = panel_setup(panel)
+    if setup is not None:
+        places = shown_places(setup.plant)
+        return _Columns([setup.plant.coordinates[k] for k in places], control, [])
+    states = itertools.takewhile(lambda name: not name.startswith("sensed_"), after)
+    return _Columns([name for name in states if not name.endswith("_dot")][:4], control, [])
+
+
 def _read_traces(
     panel: Panel,
     store: EvidenceStore,
     leads: Iterable[Lead],
     skeleton: Mapping[str, Any] | None,
+    names: _Columns,
 ) -> list[Trace]:
     """The traces that the leads ask for, in their order; without those that were not kept."""
     keys = list(dict.fromkeys(key for lead in leads for key in lead.keys))
     if not keys:
         return []
     wanted = {(panel.row(r).policies[s].id, c, e): (r, c, s, e) for r, c, s, e in keys}
-    names = store.query("DESCRIBE records").column("column_name").to_pylist()
-    after = names[names.index("time") + 1 :]
-    states = list(itertools.takewhile(lambda name: not name.startswith("sensed_"), after))
-    motion = [name for name in states if not name.endswith("_dot")]
-    if panel.spec.get("env_id") in ENVIRONMENTS:
-        motion = [name for name in motion if f"{name}_dot" in states]
-    motion = motion[:4]
-    control = [name for name in after if name.endswith("_applied")][:2]
-    commands: list[str] = []
-    if skeleton is not None:
-        motion, control = _robot_columns(skeleton, after), []
-        commands = [name for name in after if name.startswith(COMMANDED)]
     columns = ", ".join(
         '"' + name.replace('"', '""') + '"'
-        for name in (*_FIELDS, "time", *motion, *control, *commands, *_SUMS)
+        for name in (*_FIELDS, "time", *itertools.chain(*names), *_SUMS)
     )
     where = " AND ".join(
         f"{name} IN ({', '.join(sorted({sql_literal(key[place]) for key in wanted}))})"
@@ -440,18 +458,17 @@ def _read_traces(
     for record in table.to_pylist():
         key = wanted.get((record["policy_id"], record["cell"], record["episode_index"]))
         if key is not None and record["time"] and record["length"]:
-            traces[key] = _trace(key, record, motion, control, commands, skeleton)
+            traces[key] = _trace(key, record, names, skeleton)
     return [traces[key] for key in keys if key in traces]
 
 
 def _trace(
     key: Key,
     record: Mapping[str, Any],
-    motion: list[str],
-    control: list[str],
-    commands: list[str],
+    names: _Columns,
     skeleton: Mapping[str, Any] | None,
 ) -> Trace:
+    motion, control, commands = names
     length = record["length"]
     every = -(-(length + 1) // MOST_SAMPLES)
     if skeleton is not None:
@@ -547,11 +564,11 @@ def live_of(
 
 
 def _reach(setup: Setup, place: int) -> float:
-    """How far a coordinate may be from zero, the others at rest there, without an end."""
-    rest = (0.0,) * len(setup.plant.coordinates)
+    """How far a coordinate may be from zero, the others at rest at a start, without an end."""
+    (usual, _), rest = typical_start(setup), (0.0,) * len(setup.plant.coordinates)
     farthest = _FARTHEST.get(setup.plant.coordinate_units[place], 1.0)
     for k in range(100, 0, -1):
-        start = (*rest[:place], farthest * k / 100, *rest[place + 1 :])
+        start = (*usual[:place], farthest * k / 100, *usual[place + 1 :])
         if not setup.task.terminated(SCALAR, start, rest):
             return farthest * k / 100
     return 0.0

@@ -37,7 +37,7 @@ from .findings import findings_of
 from .ladders import Series, ladder_plots, sweep_plots
 from .matrices import shade_style, success_matrix
 from .payload import LABEL_WORDS, pack_payload, quote_command
-from .task import describe_task
+from .task import describe_task, panel_setup, target_script
 
 FILE_NAME: Final = "report.html"
 """Name of the report in a panel's directory."""
@@ -204,13 +204,23 @@ def _files(folder: str) -> dict[str, str]:
 
 
 def _script(panel: Panel, episodes: Episodes | None) -> str:
-    """Start and step of every simulated cell, by its place; then all files, `main.js` last."""
+    """Start and step of every simulated cell, by its place, and the place of what moves by itself.
+
+    Then all files, `main.js` last.
+    """
     scripts = episodes.live.scripts if episodes and episodes.live else {}
     places = {cell.name: place for place, cell in enumerate(panel.cells)}
     steps = [f"{places[name]}: [{start},\n{step}],\n" for name, (start, step) in scripts.items()]
     files = dict(_files("script"))
     main = files.pop("main.js")
-    whole = (f"const STEPS = {{\n{''.join(steps)}}};", *files.values(), main)
+    setup = panel_setup(panel)
+    target = setup and target_script(setup)
+    whole = (
+        f"const STEPS = {{\n{''.join(steps)}}};",
+        f"const TARGET = {target or 'null'};",
+        *files.values(),
+        main,
+    )
     return "(() => {{\n{}}})();\n".format("\n".join(whole))
 
 

@@ -18,6 +18,7 @@ from typing import Any, Final
 import numpy as np
 from gymnasium import spaces
 
+from integ_gym.envs.ops.ops import split_state
 from integ_gym.evidence.labels import failure_sentence
 from integ_gym.support.terminal import compact, fixed, nonbreaking, percent, step
 from integ_gym.train.policy import MlpPolicy
@@ -320,7 +321,7 @@ def _trace(trace: Trace, numbers: bytearray, finest: float) -> dict[str, Any]:
         "error": fields["command_error"],
         "since": fields["time_to_success"],
         "return": _finite(fields["return"]),
-        "state": fields["initial_state"],
+        "state": split_state(fields["initial_state"] or ()),
         "start": _finite(fields["energy_start"]),
         "end": _finite(fields["energy_end"]),
         "totals": [_finite(total) for total in totals],

@@ -12,7 +12,16 @@ import numpy as np
 
 from integ_gym.envs.actuators import ServoPlant
 from integ_gym.envs.environment import environment_setup, is_integ_environment
-from integ_gym.envs.ops.ops import SCALAR
+from integ_gym.envs.ops.compiling import source_of
+from integ_gym.envs.ops.dialects import JAVASCRIPT
+from integ_gym.envs.ops.ops import (
+    SCALAR,
+    Component,
+    Components,
+    NotTraceable,
+    Ops,
+    split_state,
+)
 from integ_gym.envs.settings import Setup
 from integ_gym.envs.testbeds.making import find_testbed
 
@@ -42,9 +51,8 @@ def describe_task(panel: Panel) -> Task | None:
     env_id, given = str(panel.spec.get("env_id")), panel.spec.get("environment", {})
     periods = [cell.control_period for cell in panel.columns]
     decisions = "one every {:g} s, held in between"
-    if is_integ_environment(env_id):
-        same = {"dt": periods[0], "control_period": periods[0]} if periods else {}
-        setup = environment_setup(env_id, {**given, **same, "solver": None})
+    setup = panel_setup(panel)
+    if setup is not None:
         plant, duration = setup.plant, f"{setup.settings.duration:g} s"
         goal = setup.task.goal.replace("theta", "θ").replace("`duration`", duration)
         motor = describe_motors(setup)
@@ -70,6 +78,16 @@ def describe_task(panel: Panel) -> Task | None:
     return Task(f"{env_id} of Gymnasium.", facts, None)
 
 
+def panel_setup(panel: Panel) -> Setup | None:
+    """Plant and task of a panel; None of a task that is not integ-gym's own in kind."""
+    env_id, given = str(panel.spec.get("env_id")), panel.spec.get("environment", {})
+    if not is_integ_environment(env_id):
+        return None
+    periods = [cell.control_period for cell in panel.columns]
+    same = {"dt": periods[0], "control_period": periods[0]} if periods else {}
+    return environment_setup(env_id, {**given, **same, "solver": None})
+
+
 def describe_motors(setup: Setup) -> str:
     """The controls with their limits, in words."""
     parts = []
@@ -88,7 +106,7 @@ def describe_motors(setup: Setup) -> str:
 
 
 def _scene(setup: Setup) -> dict[str, Any] | None:
-    """Links of a mechanism, a point below the pivot of its spring, or a body that flies."""
+    """Links of a mechanism, a point below the pivot of its spring, or a body that flies or hops."""
     plant: Any = setup.plant
     task = setup.task
     mechanism = getattr(plant, "mechanism", None)
@@ -104,8 +122,10 @@ def _scene(setup: Setup) -> dict[str, Any] | None:
         for link in (mechanism.links if mechanism else ())
     ]
     swings = tuple(plant.coordinate_units) == ("m", "m") and hasattr(plant, "hanging_length")
-    flies = tuple(plant.coordinate_units[:3]) == ("m", "m", "rad") and hasattr(plant, "arm")
-    if not links and not swings and not flies:
+    flies_or_hops = tuple(plant.coordinate_units[:3]) == ("m", "m", "rad")
+    flies = flies_or_hops and hasattr(plant, "arm")
+    hops = flies_or_hops and hasattr(plant, "leg_length")
+    if not links and not swings and not flies and not hops:
         return None
     rest = (0.0,) * len(plant.coordinates)
     goal = [_half_goal(setup, place) for place in range(len(rest))]
@@ -120,22 +140,63 @@ def _scene(setup: Setup) -> dict[str, Any] | None:
         room = _edge(lambda x: not task.terminated(SCALAR, (x, *rest[1:]), rest), _FARTHEST["m"])
         flyer = {"arm": float(np.max(plant.arm)), "room": room or 5.0}
         pose = [0.3 * (room or 0.0), 0.3 * (room or 0.0), -0.4, *pose[3:]]
-    moving = [name for name in plant.coordinates if f"{name}_dot" in plant.velocities]
+    places = shown_places(plant)
+    hopper = None
+    if hops:
+        hopper = {"leg": float(np.max(plant.leg_length)), "finish": getattr(task, "finish", None)}
+        pose = list(typical_start(setup)[0])
     return {
-        "coordinates": moving,
-        "units": list(plant.coordinate_units),
+        "coordinates": [plant.coordinates[k] for k in places],
+        "units": [plant.coordinate_units[k] for k in places],
+        "places": places,
         "links": links,
         "bob": {"pivot": float(np.max(plant.hanging_length))} if swings else None,
         "flyer": flyer,
+        "hopper": hopper,
+        "target": {"near": task.near_target} if target_script(setup) else None,
         "clockwise": "counter-clockwise" not in plant.frame,
         "goal": goal,
-        "pose": pose,
+        "pose": [pose[k] for k in places],
         "controls": [list(control) for control in plant.controls],
         "targets": isinstance(plant, ServoPlant),
         "actuated": list(plant.actuated),
         "limits": list(setup.largest_controls),
-        "upright": round(float(np.max(plant.energy(SCALAR, rest, rest))), 6),
+        "upright": round(setup.energy_at_goal, 6),
     }
+
+
+def shown_places(plant: Any) -> list[int]:
+    """Places of the coordinates that can be seen: lengths and angles."""
+    return [k for k, unit in enumerate(plant.coordinate_units) if unit in ("m", "rad")]
+
+
+def typical_start(setup: Setup) -> tuple[Components, Components]:
+    """One of the starts of a setup, (q, v)."""
+    rng = np.random.default_rng(0)
+    return split_state(setup.task.draw_start(rng, setup.settings.start, {}))
+
+
+def target_script(setup: Setup) -> str | None:
+    """The place of what moves by itself, (x, z) of the coordinates that are seen, in JavaScript.
+
+    Returns:
+        None of a task without, and where it cannot be written down.
+    """
+    target: Any = getattr(setup.task, "target", None)
+    if target is None:
+        return None
+    places = shown_places(setup.plant)
+
+    def place(ops: Ops, seen: Components) -> Components:
+        q: list[Component] = [0.0] * len(setup.plant.coordinates)
+        for k, value in zip(places, seen, strict=True):
+            q[k] = value
+        return tuple(target(ops, tuple(q)))
+
+    try:
+        return source_of(JAVASCRIPT, place, (False,) * len(places))
+    except NotTraceable:
+        return None
 
 
 def _half_goal(setup: Setup, place: int) -> float | None:

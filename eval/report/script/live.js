@@ -7,9 +7,10 @@ class Live {
   constructor(carried) {
     this.carried = carried;
     Object.assign(this, carried.live);
-    this.unit = carried.scene.units[this.coordinate];
+    const { places, units, coordinates } = carried.scene;
+    this.unit = units[places.indexOf(this.coordinate)];
     this.turns = this.unit === "rad";
-    this.name = carried.scene.coordinates[this.coordinate];
+    this.name = coordinates[places.indexOf(this.coordinate)];
     this.networks = new Map(this.policies.map((policy) =>
       [policy.at.join("/"), new Network(carried, policy)]));
   }
@@ -24,12 +25,12 @@ class Live {
   }
 
   // The middle of the starts that can be chosen: hanging for what starts hanging, else zero.
-  middle({ state }) {
-    return this.turns && Math.cos(state[this.coordinate]) < 0 ? Math.PI : 0;
+  middle({ state: [q] }) {
+    return this.turns && Math.cos(q[this.coordinate]) < 0 ? Math.PI : 0;
   }
 
   // Where the chosen coordinate of a trace started, less than half a turn from the middle.
-  startOf(trace) { return this.wrapped(trace.state[this.coordinate], this.middle(trace)); }
+  startOf(trace) { return this.wrapped(trace.state[0][this.coordinate], this.middle(trace)); }
 
   // The nearest start that can be chosen.
   within(trace, value) {
@@ -45,13 +46,11 @@ class Live {
   }
 
   // Decision by decision, from a trace's start with the chosen coordinate at a value.
-  * decisions({ at: [r, , s], state }, c, value) {
-    const n = state.length / 2;
+  * decisions({ at: [r, , s], state: [q, v] }, c, value) {
     const [start, step] = STEPS[c];
     const network = this.networks.get(`${r}/${s}`);
-    const q = state.slice(0, n);
-    if (value !== null) q[this.coordinate] = value;
-    let [now, observation] = start(q, state.slice(n));
+    const moved = q.map((x, k) => (k === this.coordinate && value !== null ? value : x));
+    let [now, observation] = start(moved, v);
     let told = null;
     yield { now, told };
     for (let k = 0; k < MOST_DECISIONS && !(told && told.ended); k += 1) {
@@ -87,7 +86,8 @@ class Live {
       live: true, at: [r, c, s, e], period: this.periods[c], n: found.length,
       label: success ? "none" : "failed", diverged: !ended,
       start: first[2], end: last.now[2], totals: PARTS.map((name) => ledger[name].at(-1)),
-      motion: columns(this.carried.scene.coordinates, (_, k) => found.map(({ now }) => now[0][k])),
+      motion: columns(this.carried.scene.coordinates,
+        (_, k) => found.map(({ now }) => now[0][this.carried.scene.places[k]])),
       control: columns(Object.keys(like.control), (_, k) =>
         [...controls.map((each) => each[k]), controls.length ? controls.at(-1)[k] : 0]),
       ledger,

@@ -115,7 +115,7 @@ class Watch {
   simulated(c) {
     const { live } = this.carried;
     const { at: [r, , s] } = this.lead;
-    return Boolean(live && live.acts(r, s) && live.steps(c) && this.like.state);
+    return Boolean(live && live.acts(r, s) && live.steps(c) && this.like.state[0].length);
   }
 
   available(lead) {

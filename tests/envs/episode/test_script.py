@@ -82,6 +82,30 @@ def test_a_browser_gets_where_python_gets(env_id, variant, browser):
         np.testing.assert_allclose(here, there, rtol=SMALL, atol=SMALL, err_msg=integrator)
 
 
+GROUND = {
+    "in the air": ((0.0, 0.62, 0.1, 0.2, 0.5), (1.0, -0.5, 0.3, -0.4, 0.0), False),
+    "on the ground": ((0.3, 0.47, -0.05, 0.1, 0.48), (0.8, -0.6, 0.2, 1.0, -0.3), True),
+}
+"""(q, v), and whether the hopper's foot is pressed on the ground, and slides."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("place", GROUND)
+def test_a_browser_meets_the_ground_as_python_does(place, browser):
+    """One decision of 0.02 s, by the same contact law to 1e-9 of every number."""
+    q, v, touches = GROUND[place]
+    for integrator in INTEGRATORS.names():
+        given = {"integrator": integrator, "dt": 0.002, "control_period": 0.02}
+        setup = environment_setup("IntegHopper-v0", given)
+        actions = [[3.0, -20.0]]
+        start = initial_state(SCALAR, setup, q, v)
+        *_, info, _ = scalar_step(setup, SCALAR, start, tuple(actions[0]))
+        assert (info["foot_penetration"] > 0.0) == (info["slip_loss"] > 0.0) == touches
+        expected = _played(setup, q, v, actions)
+        found = browser.value(PLAYED % (json.dumps([q, v]), json.dumps(actions), *script_of(setup)))
+        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9, err_msg=integrator)
+
+
 def test_what_is_not_finite_is_refused_and_noise_is_not_written():
     setup = environment_setup("IntegPendulum-v0", {"integrator": "rk4"})
     script = script_of(setup)
