@@ -108,7 +108,7 @@ def describe_motors(setup: Setup) -> str:
 def _scene(setup: Setup) -> dict[str, Any] | None:
     """Links of a mechanism, a point below the pivot of its spring, or a body that flies or hops."""
     plant: Any = setup.plant
-    task = setup.task
+    task: Any = setup.task
     mechanism = getattr(plant, "mechanism", None)
     links = [
         {
