@@ -153,14 +153,17 @@ def print_wrapped(
 
 
 def print_command(command: str) -> None:
-    """Print a command to copy; where a line is too short, it goes on after a backslash."""
-    width = width_of(sys.stdout)
-    lines = [command]
-    if width is not None:
-        lines = textwrap.wrap(
-            command, max(NARROWEST, width - 8), break_long_words=False, break_on_hyphens=False
-        )
-    print("  " + " \\\n      ".join(lines))
+    """Print a command to copy; one of a shell goes on after a backslash where a line is too short.
+
+    Quoted words, and options with their values, stay on one line.
+    """
+    width, lines = width_of(sys.stdout), [command]
+    words = re.findall(r"(?:--[\w-]+ (?!-))?(?:'[^']*'|[^\s'])+", command)
+    if width is not None and command.startswith("integ-gym ") and " ".join(words) == command:
+        text = " ".join(map(unbroken, words))
+        room = max(NARROWEST, width - 8)
+        lines = textwrap.wrap(text, room, break_long_words=False, break_on_hyphens=False)
+    print("  " + " \\\n      ".join(lines).replace(_NO_BREAK, " "))
 
 
 def wrap(text: str, file: TextIO, indent: str = "", hanging: str = "  ") -> str:

@@ -5,6 +5,7 @@ import errno
 import io
 import os
 import re
+import shlex
 import signal
 import subprocess
 from argparse import ArgumentTypeError
@@ -158,17 +159,36 @@ def test_without_room_for_a_table_rows_are_lists(monkeypatch):
     assert "\npolicy        b\nsuccess       –\n" in shown.getvalue()
 
 
-def test_a_command_that_goes_on_is_one_for_the_shell(monkeypatch, capsys):
-    words = ["printf", "%s,", *(f"--argument-{k}={k}" for k in range(9)), "'two  words'"]
-    monkeypatch.setenv("COLUMNS", "40")
-    print_command(" ".join(words))
+@pytest.mark.parametrize("width", range(24, 80, 7))
+def test_a_command_that_goes_on_is_one_for_the_shell(width, monkeypatch, capsys):
+    words = [
+        "evaluate",
+        "--force",
+        *(f"--argument-{k} {k}" for k in range(5)),
+        "'two  words --or 3'",
+    ]
+    command = " ".join(["integ-gym", *words])
+    monkeypatch.setenv("COLUMNS", str(width))
+    print_command(command)
     shown = capsys.readouterr().out
-    assert max(map(len, shown.splitlines())) <= 40
-    done = subprocess.run(["sh", "-c", shown], capture_output=True, text=True, check=True)
-    assert done.stdout == ",".join([*(f"--argument-{k}={k}" for k in range(9)), "two  words", ""])
+    assert max(map(len, shown.splitlines())) <= max(width, 29)
+    for k in range(5):
+        assert f"--argument-{k} {k}" in shown
+    script = f"integ-gym() {{ printf '<%s>' \"$@\"; }}; {shown}"
+    done = subprocess.run(["bash", "-c", script], capture_output=True, text=True, check=True)
+    assert done.stdout == "".join(f"<{word}>" for word in shlex.split(command)[1:])
     monkeypatch.delenv("COLUMNS")
-    print_command(" ".join(words))
-    assert capsys.readouterr().out == f"  {' '.join(words)}\n"
+    print_command(command)
+    assert capsys.readouterr().out == f"  {command}\n"
+
+
+@pytest.mark.parametrize(
+    "call", ["integ_gym.evaluate(…, episodes=80)", "integ-gym watch 'it'\"'\"'s here' --on rk4"]
+)
+def test_what_may_not_be_broken_stays_on_one_line(call, monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", "20")
+    print_command(call)
+    assert capsys.readouterr().out == f"  {call}\n"
 
 
 def test_numbers_keep_two_digits_and_have_true_minus_signs():
