@@ -92,7 +92,7 @@ def test_no_count_of_the_fallback_is_silent_where_all_records_have_traces(runs, 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["first", "grown"])
+@pytest.mark.parametrize("name", ["first", "grown", "evaluated"])
 def test_what_is_listed_is_silent_and_no_verdict_rests_on_it(sweeps, leaves, name):
     own = [leaf for leaf in leaves[name] if is_listed(leaf, PATTERNS)]
     # What failed has no time of success, and a page of another form is no page.

@@ -33,7 +33,16 @@ JSON_COLUMNS = (
 )
 """Columns of text that hold JSON."""
 
-_FITTED = {"policies/*/policy.json": ("card_hash",), "units/train-*.json": ("card", "records")}
+GIVEN = "given policies/*/policy.json"
+"""The side-car of a policy that was not trained in its run."""
+
+_MARKS = {"key added": ".+", "gone": ".-"}
+"""What is another kind of place there: what is left out may be silent where what is said is not."""
+
+_FITTED = {
+    **dict.fromkeys(("policies/*/policy.json", GIVEN), ("card_hash",)),
+    "units/train-*.json": ("card", "records"),
+}
 """Hashes that are made to fit, so that a change of them does not stay."""
 
 
@@ -64,10 +73,12 @@ class Leaf:
         return f"{self.file} {self.place} ({self.change})"
 
 
-def file_kind(path: str) -> str:
+def file_kind(run: Path, path: str) -> str:
     """The kind of a run's file."""
     path = re.sub(r"^units/(\w+)-.*\.json$", r"units/\1-*.json", path)
-    return re.sub(r"^policies/[^/]+/", "policies/*/", path)
+    path = re.sub(r"^policies/[^/]+/", "policies/*/", path)
+    given = path.startswith("policies/") and not any(run.glob("units/train-*"))
+    return f"given {path}" if given else path
 
 
 # Files of JSON
@@ -86,13 +97,15 @@ def json_leaves(run: Path, names: Sequence[str], every: bool) -> list[Leaf]:
         path = file.relative_to(run).as_posix()
         if path == "seal.json":
             continue
+        kind = file_kind(run, path)
         held = json.loads(file.read_text(encoding="utf-8"))
         for keys, value in (((), held), *_walk(held)):
             place = _place(keys, names) or "top"
-            if place in _FITTED.get(file_kind(path), ("records",)):
+            if place in _FITTED.get(kind, ("records",)):
                 continue
             for change in changes_of(value, keys):
-                leaf = Leaf(file_kind(path), place, change, path, keys)
+                mark = _MARKS.get(change, "") if kind == GIVEN else ""
+                leaf = Leaf(kind, f"{place}{mark}", change, path, keys)
                 found.setdefault(
                     (leaf.path, leaf.keys, change) if every else (*leaf.kind, change), leaf
                 )

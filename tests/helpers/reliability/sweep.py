@@ -30,6 +30,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from forgery import make_fit
 from leaves import (
+    GIVEN,
     Leaf,
     change_json,
     change_records,
@@ -80,7 +81,7 @@ _FLEET = f"{RECORDS}fleet training, "
 
 WHOLE = {
     "grown": (MANIFEST, f"{_FLEET}traced", f"{_FLEET}untraced"),
-    "evaluated": (MANIFEST, f"{RECORDS}evaluation, traced"),
+    "evaluated": (MANIFEST, f"{RECORDS}evaluation, traced", GIVEN),
     "published": (MANIFEST, FILE_NAME, "units/contract-*.json"),
     "checked": (MANIFEST, FILE_NAME),
 }
