@@ -26,6 +26,7 @@ from integ_gym.envs.registries import PLANTS
 CASES: tuple[tuple[str, Components, Components, float], ...] = (
     ("acrobot", (1.0, 0.5), (2.0, -3.0), 0.2),
     ("cart_pole", (0.0, 0.1), (0.1, 0.2), 0.02),
+    ("chain", (1.0, 0.5, -0.5), (2.0, -3.0, 1.0), 0.02),
     ("pendulum", (2.0,), (1.0,), 0.02),
     ("pendulum", (2.0,), (1.0,), 0.05),
     ("pendulum", (2.0,), (8.0,), 0.05),

@@ -18,6 +18,7 @@ PLANTS: Final = Registry(
     {
         "acrobot": "integ_gym.envs.plants.double_pendulum:Acrobot",
         "cart_pole": "integ_gym.envs.plants.cart_pole:CartPole",
+        "chain": "integ_gym.envs.plants.chain:Chain",
         "elastic_pendulum": "integ_gym.envs.plants.elastic_pendulum:ElasticPendulum",
         "guided_quadrotor": "integ_gym.envs.plants.quadrotor:GuidedQuadrotor",
         "hopper": "integ_gym.envs.plants.hopper:Hopper",

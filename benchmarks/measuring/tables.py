@@ -14,11 +14,12 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, Protocol
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 from tqdm import tqdm
 
-from integ_gym.eval.statistics import unpaired_difference
+from integ_gym.eval.statistics import median_interval, unpaired_difference
 from integ_gym.support.errors import InputError
 from integ_gym.support.files import replace_file
 from integ_gym.support.processes import cores
@@ -47,6 +48,8 @@ class Unit(Protocol):
 class Table:
     """An experiment.
 
+    Rows of a cell have `successes` of `starts`, or a number in a column of another name.
+
     Attributes:
         columns: of its rows, to what they mean; the first ones say what a cell is.
         cell: how many columns say it.
@@ -55,6 +58,7 @@ class Table:
         units: of seeds that follow a first one.
         first_seed: that was declared.
         run: one unit, to its rows without the column `unit`.
+        value: the column of a row's number, where it has no successes.
     """
 
     columns: Mapping[str, str]
@@ -64,6 +68,7 @@ class Table:
     units: Callable[[int], Sequence[Unit]]
     first_seed: int
     run: Callable[[Any], list[Row]]
+    value: str | None = None
 
     def specification(self, first_seed: int) -> dict[str, Any]:
         """What all rows of a folder have in common."""
@@ -178,6 +183,24 @@ class Cells:
         return [row["successes"] / row["starts"] for row in self.by_cell.get(cell, [])]
 
 
+def interval_of(numbers: Sequence[float]) -> str:
+    """Median of starts with its interval, as Markdown; the number where it is one."""
+    found = median_interval(numbers)
+    if found is None:
+        return f"{numbers[0]:.1e}"
+    return f"{found.estimate:.1e} ({found.low:.1e}–{found.high:.1e})"
+
+
+def medians_agree(one: Sequence[float], other: Sequence[float]) -> bool:
+    """Whether the intervals of two medians have a number in common."""
+    first, second = median_interval(one), median_interval(other)
+    if first is None or second is None:
+        return True
+    ends = (first.low, first.high, second.low, second.high)
+    low_1, high_1, low_2, high_2 = (np.inf if x is None else x for x in ends)
+    return bool(low_1 <= high_2 and low_2 <= high_1)
+
+
 def compare(table: Table, one: Folder, other: Folder) -> list[str]:
     """Cells that both have, whether the 95 % interval of their difference holds 0."""
     names = tuple(table.columns)[: table.cell]
@@ -185,6 +208,14 @@ def compare(table: Table, one: Folder, other: Folder) -> list[str]:
     shared = [cell for cell in ours.by_cell if cell in theirs.by_cell]
     lines, apart = [], 0
     for cell in shared:
+        if table.value is not None:
+            numbers = [
+                [row[table.value] for row in cells.by_cell[cell]] for cells in (ours, theirs)
+            ]
+            if not medians_agree(*numbers):
+                apart += 1
+                lines.append(f"apart: {cell}: {' and '.join(map(interval_of, numbers))}")
+            continue
         pair = [cells.rates(*cell) for cells in (ours, theirs)]
         found = unpaired_difference(*pair).interval
         if found.low is None or found.high is None or not found.low <= 0.0 <= found.high:

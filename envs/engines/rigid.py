@@ -28,8 +28,12 @@ Array = npt.NDArray[np.float64]
 TOLERANCE = {64: 1e-9, 32: 1e-5}
 """Largest relative error of a mass matrix or gravity force, by the width of the engine's floats."""
 
-PROBES = ((0.3, -0.7), (-1.1, 2.2), (0.6, 1.4))
-"""Configurations at which an engine is compared with the plant."""
+_PROBES = ((0.3, -0.7), (-1.1, 2.2), (0.6, 1.4))
+
+
+def probes(n: int) -> tuple[Components, ...]:
+    """Configurations of n joints at which an engine is compared with the plant."""
+    return tuple((pair * n)[-n:] for pair in _PROBES)
 
 
 def mechanism_of(engine: str, plant: Plant) -> Mechanism:
@@ -44,8 +48,8 @@ def mechanism_of(engine: str, plant: Plant) -> Mechanism:
             f"engine {engine!r} moves rigid links, and the plant {plant.name!r} has none: it gives "
             "no `mechanism`; use engine 'native' or 'casadi'"
         )
-    for probe in PROBES:
-        q = v = probe[-len(plant.coordinates) :]
+    for q in probes(len(plant.coordinates)):
+        v = q
         expected = sum(link.damping * x * x for link, x in zip(mechanism.links, v, strict=True))
         power = plant.dissipation(SCALAR, q, v)
         if not np.isclose(power, expected, rtol=1e-12, atol=0.0):
@@ -66,8 +70,7 @@ def check_agreement(model: Any, plant: Plant) -> None:
     Raises:
         ValueError: if they differ.
     """
-    for probe in PROBES:
-        q = probe[-len(plant.coordinates) :]
+    for q in probes(len(plant.coordinates)):
         expected = np.array(plant.mass_matrix(SCALAR, q), dtype=np.float64)
         still = (0.0,) * len(q)
         weight = expected @ np.array(plant.acceleration(SCALAR, q, still, still))

@@ -13,7 +13,7 @@ from integ_gym.support.errors import InputError
 
 from ..mechanics import Mechanism
 from ..ops.ops import SCALAR, Components
-from .rigid import PROBES, TOLERANCE, Array, HeldForce, RigidBodyEngine
+from .rigid import TOLERANCE, Array, HeldForce, RigidBodyEngine, probes
 from .simulator import Run, load_undisturbed
 
 SOLVERS = {
@@ -129,8 +129,8 @@ class SapienEngine(RigidBodyEngine):
     def _check(self) -> None:
         super()._check()
         n = len(self.mechanism.links)
-        for q in (0.0,) * n, *[probe[-n:] for probe in PROBES]:
-            for v in [probe[-n:] for probe in PROBES]:
+        for q in (0.0,) * n, *probes(n):
+            for v in probes(n):
                 self._compare(q, v)
 
     def _compare(self, q: Components, v: Components) -> None:

@@ -22,17 +22,19 @@ from integ_gym.evidence.store import EvidenceStore
 
 NAMES = [name for name in INTEGRATORS.names() if name != TRUTH]
 WITH_ORDERS = ("free motion", "damping", "friction", "contact", "actuation", "timestep refinement")
+ORDERED = ("pendulum", "elastic_pendulum", "cart_pole")
+"""Plants whose orders these are: the first and the last have friction and stops."""
 
 
 @pytest.mark.parametrize("place", range(len(NAMES)))
 def test_the_order_of_every_integrator_is_judged_and_right(place, tmp_path, monkeypatch):
-    """Every section, plant and integrator at least once.
+    """Every section and integrator at least once.
 
     Orders of every integrator on every plant are measured in `test_integrators.py` and
     `test_accuracy.py`; here it is asked whether a section finds and judges them.
     """
     monkeypatch.setattr(control, "success", lambda *arguments: None)
-    section, plant = WITH_ORDERS[place % len(WITH_ORDERS)], RESTING[-1 - place % 3]
+    section, plant = WITH_ORDERS[place % len(WITH_ORDERS)], ORDERED[place % len(ORDERED)]
     findings = examine(section, plant, NAMES[place], TRUTH, store=tmp_path)
     judged = [f for f in findings if f.order_steps]
     for finding in judged:
@@ -78,7 +80,7 @@ def test_truth_is_known_to_the_same_digits_by_scipy(plant):
         state = advance("reference", subject.plant, state, subject.control_period, 1, command)
     assert np.abs(state - motion.states[-1]).max() < 1e-10
     assert np.abs(motion.lost).max() < 1e-10 * motion.energy.max()
-    assert abs(motion.work[-1]) > 1e-3 * motion.energy.max()
+    assert np.abs(motion.work).max() > 1e-3 * motion.energy.max()
 
 
 @pytest.mark.parametrize("section", ["integrator", "damping"])

@@ -9,6 +9,7 @@ from integ_gym.envs.registries import INTEGRATORS, PLANTS
 ALL = INTEGRATORS.names()
 DAMPED: dict[str, dict[str, float]] = {
     "acrobot": {"damping": 0.1},
+    "chain": {"damping": 0.1},
     "pendulum": {"damping": 0.3},
     "cart_pole": {"damping": 0.02, "cart_damping": 0.4},
     "elastic_pendulum": {"damping": 0.2, "stiffness": 50.0},

@@ -83,8 +83,23 @@ def _double_pendulum(p, q, v):
     return mass, weight, p.damping * (v[0] ** 2 + v[1] ** 2)
 
 
+def _chain(p, q, v):
+    """By the middles' Jacobians, as of the double pendulum."""
+    n, angles = len(q), np.cumsum(q)
+    along = p.length * np.array([np.cos(angles), np.sin(angles)])
+    mass, weight = np.zeros((n, n)), np.zeros(n)
+    for i in range(n):
+        share = np.where(np.arange(n) < i, 1.0, np.where(np.arange(n) == i, 0.5, 0.0))
+        middle = (share * along) @ np.tri(n)
+        turn = np.tri(n)[i]
+        mass += p.mass * middle.T @ middle + p.mass * p.length**2 / 12.0 * np.outer(turn, turn)
+        weight -= p.mass * p.gravity * middle[1]
+    return mass, weight, p.damping * sum(x**2 for x in v)
+
+
 CLOSED_FORMS = {
     "acrobot": _double_pendulum,
+    "chain": _chain,
     "pendulum": _pendulum,
     "cart_pole": _cart_pole,
     "elastic_pendulum": _elastic_pendulum,
@@ -119,13 +134,18 @@ def check_closed_forms(owner) -> None:
         for _ in range(4):
             plant = _random_plant(owner, distribution, rng)
             point = probe_state(plant) + 0.3 * rng.standard_normal(2 * len(plant.coordinates))
-            q, v = tuple(point[0::2].tolist()), tuple(point[1::2].tolist())
-            mass, force, lost = CLOSED_FORMS[plant.name](plant, q, v)
-            none = (0.0,) * len(q)
-            pulled = np.array(mass) @ plant.acceleration(SCALAR, q, none, none)
-            _assert_close(plant.mass_matrix(SCALAR, q), mass, 1e-12)
-            _assert_close(pulled, force, 1e-12)
-            _assert_close(plant.dissipation(SCALAR, q, v), lost, 1e-12)
+            check_closed_forms_of(plant, point, plant.name)
+
+
+def check_closed_forms_of(plant, point, form) -> None:
+    """The same of a plant in a state, by the closed forms of a name."""
+    q, v = tuple(point[0::2].tolist()), tuple(point[1::2].tolist())
+    mass, force, lost = CLOSED_FORMS[form](plant, q, v)
+    none = (0.0,) * len(q)
+    pulled = np.array(mass) @ plant.acceleration(SCALAR, q, none, none)
+    _assert_close(plant.mass_matrix(SCALAR, q), mass, 1e-12)
+    _assert_close(pulled, force, 1e-12)
+    _assert_close(plant.dissipation(SCALAR, q, v), lost, 1e-12)
 
 
 def _random_plant(owner, distribution, rng):

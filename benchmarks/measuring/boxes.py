@@ -1,0 +1,187 @@
+"""A box on each simulator's own ground: a flat box, dropped while it slides, without a spin.
+
+Contact has the simulator's default parameters, but for a coefficient of friction of 0.5 and no
+restitution. A motion is a generator of (height of the lower side, m; way, m; speeds up and along,
+m/s), one entry for each step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from itertools import product
+from math import sqrt
+
+from integ_gym.envs.engines.simulator import load_undisturbed
+
+GRAVITY, FRICTION, MASS = 9.81, 0.5, 1.0
+HALF = (0.2, 0.2, 0.05)
+"""Half the sides, m."""
+MOMENTS = tuple(MASS / 3.0 * (sum(x * x for x in HALF) - side * side) for side in HALF)
+"""Of inertia, kg m^2."""
+FOOT = 0.01
+"""Radius of the four spheres at the lower corners that Drake's box stands on, m."""
+
+Start = tuple[float, float]
+"""Height of the lower side, m, and speed along, m/s."""
+Motion = Iterator[tuple[float, float, float, float]]
+
+
+def rigid(start: Start) -> tuple[float, float]:
+    """When a rigid box that does not bounce lands, s, and how far it has come when it rests, m."""
+    height, speed = start
+    falls = sqrt(2.0 * height / GRAVITY)
+    left = max(0.0, speed - FRICTION * GRAVITY * falls)
+    return falls, speed * falls + left * left / (2.0 * FRICTION * GRAVITY)
+
+
+def mujoco(integrator: str, dt: float, start: Start) -> Motion:
+    """Soft contact, MuJoCo's default impedance."""
+    import mujoco as mj
+
+    sides = " ".join(map(str, HALF))
+    model = mj.MjModel.from_xml_string(
+        f'<mujoco><option timestep="{dt}" integrator="{integrator}" gravity="0 0 {-GRAVITY}"/>'
+        f'<default><geom friction="{FRICTION} 0.005 0.0001"/></default><worldbody>'
+        '<geom type="plane" size="9 9 1"/><body><freejoint/>'
+        f'<geom type="box" size="{sides}" mass="{MASS}"/></body></worldbody></mujoco>'
+    )
+    data = mj.MjData(model)
+    data.qpos[2], data.qvel[0] = start[0] + HALF[2], start[1]
+    while True:
+        mj.mj_step(model, data)
+        q, v = data.qpos, data.qvel
+        yield q[2] - HALF[2], q[0], v[2], v[0]
+
+
+def pybullet(integrator: str, dt: float, start: Start) -> Motion:
+    """Sequential impulses."""
+    bullet = load_undisturbed("pybullet", "pybullet")
+    client = bullet.connect(bullet.DIRECT)
+    own = {"physicsClientId": client}
+    try:
+        bullet.setGravity(0.0, 0.0, -GRAVITY, **own)
+        bullet.setTimeStep(dt, **own)
+        shapes = (
+            bullet.createCollisionShape(bullet.GEOM_PLANE, **own),
+            bullet.createCollisionShape(bullet.GEOM_BOX, halfExtents=HALF, **own),
+        )
+        ground = bullet.createMultiBody(0.0, shapes[0], **own)
+        box = bullet.createMultiBody(
+            MASS, shapes[1], basePosition=(0.0, 0.0, start[0] + HALF[2]), **own
+        )
+        bullet.changeDynamics(ground, -1, lateralFriction=1.0, **own)
+        bullet.changeDynamics(
+            box, -1, lateralFriction=FRICTION, linearDamping=0.0, angularDamping=0.0, **own
+        )
+        bullet.resetBaseVelocity(box, (start[1], 0.0, 0.0), **own)
+        while True:
+            bullet.stepSimulation(**own)
+            q = bullet.getBasePositionAndOrientation(box, **own)[0]
+            v = bullet.getBaseVelocity(box, **own)[0]
+            yield q[2] - HALF[2], q[0], v[2], v[0]
+    finally:
+        bullet.disconnect(client)
+
+
+def dart(integrator: str, dt: float, start: Start) -> Motion:
+    """A linear complementarity problem in each step."""
+    dartpy = load_undisturbed("dartpy", "dart")
+    world = dartpy.simulation.World()
+    world.setTimeStep(dt)
+    world.setGravity([0.0, 0.0, -GRAVITY])
+    ground, box = dartpy.dynamics.Skeleton("ground"), dartpy.dynamics.Skeleton("box")
+    floor = ground.createWeldJointAndBodyNodePair()[1]
+    body = box.createFreeJointAndBodyNodePair()[1]
+    for node, sides, down in (
+        (floor, (20.0, 20.0, 1.0), -0.5), (body, tuple(2.0 * x for x in HALF), 0.0),
+    ):  # fmt: skip
+        shape = node.createShapeNode(dartpy.dynamics.BoxShape(sides))
+        place = dartpy.math.Isometry3()
+        place.set_translation([0.0, 0.0, down])
+        shape.setRelativeTransform(place)
+        shape.createCollisionAspect()
+        shape.createDynamicsAspect().setFrictionCoeff(FRICTION)
+    inertia = dartpy.dynamics.Inertia(MASS, [0.0] * 3, [[m * (i == k) for k in range(3)]
+                                                       for i, m in enumerate(MOMENTS)])  # fmt: skip
+    body.setInertia(inertia)
+    for one in (ground, box):
+        world.addSkeleton(one)
+    box.setPositions([0.0, 0.0, 0.0, 0.0, 0.0, start[0] + HALF[2]])
+    box.setVelocities([0.0, 0.0, 0.0, start[1], 0.0, 0.0])
+    while True:
+        world.step()
+        q, v = body.getTransform().translation(), body.getLinearVelocity()
+        yield q[2] - HALF[2], q[0], v[2], v[0]
+
+
+def sapien(integrator: str, dt: float, start: Start) -> Motion:
+    """PhysX's rigid bodies, by the solver of a name."""
+    module = load_undisturbed("sapien", "sapien")
+    from integ_gym.envs.engines.sapien import _system
+
+    system = _system(module.physx, GRAVITY, integrator == "tgs")
+    system.timestep = dt
+    scene = module.Scene([system])
+    material = module.physx.PhysxMaterial(FRICTION, FRICTION, 0.0)
+    scene.add_ground(0.0, render=False, material=material)
+    builder = scene.create_actor_builder()
+    builder.add_box_collision(
+        half_size=HALF, material=material, density=MASS / (8 * HALF[0] * HALF[1] * HALF[2])
+    )
+    builder.set_initial_pose(module.Pose([0.0, 0.0, start[0] + HALF[2]]))
+    actor = builder.build()
+    body = actor.find_component_by_type(module.physx.PhysxRigidDynamicComponent)
+    body.linear_damping = body.angular_damping = 0.0
+    body.linear_velocity = [start[1], 0.0, 0.0]
+    while True:
+        system.step()
+        q, v = body.pose.p, body.linear_velocity
+        yield float(q[2]) - HALF[2], float(q[0]), float(v[2]), float(v[0])
+
+
+def drake(integrator: str, dt: float, start: Start) -> Motion:
+    """Point contact with Drake's default compliance, at four small spheres: a box has one point."""
+    from pydrake.geometry import HalfSpace, Sphere
+    from pydrake.math import RigidTransform
+    from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, CoulombFriction
+    from pydrake.multibody.plant import DiscreteContactApproximation as Approximation
+    from pydrake.multibody.tree import SpatialInertia, UnitInertia
+    from pydrake.systems.analysis import Simulator
+    from pydrake.systems.framework import DiagramBuilder
+
+    builder = DiagramBuilder()
+    plant, _ = AddMultibodyPlantSceneGraph(builder, dt)
+    plant.set_discrete_contact_approximation(
+        Approximation.__members__[f"k{integrator.capitalize()}"]
+    )
+    plant.mutable_gravity_field().set_gravity_vector([0.0, 0.0, -GRAVITY])
+    rubs = CoulombFriction(FRICTION, FRICTION)
+    plant.RegisterCollisionGeometry(plant.world_body(), RigidTransform(), HalfSpace(), "g", rubs)
+    about = UnitInertia(*[m / MASS for m in MOMENTS])
+    body = plant.AddRigidBody("box", SpatialInertia(MASS, [0.0] * 3, about))
+    for i, (x, y) in enumerate(product((-1, 1), repeat=2)):
+        corner = RigidTransform([x * HALF[0], y * HALF[1], FOOT - HALF[2]])
+        plant.RegisterCollisionGeometry(body, corner, Sphere(FOOT), f"foot{i}", rubs)
+    plant.Finalize()
+    diagram = builder.Build()
+    simulator = Simulator(diagram)
+    context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+    plant.SetPositions(context, [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, start[0] + HALF[2]])
+    plant.SetVelocities(context, [0.0, 0.0, 0.0, start[1], 0.0, 0.0])
+    simulator.Initialize()
+    done = 0
+    while True:
+        done += 1
+        simulator.AdvanceTo(done * dt)
+        q, v = plant.GetPositions(context), plant.GetVelocities(context)
+        yield q[6] - HALF[2], q[4], v[5], v[3]
+
+
+BOXES: dict[str, Callable[[str, float, Start], Motion]] = {
+    "mujoco": mujoco,
+    "pybullet": pybullet,
+    "dart": dart,
+    "sapien": sapien,
+    "drake": drake,
+}
+"""By engine."""

@@ -1,0 +1,519 @@
+"""Simulation tools, 2026: error against processor time, of eleven engines and our integrators.
+
+    python benchmarks/tables/simulation_tools.py --out runs/simulation_tools
+    python benchmarks/tables/simulation_tools.py --out runs/simulation_tools --only chain-2 box
+    python benchmarks/tables/simulation_tools.py --out docs/tables/simulation_tools --table
+
+Erez, Tassa and Todorov (ICRA 2015) compared engines with themselves at their finest step, which
+says whether an engine converges and not what to. Here every motion is also compared with a truth.
+
+- `chain-2`, `chain-5`, `chain-10`: uniform rods of 1 kg and 1 m, without gravity, for 1 s. The
+  truth is `reference`. Without gravity energy and the angular momentum about the first joint stay.
+- `box`: a flat box on each simulator's own ground, dropped while it slides, for 0.6 s. The truth is
+  that of a rigid box that does not bounce, in closed form.
+- `servo`: an arm, 1/3 kg m², under a servo of 40 N m/rad and 6 N m s/rad, for 0.5 s. The truth is
+  the continuous servo, by `reference`. Engines hold a servo's torque over each of their steps.
+
+Declared before it was run: six starts by seeds from 5000, drawn in `start_of`; steps, subjects
+and what is left out, with the reason, below. Nothing was chosen on these seeds: the script was made
+on seeds from 900. Distances are root mean squares over coordinates at the end. Of each cell the
+median over starts is shown, with the interval between order statistics; there is no test.
+
+A time is the processor's of one whole motion, in one thread, without building the model, the least
+of two, by one call for all steps where the engine has it. Beside it is that of a yardstick, a
+fixed loop in Python, in the same process: how busy the machine was shows there.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cache
+from itertools import islice
+from math import pi
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from measuring.boxes import BOXES, GRAVITY, MASS, rigid
+from measuring.results import markdown
+from measuring.tables import Cells, Row, Table, command, interval_of
+
+from integ_gym.envs.engines.stepping import missing_modules
+from integ_gym.envs.environment import environment_setup
+from integ_gym.envs.numerics.stepping import Array, engine_of
+from integ_gym.envs.ops.compiling import compile_trace
+from integ_gym.envs.ops.dialects import SCALARS
+from integ_gym.envs.ops.ops import SCALAR, Components, Ops, join_state, split_state
+from integ_gym.envs.plants.chain import chain_of
+from integ_gym.envs.plants.system import PlantSystem
+from integ_gym.envs.registries import TRUTH
+from integ_gym.envs.settings import NATIVE
+from integ_gym.support.errors import IntegGymError
+from integ_gym.support.figures import COOL, SOFT, WARM, axes_at, blank_figure, write_figure
+
+STARTS = 6
+STEPS = {
+    "chain": (0.01, 0.005, 0.002, 0.001),
+    "box": (0.004, 0.002, 0.001),
+    "servo": (0.02, 0.01, 0.005, 0.002),
+}
+"""Of each kind of block, s."""
+FINER = 2
+"""An engine's finest step is the last of these divided by it."""
+SPAN = {"chain": 1.0, "box": 0.6, "servo": 0.5}
+"""Of the motion, s."""
+TARGET = 0.5
+SERVO = {
+    "gravity": 0.0,
+    "max_torque": 1e9,
+    "actuator": "position",
+    "servo_stiffness": 40.0,
+    "servo_damping": 6.0,
+    "control_period": SPAN["servo"],
+}
+
+SUBJECTS: dict[str, tuple[str, ...]] = {
+    NATIVE: ("symplectic_euler", "rk4", "stormer_verlet", "implicit_midpoint"),
+    "casadi": ("rk", "cvodes"),
+    "dart": ("semi_implicit_euler",),
+    "drake": ("tamsi", "sap", "runge_kutta3", "runge_kutta5"),
+    "isaaclab": ("physx",),
+    "mjx": ("Euler", "RK4"),
+    "mujoco": ("Euler", "RK4"),
+    "mujoco_warp": ("Euler", "RK4"),
+    "newton": ("featherstone",),
+    "pinocchio": ("symplectic_euler", "rk4"),
+    "pybullet": ("semi_implicit_euler",),
+    "sapien": ("tgs", "pgs"),
+}
+"""Engines, and which of their integrators; of several with one map, one."""
+
+BLOCKS = ("chain-2", "chain-5", "chain-10", "box", "servo")
+IMPLICIT = ("stormer_verlet", "implicit_midpoint")
+CONTINUOUS = ("runge_kutta3", "runge_kutta5")
+
+
+def left_out(block: str, engine: str, integrator: str) -> str:
+    """Why a subject is not asked to do a block; empty where it is."""
+    if block in ("chain-5", "chain-10"):
+        if engine == "mjx":
+            return "left out: its program for this many joints takes minutes to compile"
+        if integrator in IMPLICIT:
+            return "left out: its straight-line function for this many joints takes minutes to make"
+    if block == "box" and engine not in BOXES:
+        if engine in (NATIVE, "casadi", "pinocchio"):
+            return "left out: it has no rigid contact of its own"
+        return "left out: no box was written for it here"
+    if block == "box" and integrator in CONTINUOUS:
+        return "left out: an integrator of a continuous model, and the box is a discrete one"
+    if integrator == "cvodes" and block != "chain-2":
+        return "left out: a solver with steps of its own inside each; measured on two links alone"
+    return ""
+
+
+@dataclass(frozen=True)
+class Unit:
+    """One subject in one block, from all starts."""
+
+    block: str
+    engine: str
+    integrator: str
+    first_seed: int
+
+    @property
+    def name(self) -> str:
+        """Unlike that of any other."""
+        return f"{self.block} by {self.engine}/{self.integrator}, starts from {self.first_seed}"
+
+    @property
+    def seeds(self) -> range:
+        """Of the starts."""
+        return range(self.first_seed, self.first_seed + STARTS)
+
+
+def units(first_seed: int) -> list[Unit]:
+    """All, block after block."""
+    return [
+        Unit(block, engine, integrator, first_seed)
+        for block in BLOCKS
+        for engine, integrators in SUBJECTS.items()
+        for integrator in integrators
+    ]
+
+
+def start_of(block: str, seed: int) -> tuple[float, ...]:
+    """A state in state order; of the box the height of its lower side, m, and its speed, m/s."""
+    rng = np.random.default_rng(seed)
+    if block == "box":
+        return float(rng.uniform(0.02, 0.08)), float(rng.uniform(1.0, 1.5))
+    if block == "servo":
+        return float(rng.uniform(-1.0, 0.0)), float(rng.uniform(-2.0, 2.0))
+    links = int(block.partition("-")[2])
+    q = (rng.uniform(-pi, pi), *rng.uniform(-1.0, 1.0, links - 1))
+    return tuple(float(x) for x in join_state(q, tuple(rng.uniform(-1.0, 1.0, links))))
+
+
+def yardstick() -> float:
+    """Processor time of a fixed loop, s."""
+    begun, total = time.process_time(), 0.0
+    for k in range(20_000):
+        total += 1.0 / (k + 1.0) * total - 0.5
+    return time.process_time() - begun
+
+
+@dataclass(frozen=True)
+class Found:
+    """One motion: where it ended, what it did, and its processor time, s."""
+
+    end: Array
+    measures: dict[str, float]
+    seconds: float
+
+
+def run(unit: Unit) -> list[Row]:
+    """What a subject does at every step from every start, or why it does not."""
+    kind = unit.block.partition("-")[0]
+    of = {"block": unit.block, "engine": unit.engine, "integrator": unit.integrator}
+    try:
+        if why := left_out(unit.block, unit.engine, unit.integrator):
+            raise IntegGymError(why)
+        if missing := missing_modules(unit.engine):
+            raise IntegGymError(f"left out: {', '.join(missing)} is not installed")
+        steps = STEPS[kind]
+        move = {"chain": _chain, "box": _box, "servo": _servo}[kind]
+        found = {
+            dt: [move(unit, dt, start_of(unit.block, seed)) for seed in unit.seeds]
+            for dt in (*steps, steps[-1] / FINER)
+        }
+    except (IntegGymError, ArithmeticError, RuntimeError) as error:
+        why = " ".join(str(error).split())
+        return [
+            {**of, "dt": 0.0, "quantity": "none", "seed": unit.first_seed, "value": 0.0, "why": why}
+        ]
+    truths = [_truth(unit.block, seed) for seed in unit.seeds]
+    rows: list[Row] = []
+    for dt in steps:
+        for seed, one, finest, truth in zip(
+            unit.seeds, found[dt], found[steps[-1] / FINER], truths, strict=True
+        ):
+            values = {
+                "from the truth": _distance(one.end, truth),
+                "from its finest step": _distance(one.end, finest.end),
+                **one.measures,
+                "seconds": one.seconds,
+                "yardstick": yardstick(),
+            }
+            rows += [
+                {**of, "dt": dt, "quantity": name, "seed": seed, "value": value, "why": ""}
+                for name, value in values.items()
+            ]
+    return rows
+
+
+def _distance(one: Array, other: Array) -> float:
+    """Root mean square over coordinates; of what is lost as large as can be."""
+    apart = float(np.sqrt(np.mean((one - other) ** 2)))
+    return apart if np.isfinite(apart) else float(np.finfo(np.float64).max)
+
+
+@cache
+def _truth(block: str, seed: int) -> Array:
+    """Coordinates at the end."""
+    start = start_of(block, seed)
+    if block == "box":
+        return np.array([rigid(start)[1]])  # type: ignore[arg-type]
+    if block == "servo":
+        given = {**SERVO, "integrator": TRUTH, "dt": SPAN["servo"], "servo": "continuous"}
+        engine, count, control = environment_setup("IntegPendulum-v0", given).engine, 1, (TARGET,)
+    else:
+        engine, count, control = engine_of(TRUTH, PlantSystem(_plant(block)), 0.1), 10, (0.0,)
+    return np.array(engine.advance(SCALAR, *split_state(start), ((control, count),), None).q)
+
+
+@cache
+def _plant(block: str) -> Any:
+    return chain_of(int(block.partition("-")[2]))(gravity=0.0)
+
+
+def _timed(function: Callable[[], Any], turns: int) -> tuple[Any, float]:
+    """What a function gives, and the least of some processor times, s."""
+    times = []
+    for _ in range(turns):
+        begun = time.process_time()
+        given = function()
+        times.append(time.process_time() - begun)
+    return given, min(times)
+
+
+def _turns(block: str, dt: float) -> int:
+    """How often a motion is done: the finest, of which no time is shown, once."""
+    return 2 if dt in STEPS[block.partition("-")[0]] else 1
+
+
+@cache
+def _mover(
+    block: str, engine: str, integrator: str, dt: float
+) -> Callable[[Components, Components], Any]:
+    """From (q, v) to those at the end of the block, by a subject without contact."""
+    count = round(SPAN[block.partition("-")[0]] / dt)
+    if block == "servo":
+        own = {"integrator": integrator, "dt": dt, "engine": engine}
+        when = "continuous" if engine == NATIVE else "step"
+        made = environment_setup("IntegPendulum-v0", {**SERVO, **own, "servo": when}).engine
+        control: Components = (TARGET,)
+    else:
+        made, control = engine_of(f"{engine}/{integrator}", PlantSystem(_plant(block)), dt), (0.0,)
+    if engine != NATIVE:
+        return lambda q, v: made.advance(SCALAR, q, v, ((control, count),), None)[:2]
+
+    def step(ops: Ops, q: Components, v: Components) -> tuple[Any, ...]:
+        motion = made.advance(ops, q, v, ((control, 1),), None)
+        return tuple(motion.q), tuple(motion.v)
+
+    n = len(made.system.plant.coordinates)
+    compiled = compile_trace(SCALARS, step, (False,) * n, (False,) * n)
+
+    def move(q: Components, v: Components) -> Any:
+        for _ in range(count):
+            q, v = compiled(q, v)
+        return q, v
+
+    return move
+
+
+def _chain(unit: Unit, dt: float, start: tuple[float, ...]) -> Found:
+    q, v = split_state(start)
+    move = _mover(unit.block, unit.engine, unit.integrator, dt)
+    (end, speeds), seconds = _timed(lambda: move(q, v), _turns(unit.block, dt))
+    plant = _plant(unit.block)
+
+    def invariants(q: Components, v: Components) -> Array:
+        momentum = float(np.dot(plant.mass_matrix(SCALAR, q)[0], v))
+        return np.array([plant.energy(SCALAR, q, v), momentum])
+
+    before = invariants(q, v)
+    energy, momentum = np.abs(invariants(end, speeds) - before)
+    measures = {"energy": float(energy / before[0]), "momentum": float(momentum)}
+    return Found(np.array(end), measures, seconds)
+
+
+def _servo(unit: Unit, dt: float, start: tuple[float, ...]) -> Found:
+    q, v = split_state(start)
+    move = _mover(unit.block, unit.engine, unit.integrator, dt)
+    (end, _), seconds = _timed(lambda: move(q, v), _turns(unit.block, dt))
+    return Found(np.array(end), {}, seconds)
+
+
+def _box(unit: Unit, dt: float, start: tuple[float, ...]) -> Found:
+    count = round(SPAN["box"] / dt)
+    make = BOXES[unit.engine]
+
+    def move() -> tuple[Array, float]:
+        motion = make(unit.integrator, dt, start)  # type: ignore[arg-type]
+        first = next(motion)  # the model is made in the first step
+        begun = time.process_time()
+        states = [first, *islice(motion, count - 1)]
+        seconds = time.process_time() - begun
+        motion.close()  # type: ignore[attr-defined]
+        return np.array(states, dtype=np.float64), seconds
+
+    (path, one), (_, other) = move(), move()
+    landed = rigid(start)[0]  # type: ignore[arg-type]
+    after = path[int(landed / dt) + 2 :]
+    height, way, rising, along = path[-1]
+    energy = MASS * (GRAVITY * height + 0.5 * (rising**2 + along**2))
+    return Found(
+        np.array([way]),
+        {
+            "penetration": float(max(0.0, -path[:, 0].min())),
+            "bounce": float(max(0.0, after[:, 2].max()) / (GRAVITY * landed)),
+            "energy": float(abs(energy)),
+        },
+        min(one, other),
+    )
+
+
+TABLE = Table(
+    columns={
+        "block": "what moves",
+        "engine": "what moves it",
+        "integrator": "as the engine calls it",
+        "dt": "step, s; 0 where it does not stand",
+        "quantity": "what was measured",
+        "seed": "of the start",
+        "value": "distances: rad, box: m; energy: share of that at the start, box: J; momentum: "
+        "kg m²/s; penetration: m; bounce: share of the speed of arrival; time of the processor: s",
+        "why": "it does not stand here: its own words, or ours where it was left out",
+    },
+    cell=5,
+    declared={
+        "subjects": SUBJECTS,
+        "blocks": BLOCKS,
+        "left_out": {
+            f"{unit.block} {unit.engine}/{unit.integrator}": why
+            for unit in units(0)
+            if (why := left_out(unit.block, unit.engine, unit.integrator))
+        },
+        "steps": STEPS,
+        "finer": FINER,
+        "span": SPAN,
+        "starts": STARTS,
+        "servo": SERVO,
+    },
+    packages=(
+        "integ-gym",
+        "numpy",
+        "casadi",
+        "dartpy",
+        "drake",
+        "jax",
+        "mujoco",
+        "mujoco-mjx",
+        "mujoco-warp",
+        "newton",
+        "pin",
+        "pybullet",
+        "sapien",
+        "warp-lang",
+    ),
+    units=units,
+    first_seed=5000,
+    run=run,
+    value="value",
+)
+NAMES = tuple(TABLE.columns)[: TABLE.cell]
+KEEP = ("from the truth", "from its finest step")
+SHOWN = {
+    "chain": (*KEEP, "energy", "momentum"),
+    "box": (*KEEP, "penetration", "bounce", "energy"),
+    "servo": KEEP,
+}
+"""Columns of each kind of block's table."""
+
+
+def tables(rows: list[Row]) -> str:
+    """The page's tables, as Markdown."""
+    cells = Cells(rows, NAMES)
+    parts = [_frontiers(cells), *(_block(cells, block) for block in BLOCKS), _refusals(rows)]
+    return "\n\n".join("\n".join(part) for part in parts) + "\n"
+
+
+def _values(cells: Cells, *cell: Any) -> list[float]:
+    return [row["value"] for row in cells.by_cell.get(cell, [])]
+
+
+def _median(cells: Cells, *cell: Any) -> float:
+    return float(np.median(_values(cells, *cell)))
+
+
+def standing(cells: Cells, block: str) -> Iterator[tuple[str, str, float]]:
+    """Engine, integrator and step of all that stand in a block."""
+    for engine, integrators in SUBJECTS.items():
+        for integrator in integrators:
+            for dt in STEPS[block.partition("-")[0]]:
+                if _values(cells, block, engine, integrator, dt, "seconds"):
+                    yield engine, integrator, dt
+
+
+def frontier(cells: Cells, block: str) -> list[tuple[str, str, float, float, float]]:
+    """Of a block, those that nothing beats in both: engine, integrator, step, s, error; by time."""
+    found = sorted(
+        (_median(cells, block, *one, "seconds"), _median(cells, block, *one, KEEP[0]), one)
+        for one in standing(cells, block)
+    )
+    kept: list[tuple[str, str, float, float, float]] = []
+    for seconds, error, one in found:
+        if not kept or error < kept[-1][4]:
+            kept.append((*one, seconds, error))
+    return kept
+
+
+def _frontiers(cells: Cells) -> list[str]:
+    lines = [
+        (block, f"{engine}/{integrator}", f"{1e3 * dt:g}", f"{1e3 * seconds:.2g}", f"{error:.1e}")
+        for block in BLOCKS
+        for engine, integrator, dt, seconds, error in frontier(cells, block)
+    ]
+    return markdown(("block", "on the frontier", "step, ms", "time, ms", "from the truth"), lines)
+
+
+def _block(cells: Cells, block: str) -> list[str]:
+    shown = SHOWN[block.partition("-")[0]]
+    lines = []
+    for engine, integrator, dt in standing(cells, block):
+        if dt != 0.002:
+            continue
+        values = [_values(cells, block, engine, integrator, dt, name) for name in shown]
+        seconds = 1e3 * _median(cells, block, engine, integrator, dt, "seconds")
+        lines.append((f"{engine}/{integrator}", *map(interval_of, values), f"{seconds:.2g}"))
+    return markdown((f"{block}, step 2 ms", *shown, "time, ms"), lines)
+
+
+def _refusals(rows: list[Row]) -> list[str]:
+    told: dict[tuple[str, str], list[str]] = {}
+    for row in rows:
+        if row["why"]:
+            name = f"{row['engine']}/{row['integrator']}"
+            told.setdefault((row["why"], row["block"]), []).append(name)
+    by_block = sorted(told.items(), key=lambda one: (BLOCKS.index(one[0][1]), one[0][0]))
+    lines = [(block, ", ".join(names), why.replace("|", "/")) for (why, block), names in by_block]
+    return markdown(("block", "not there", "why"), lines)
+
+
+def figure(rows: list[Row], path: Path) -> None:
+    """Distance from the truth against processor time, by block; the frontier is a line."""
+    cells, height = Cells(rows, NAMES), 6.0
+    drawn = blank_figure(10.0, height)
+    engines = list(SUBJECTS)
+    for place, block in enumerate(BLOCKS):
+        across, down = place % 3, place // 3
+        axes = axes_at(drawn, 0.75 + 3.15 * across, height - 2.5 - 2.85 * down, 2.55, 2.1)
+        for engine, integrator, dt in standing(cells, block):
+            at = [
+                _median(cells, block, engine, integrator, dt, name) for name in ("seconds", KEEP[0])
+            ]
+            mark = "osD^v<>PX*hp"[engines.index(engine)]
+            axes.plot(
+                [1e3 * at[0]], [max(at[1], 1e-16)], mark, markersize=5, alpha=0.8,
+                color=COOL if engine == NATIVE else WARM, markeredgewidth=0.0,
+                label=engine,
+            )  # fmt: skip
+        edge = frontier(cells, block)
+        axes.plot(
+            [1e3 * one[3] for one in edge],
+            [max(one[4], 1e-16) for one in edge],
+            "-",
+            color=SOFT,
+            linewidth=1.0,
+        )
+        axes.set(xscale="log", yscale="log")
+        axes.set_title(block, fontsize=9)
+        axes.tick_params(labelsize=7)
+        axes.set_xlabel("processor time of the motion, ms", fontsize=8)
+        if not across:
+            axes.set_ylabel("from the truth, rad (box: m)", fontsize=8)
+    handles = {
+        label: handle
+        for axes in drawn.axes
+        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
+    }
+    drawn.legend(
+        list(handles.values()),
+        list(handles),
+        loc="lower right",
+        bbox_to_anchor=(0.97, 0.1),
+        ncols=2,
+        fontsize=8,
+        frameon=False,
+    )
+    write_figure(drawn, path)
+
+
+if __name__ == "__main__":
+    command(TABLE, tables, figure, __doc__)
