@@ -83,7 +83,7 @@ SUBJECTS: dict[str, tuple[str, ...]] = {
     "casadi": ("rk", "cvodes"),
     "dart": ("semi_implicit_euler",),
     "drake": ("tamsi", "sap", "runge_kutta3", "runge_kutta5"),
-    "isaaclab": ("physx",),
+    "isaaclab": ("euler",),
     "mjx": ("Euler", "RK4"),
     "mujoco": ("Euler", "RK4"),
     "mujoco_warp": ("Euler", "RK4"),
