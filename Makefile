@@ -12,7 +12,7 @@ DM_CONTROL_PYTHON ?= $(PYTHON)
 # Those that have summaries.
 ATLASES := $(patsubst docs/atlas/%/,%,$(wildcard docs/atlas/*/))
 # Published experiments, each in blocks that resume.
-TABLES := learned_periods learned_engines
+TABLES := learned_periods learned_engines simulation_tools
 # Bytecode is kept, whatever the environment says: tests start many processes.
 PYTEST := PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n 2 --dist worksteal
 

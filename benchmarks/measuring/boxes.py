@@ -135,7 +135,7 @@ def sapien(integrator: str, dt: float, start: Start) -> Motion:
     body.linear_velocity = [start[1], 0.0, 0.0]
     while True:
         system.step()
-        q, v = body.pose.p, body.linear_velocity
+        q, v = body.entity_pose.p, body.linear_velocity
         yield float(q[2]) - HALF[2], float(q[0]), float(v[2]), float(v[0])
 
 

@@ -6,12 +6,17 @@ import importlib
 import json
 import subprocess
 import sys
+from functools import cache
 
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from house import ROOT
 
-PAGES = {"learned_periods": ROOT / "docs" / "explanation" / "control_periods.md"}
+PAGES = {
+    "learned_periods": ROOT / "docs" / "explanation" / "control_periods.md",
+    "simulation_tools": ROOT / "docs" / "explanation" / "simulation_tools.md",
+}
 FOLDERS = ROOT / "docs" / "tables"
 
 
@@ -69,6 +74,45 @@ def test_a_step_of_an_engine_is_of_the_map_that_it_is_trained_by(experiment):
             module.defect(module.arguments("swing-up", "as got", name), "symplectic_euler")
     differs = module.contract("short track", "matched", "native", "mujoco")["differs"]
     assert not differs
+
+
+@pytest.mark.parametrize("experiment", ["simulation_tools"], indirect=True)
+def test_what_is_measured_of_a_tool_is_what_is_known_of_it(experiment, monkeypatch):
+    """By one start: orders of convergence, a box that rests where it must, and a refusal."""
+    _, module = experiment
+    monkeypatch.setattr(module, "STARTS", 1)
+
+    @cache
+    def rows_of(*unit):
+        return module.run(module.Unit(*unit, 900))
+
+    def medians(block, engine, integrator, quantity):
+        rows = rows_of(block, engine, integrator)
+        return {row["dt"]: row["value"] for row in rows if row["quantity"] == quantity}
+
+    for block in ("chain-2", "servo"):
+        for name, order in (("symplectic_euler", 1), ("rk4", 4)):
+            off = medians(block, "native", name, "from the truth")
+            assert np.log2(off[0.01] / off[0.005]) == pytest.approx(order, abs=0.35)
+    same = [
+        medians("chain-2", *one, "from the truth")[0.01]
+        for one in (("native", "symplectic_euler"), ("mujoco", "Euler"))
+    ]
+    assert same[0] == pytest.approx(same[1], rel=1e-6)
+    assert medians("box", "sapien", "pgs", "from the truth")[0.001] < 2e-3
+    assert medians("box", "mujoco", "Euler", "penetration")[0.001] > 1e-3
+    (row,) = module.run(module.Unit("box", "casadi", "rk", 900))
+    assert "no rigid contact of its own" in row["why"]
+
+
+@pytest.mark.parametrize("experiment", ["simulation_tools"], indirect=True)
+def test_two_runs_are_compared_by_the_intervals_of_their_medians(experiment):
+    tables = importlib.import_module("measuring.tables")
+    assert tables.medians_agree([1.0, 2.0, 3.0, 4.0, 5.0, 6.0], [6.0, 7.0, 8.0, 9.0, 10.0, 11.0])
+    assert not tables.medians_agree(
+        [1.0, 2.0, 3.0, 4.0, 5.0, 6.0], [6.1, 7.0, 8.0, 9.0, 10.0, 11.0]
+    )
+    assert tables.interval_of([1.0, 2.0, 3.0, 4.0, 5.0, 6.0]) == "3.5e+00 (1.0e+00–6.0e+00)"
 
 
 @pytest.mark.slow
