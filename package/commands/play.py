@@ -16,9 +16,18 @@ examples:
   integ-gym play --env IntegCartPoleSwingUp-v0
   integ-gym play --env IntegCartPole-v0 --integrator rk4 --dt 0.01
   integ-gym play --env-arg max_torque=0.7 --env-arg damping=0.02
+  integ-gym play --env IntegQuadrotor-v0 --env-arg way_point_period=4
+  integ-gym play --env IntegHopper-v0 --integrator rk4 --dt 0.002
 
-Left and right arrow push; up and down make the step coarser and finer; 1 to 9
-or Tab choose the integrator. The plant keeps its motion while they change.
+keys:
+  Left, Right   push; tilt a quadrotor, turn a hopper's hip
+  W, S          the second control: lift a quadrotor or not, stretch or shorten
+                a hopper's leg
+  Up, Down      a coarser, a finer step
+  1 to 9, Tab   the integrator
+  Space, R, Esc pause, begin again, leave
+
+The plant keeps its motion while integrator and step change.
 MOTOR is the energy that you gave. NUMERICS is what the integrator's errors gave
 or, below zero, took; the truth gives none.
 """
@@ -28,8 +37,8 @@ def parser() -> argparse.ArgumentParser:
     """The command's arguments."""
     arguments = CommandParser(
         prog="integ-gym play",
-        description="Drive a pendulum or a cart-pole with the arrow keys, switch the integrator "
-        "and the step while it moves, and watch where its energy comes from.",
+        description="Drive a plant with the arrow keys, W and S, switch the integrator and the "
+        "step while it moves, and watch where its energy comes from.",
         epilog=EXAMPLES,
     )
     add = arguments.add_argument

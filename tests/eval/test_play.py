@@ -204,6 +204,36 @@ def test_two_hands_fly_a_quadrotor(monkeypatch):
     screen.window.close()
 
 
+def test_two_hands_drive_a_hopper(monkeypatch):
+    """One turns the hip, the other stretches the leg; it lands, and there is no goal at rest."""
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    screen = Screen("IntegHopper-v0")
+    screen.frames(0.04)
+    assert screen.game.view().moment.controls == (0.0, 0.0)
+    press(pygame.K_LEFT, pygame.K_w)
+    screen.frames(0.04)
+    assert screen.game.view().moment.controls == (-20.0, 150.0)
+    press(pygame.K_LEFT, pygame.K_w, kind=pygame.KEYUP)
+    press(pygame.K_s)
+    screen.frames(0.04)
+    assert screen.game.view().moment.controls == (0.0, -150.0)
+    press(pygame.K_s, kind=pygame.KEYUP)
+    screen.frames(2.0)
+    view = screen.game.view()
+    assert screen.game.ended == "the task is lost"
+    assert screen.game.ledger()["losses"] < 0.0
+    assert view.course.goal is None
+    screen.window.close()
+
+
+def test_help_names_the_keys(capsys):
+    with pytest.raises(SystemExit):
+        main(["play", "--help"])
+    told = capsys.readouterr().out
+    for key in ("Left, Right", "W, S", "Up, Down", "Tab", "Space, R, Esc"):
+        assert key in told
+
+
 def test_the_command_says_what_came_of_it(monkeypatch, capsys):
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
     pygame.display.init()
