@@ -31,7 +31,7 @@ class Stage {
     }
     if (scene.flyer) this.parts = [this.body()];
     if (scene.hopper) this.parts = this.legged();
-    this.svg.append(...(trace ? this.trail : []), ...this.parts, ...this.pushes);
+    this.svg.append(...(trace ? this.trail : []), ...this.parts, ...(this.aimed ? [this.aimed] : []), ...this.pushes);
     const jointed = scene.links.length || scene.hopper;
     this.svg.append(draw("circle", { class: "hinge", r: jointed ? 3.4 * this.unit : 0 }));
     this.hinge = this.svg.lastChild;
@@ -69,7 +69,7 @@ class Stage {
     this.far = draw("path", { class: "goal far", "stroke-width": 6 * unit });
     this.metres = Array.from({ length: Math.ceil(right - left) + 1 }, () => draw("g", {},
       draw("path", { class: "track", "stroke-width": unit, d: `M0 0v${6 * unit}` }),
-      draw("text", { y: 16 * unit, "font-size": 8 * unit, "text-anchor": "middle" })));
+      draw("text", { y: 17 * unit, "font-size": (innerWidth <= 640 ? 13 : 8) * unit, "text-anchor": "middle" })));
     svg.append(this.far, draw("path", { class: "track", "stroke-width": 2 * unit, d: `M${left} ${unit}H${right}` }),
       ...this.metres);
   }
@@ -79,6 +79,7 @@ class Stage {
     this.metres.forEach((mark, k) => {
       const metre = Math.ceil(x + left) + k;
       mark.setAttribute("transform", `translate(${metre - x} 0)`);
+      mark.setAttribute("visibility", Math.abs(metre - x) < right - 14 * this.unit ? "visible" : "hidden");
       mark.lastChild.textContent = `${metre} m`.replace("-", "−");
     });
     const { finish } = this.scene.hopper;
@@ -92,7 +93,7 @@ class Stage {
     const places = trace ? Array.from({ length: trace.n }, (_, k) =>
       TARGET(this.coordinates(k * trace.period)).map((x, axis) => (axis ? -x : x))) : [];
     this.aimed = draw("circle", { class: "target", r: scene.target.near });
-    svg.append(draw("polyline", { class: "ring", points: places.join(" "), "stroke-width": unit }), this.aimed);
+    svg.append(draw("polyline", { class: "ring", points: places.join(" "), "stroke-width": unit }));
   }
 
   ground(track, half) {
