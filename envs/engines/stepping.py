@@ -366,7 +366,7 @@ class SteppedEngine(ABC):
                 ops.maximum(most, iterations),
                 ops.maximum(worst, residual),
                 converged & solved,
-                ok & within_bounds(q, raw),
+                ok & within_bounds(q, raw) & (residual <= FLOAT32_MAX),
                 depth,
                 push,
                 depths,

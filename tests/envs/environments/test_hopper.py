@@ -174,3 +174,26 @@ def test_starts_are_dropped():
     assert (least <= low).all()
     assert (high <= most).all()
     assert (high - low >= 0.9 * (most - least)).all()
+
+
+@pytest.mark.parametrize("vector", [False, True])
+def test_a_solution_whose_residual_is_beyond_all_floats_is_a_divergence(vector):
+    """A leg of no length moves so slowly that the residual, relative to its speed, overflows."""
+    arguments = {
+        "integrator": "implicit_euler", "dt": 1.0, "mass": 1.0, "inertia": 1.0, "foot_mass": 1.0,
+        "leg_length": 1.0, "leg_stiffness": 67.0, "damping": 1.0, "gravity": 1.0,
+        "ground_stiffness": 667.0, "ground_damping": 1.0, "ground_friction": 1.0,
+        "friction_speed": 1.0,
+    }  # fmt: skip
+    state, action = np.array([0.0] * 9 + [1e-200]), np.array([1.0, 0.0])
+    if vector:
+        env = gym.make_vec(HOPPER, num_envs=1, **arguments)
+        state, action = state[None], action[None]
+    else:
+        env = gym.make(HOPPER, disable_env_checker=True, **arguments)
+    env.reset(options={"state": state})
+    _, reward, terminated, _, info = env.step(action)
+    assert np.all(terminated)
+    assert np.all(np.asarray(info["solver_status"]) == "diverged")
+    assert np.isfinite(reward).all()
+    assert np.isfinite(info["solver_residual"]).all()
