@@ -215,7 +215,7 @@ def exact(looks: Sequence[int], shares: Sequence[float], overfitting: float = MA
 
 
 def worst_case(most: int, looks: int) -> float:
-    """The same where whoever looks sees all outcomes and chooses the next look by them, exactly."""
+    """The same, exactly, where the next look is chosen with all outcomes before it in view."""
     chances = [binom.pmf(np.arange(d + 1), d, MARGIN) for d in range(most + 1)]
     shown = [binom.cdf(np.arange(n + 1), n, MARGIN) / HOME_SHARE for n in range(most + 1)]
     later = [np.zeros(n + 1) for n in range(most + 1)]

@@ -222,7 +222,7 @@ class LaneInfo:
 
         Args:
             info: of all lanes.
-            mask: lanes that are told about; one array for all keys.
+            mask: lanes that the info is about; one array for all keys.
         """
         codes, names = info["solver_status"], tuple(info)
         if codes.flags.writeable:

@@ -405,7 +405,7 @@ def _checks(rows: list[Row]) -> list[str]:
             for what in ("differs", "silent")
         )
         step = "trained on the engine" if error is None else f"{error:.0e}".replace("-", "−")
-        lines.append((*key, step, differs or "nowhere", silent or "nobody"))
+        lines.append((*key, step, differs or "nowhere", silent or "none"))
     return markdown(("task", "arm", "trained on", "defect of a step", "differs", "silent"), lines)
 
 

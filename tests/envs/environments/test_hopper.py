@@ -84,7 +84,7 @@ def test_the_truth_is_the_motion_written_again():
         expected, (work, lost, in_contact, slipped) = _hopped(
             env.setup.plant, before, action.astype(float), 0.02
         )
-        np.testing.assert_allclose(env.state, expected, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(env.state, expected, rtol=0, atol=1e-10)
         assert info["actuator_work"] == pytest.approx(work, abs=1e-10)
         assert info["dissipated"] == pytest.approx(lost, abs=1e-10)
         assert info["contact_loss"] == pytest.approx(in_contact, abs=1e-10)

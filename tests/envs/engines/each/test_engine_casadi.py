@@ -13,7 +13,7 @@ from own_plants import CentralSpring
 from pairing import pairs
 
 from integ_gym.envs.engines.maps import one_step_map
-from integ_gym.envs.ops.ops import SCALAR
+from integ_gym.envs.ops.ops import SCALAR, split_state
 from integ_gym.envs.plants.system import PlantSystem
 from integ_gym.envs.registries import ENGINES
 from integ_gym.support.optional import load
@@ -65,6 +65,31 @@ def test_states_and_losses_are_the_maps_on_every_plant(integrator, env_id):
             np.testing.assert_allclose(got, wanted, rtol=1e-9, atol=1e-9)
         lost.append(np.subtract(found.losses, losses))
     assert (np.max(lost, axis=0) > 1e-4).all()
+
+
+FLYING = (0.5, -1.0, 0.3, 2.0, 0.4, 0.5, 0.0, 2.0, 0.0, 5.0)
+PRESSED = (0.0, 0.8, 0.47, -0.5, 0.1, 0.2, -0.1, 0.3, 0.48, -0.4)
+"""A quadrotor with turning rotors; a hopper whose foot is pressed into the ground and slides."""
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+@pytest.mark.parametrize(
+    ("env_id", "state"), [("IntegQuadrotor-v0", FLYING), ("IntegHopper-v0", PRESSED)]
+)
+def test_several_controls_and_ground_contact_are_the_maps(env_id, state, integrator):
+    setup = setup_of("casadi", integrator, env_id, dt=0.001)
+    known, losses = one_step_map(setup.engine.map), setup.system.no_losses
+    rng = np.random.default_rng(5)
+    for _ in range(4):
+        q, v = split_state(tuple((np.array(state) + 0.01 * rng.standard_normal(10)).tolist()))
+        controls = tuple(rng.uniform(0.0, 1.0, 2).tolist())
+        found = setup.engine.move(SCALAR, q, v, losses, controls)
+        expected = known.step(SCALAR, setup.system, q, v, losses, controls, 0.001)
+        for got, wanted in zip(
+            (*found[:2], found.losses), (*expected[:2], expected.losses), strict=True
+        ):
+            np.testing.assert_allclose(got, wanted, rtol=1e-9, atol=1e-9)
+        assert np.abs(found.losses).max() > 0.0
 
 
 @dataclass(frozen=True)
