@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.optimize import minimize
 
 from integ_gym.envs.ops.ops import SCALAR, join_state, split_state
 from integ_gym.envs.registries import TRUTH
@@ -186,6 +187,9 @@ class Landing:
 def landing_of(subject: Subject, name: str) -> Landing | None:
     """The landing of a contact point, near the subject's start or its mirror image.
 
+    Springs of the plant are at rest, and the plant is moved to the plane by coordinates that leave
+    them so, where there are any.
+
     Args:
         subject: the plant.
         name: of the point.
@@ -199,14 +203,22 @@ def landing_of(subject: Subject, name: str) -> Landing | None:
     place = plant.contact_names.index(name)
     contact = light.contacts[place]
     others = light.contacts[:place] + light.contacts[place + 1 :]
-    for q in (subject.start[0::2], -subject.start[0::2]):
+    still = (0.0,) * len(plant.coordinates)
+
+    def energy(q: Array) -> float:
+        return float(light.energy(SCALAR, tuple(q.tolist()), still))
+
+    for start in (subject.start[0::2], -subject.start[0::2]):
+        q = minimize(energy, start, tol=_FREE).x
+        loose = np.array([energy(q + one) - energy(q) < _FREE for one in np.eye(len(q))])
         for _ in range(_NEWTON_STEPS):
             configuration = tuple(q.tolist())
             frame = contact.frame(SCALAR, configuration)
             normal = np.array(frame.normal, dtype=np.float64)
             mass = np.array(light.mass_matrix(SCALAR, configuration), dtype=np.float64)
             pushed = np.linalg.pinv(mass) @ normal
-            q = q - frame.gap * pushed / (normal @ pushed)
+            moved = normal * loose if (normal * loose).any() else pushed
+            q = q - frame.gap * moved / (normal @ moved)
         if all(other.frame(SCALAR, configuration).gap > 0.0 for other in others):
             v = -SPEED * pushed / (normal @ pushed)
             rate = math.sqrt(contact.stiffness * float(normal @ pushed))
@@ -244,7 +256,9 @@ def _add_landing(diagnosis: Diagnosis, name: str) -> None:
         found = zip(*map(measures, rollouts), strict=True)
         words = ("largest penetration", "m"), ("most energy that the plane takes", "J")
         for (quantity, unit), measured, exact in zip(words, found, measures(truth), strict=True):
-            expectation = near(exact, TOLERANCE * exact, measured, unit, "as on the truth")
+            expectation = undeclared("nothing: the truth diverges")
+            if math.isfinite(exact):
+                expectation = near(exact, TOLERANCE * exact, measured, unit, "as on the truth")
             diagnosis.add(
                 integrator, f"{title}, {quantity} of {PHASES} touches", measured, unit,
                 expectation, steps=subject.steps,

@@ -11,6 +11,7 @@ from integ_gym.envs.engines.stepping import NativeEngine
 from integ_gym.envs.numerics import stepping
 from integ_gym.envs.numerics.accuracy import independent_motion
 from integ_gym.envs.numerics.stepping import advance
+from integ_gym.envs.plants.hopper import Hopper
 from integ_gym.envs.registries import INTEGRATORS, TRUTH
 from integ_gym.eval.diagnosis import control
 from integ_gym.eval.diagnosis.bench import Bench
@@ -57,9 +58,11 @@ def test_what_never_rests_is_diagnosed_without_its_rest(plant, tmp_path, monkeyp
     assert lines(findings, "delayed commands")
 
 
-@pytest.mark.parametrize("plant", [Puck(), Rod()])
-def test_a_landing_is_held_against_the_truth(plant, tmp_path):
-    name, start = f"touching:{type(plant).__name__}", stepping.probe_state(plant)
+@pytest.mark.parametrize(
+    ("name", "plant"), [("touching:Puck", Puck()), ("touching:Rod", Rod()), ("hopper", Hopper())]
+)
+def test_a_landing_is_held_against_the_truth(name, plant, tmp_path):
+    start = stepping.probe_state(plant)
     subject = Subject(name, plant, (), (0.0005, 0.00025), start, 1.0, 1.0, rests=False)
     bench = Bench(EvidenceStore(tmp_path), "test")
     diagnosis = Diagnosis("contact", bench, subject, ("rk4", TRUTH))
