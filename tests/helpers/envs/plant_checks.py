@@ -140,6 +140,7 @@ def check_closed_forms(owner) -> None:
 def check_closed_forms_of(plant, point, form) -> None:
     """The same of a plant in a state, by the closed forms of a name."""
     q, v = tuple(point[0::2].tolist()), tuple(point[1::2].tolist())
+    assert form in CLOSED_FORMS, f"write the closed forms of {form!r} here, by hand: {__file__}"
     mass, force, lost = CLOSED_FORMS[form](plant, q, v)
     none = (0.0,) * len(q)
     pulled = np.array(mass) @ plant.acceleration(SCALAR, q, none, none)
