@@ -51,14 +51,15 @@ class PinocchioEngine(NativeEngine):
         if integrator not in self.maps and ":" not in integrator:
             raise integrator_error(self.name, integrator, self.maps)
         refuse_arrays(self.name, system)
-        self._bodies = bodies = ArticulatedBodies(mechanism_of(self.name, system.plant))
+        jointed = getattr(system.plant, "bodies", system.plant)
+        self._bodies = bodies = ArticulatedBodies(mechanism_of(self.name, jointed))
         moved = copy(system.plant)
         vars(moved).update(acceleration=bodies.accelerations, jacobian=bodies.slopes)
         stopped, servo = system.engine_stops is not None, system.servo or system.sampler
         moved_system = PlantSystem(moved, system.max_speed, stopped, servo)
         super().__init__(moved_system, integrator, dt, solver)
         self.map = integrator
-        check_agreement(self, getattr(system.plant, "bodies", system.plant))
+        check_agreement(self, jointed)
 
     def describe(self) -> dict[str, Any]:
         """What every engine says, and the map that is applied; no stops of its own."""

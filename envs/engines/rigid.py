@@ -48,13 +48,12 @@ def mechanism_of(engine: str, plant: Plant) -> Mechanism:
             f"engine {engine!r} moves rigid links, and the plant {plant.name!r} has none: it gives "
             "no `mechanism`; use engine 'native' or 'casadi'"
         )
-    for q in probes(len(mechanism.links)):
-        v = q
-        expected = sum(link.damping * x * x for link, x in zip(mechanism.links, v, strict=True))
-        power = plant.dissipation(SCALAR, q, v)
+    for q in probes(len(plant.coordinates)):
+        expected = sum(link.damping * x * x for link, x in zip(mechanism.links, q, strict=True))
+        power = plant.dissipation(SCALAR, q, q)
         if not np.isclose(power, expected, rtol=1e-12, atol=0.0):
             raise InputError(
-                f"plant {plant.name!r} loses {power:g} W to damping at q = v = {v}, where the "
+                f"plant {plant.name!r} loses {power:g} W to damping at q = v = {q}, where the "
                 f"dampers of its `mechanism` take {expected:g} W; give its links the same damping"
             )
     return mechanism
@@ -70,7 +69,7 @@ def check_agreement(model: Any, plant: Plant) -> None:
     Raises:
         ValueError: if they differ.
     """
-    for q in probes(len(mechanism_of(model.name, plant).links)):
+    for q in probes(len(plant.coordinates)):
         expected = np.array(plant.mass_matrix(SCALAR, q), dtype=np.float64)
         still = (0.0,) * len(q)
         weight = expected @ np.array(plant.acceleration(SCALAR, q, still, still))

@@ -52,6 +52,9 @@ _NEWTON_STEPS = 20
 _FREE = 1e-9
 """Acceleration that is none, m/s^2 or rad/s^2."""
 
+_UNSTRETCHED = 1e-9
+"""Energy of springs that is none, J."""
+
 
 def approaching(touching: Array, dt: float, run_up: float, phases: int) -> Array:
     """Starts from which a state is reached at evenly spaced places within a step.
@@ -209,8 +212,8 @@ def landing_of(subject: Subject, name: str) -> Landing | None:
         return float(light.energy(SCALAR, tuple(q.tolist()), still))
 
     for start in (subject.start[0::2], -subject.start[0::2]):
-        q = minimize(energy, start, tol=_FREE).x
-        loose = np.array([energy(q + one) - energy(q) < _FREE for one in np.eye(len(q))])
+        q = minimize(energy, start, tol=_UNSTRETCHED).x
+        loose = np.array([energy(q + one) - energy(q) < _UNSTRETCHED for one in np.eye(len(q))])
         for _ in range(_NEWTON_STEPS):
             configuration = tuple(q.tolist())
             frame = contact.frame(SCALAR, configuration)

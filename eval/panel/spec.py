@@ -211,7 +211,7 @@ class PanelSpec(Stated):
         parts = {cell.discretization: cell.limit_part for cell in limit if not cell.changes}
         kinds: dict[Discretization, CellKind] = {d: "grid" for d in self.grid if d not in truths}
         cells = [
-            self._cell(place, kind, role=self._role(place), limit_part=parts.get(place))
+            self._cell(place, kind, role=self._role(place, kind), limit_part=parts.get(place))
             for place, kind in (kinds | dict.fromkeys(truths, "reference")).items()
         ]
         return _each_once(*cells, *(cell for cell in limit if cell.limit_part == PARTS[-1]))
@@ -231,9 +231,9 @@ class PanelSpec(Stated):
         """All discretizations that something is trained on."""
         return tuple(dict.fromkeys(d for home in self.train for d in home.shares))
 
-    def _role(self, place: Discretization) -> CellRole | None:
+    def _role(self, place: Discretization, kind: CellKind) -> CellRole | None:
         """Of the truth, and of an integrator's finest step, a quarter of what it was trained at."""
-        if place.integrator == TRUTH:
+        if kind == "reference":
             return "reference" if place == self.reference else None
         dts = [d.dt for d in self.grid if d.scheme == place.scheme]
         homes = [d.dt for d in self.trained_on() if d.scheme == place.scheme]
@@ -287,10 +287,8 @@ class PanelSpec(Stated):
             for place in filter(None, dict.fromkeys(named.get(at, (at,)))):
                 solves = has_solver(place.engine, place.integrator)
                 if {*variation.changes} == {"solver"} and not solves:
-                    yield (
-                        None,
-                        f"{place.integrator} has no solver; `integ-gym engines` lists others",
-                    )
+                    fault = f"{place.integrator} has no solver; choose an integrator that "
+                    yield None, fault + "`integ-gym engines` lists with one"
                 elif cell := self._vary(place, variation, stated=place is at):
                     yield cell, timing_fault(cell.arguments(self.environment))
 
@@ -473,9 +471,10 @@ def check_cells(spec: PanelSpec, homes: Sequence[Home | None]) -> None:
     cells = [spec.cells_of(home) for home in homes]
     for several in cells:
         check_unique("cells", [cell.name for cell in several])
-    columns = attrgetter("plant.coordinates", "plant.controls")
+    columns, testbed = attrgetter("plant.coordinates", "plant.controls"), spec.testbed
+    same = columns(spec.nominal)
     for cell in {cell.name: cell for several in cells for cell in several}.values():
-        if columns(setup_of(spec.testbed, cell)) != columns(spec.nominal):
+        if columns(setup_of(testbed, cell)) != same:
             raise SpecError(
                 f"{cell.name!r} has another state or other controls, so its records fit in no file "
                 "with the rest; give the argument to all cells, in `environment`"
