@@ -19,7 +19,7 @@ from integ_gym.eval.loss_check import (
     FIRST_SEEDS,
     MOST_SEEDS,
     NARROW,
-    wanted_seeds,
+    next_seed_count,
 )
 from integ_gym.eval.verdict import checked_loss
 
@@ -56,7 +56,7 @@ def checked(losses: Floats, draws: int = DRAWS) -> tuple[int, float, float]:
     while True:
         part = losses[:seeds]
         lost = checked_loss(np.maximum(part, 0.0), np.maximum(-part, 0.0), draws=draws)
-        wanted = wanted_seeds(seeds, 0.5 * (lost.high - lost.low))
+        wanted = next_seed_count(seeds, 0.5 * (lost.high - lost.low))
         if wanted == seeds:
             return seeds, lost.low, lost.high
         seeds = wanted

@@ -22,7 +22,7 @@ from measuring.trained import Done, Experiment, Unit, by_fleet, command, gained
 
 from integ_gym.eval.atlas.running import finished
 from integ_gym.eval.atlas.specification import Atlas, read_atlas
-from integ_gym.eval.atlas.summaries import Point, noted_in, points
+from integ_gym.eval.atlas.summaries import Point, points, read_agreements
 from integ_gym.eval.panel.cells import training_arguments
 from integ_gym.eval.statistics import draws_for, rate_interval, unpaired_difference
 from integ_gym.train.ppo import PPOConfig
@@ -96,7 +96,7 @@ def _beside(done: Done) -> Iterator[str]:
 
 @cache
 def _published() -> tuple[Point, ...]:
-    return tuple(points(_atlas(), finished(_atlas(), SUMMARIES), noted_in(SUMMARIES)))
+    return tuple(points(_atlas(), finished(_atlas(), SUMMARIES), read_agreements(SUMMARIES)))
 
 
 if __name__ == "__main__":

@@ -155,7 +155,7 @@ class IntegEnv(gym.Env[Observation, Any]):
     def spec(self, spec: EnvSpec | None) -> None:
         makers = running_makers()
         if makers and makers[0] is sys._getframe(1):
-            self.mixture = _limited_in_make(self.mixture, type(self), makers)
+            self.mixture = _limit_in_make(self.mixture, type(self), makers)
             self.setup = self.mixture.setups[self._member]
         self._begin_untraced()
         self._spec = with_horizon(spec, self.mixture)
@@ -218,7 +218,7 @@ class IntegEnv(gym.Env[Observation, Any]):
             self._take_member(options.pop("mixture_index", None))
         q, v = split_state(draw_start(self.setup, self.np_random, options))
         if "state" not in options:
-            q = self.setup.system.confined(SCALAR, q)
+            q = self.setup.system.confine(SCALAR, q)
         state, observation, info = self._start(q, v)
         self._state = EnvState._make(state)
         if self._noise:
@@ -325,16 +325,16 @@ class IntegEnv(gym.Env[Observation, Any]):
             return
         self._functions[self._member] = self._start, self._step
         self._member, self.setup = member, self.mixture.setups[member]
-        self._start, self._step = self._functions.get(member) or self._untraced()
+        self._start, self._step = self._functions.get(member) or self._build_untraced()
         if self._renderer is not None:
             self._renderer.setup = self.setup
 
-    def _untraced(self) -> tuple[Any, Any]:
+    def _build_untraced(self) -> tuple[Any, Any]:
         """Start and step of the setup before it pays to have them traced."""
         return partial(scalar_start, self.setup, SCALAR), self._first_steps
 
     def _begin_untraced(self) -> None:
-        self._start, self._step = self._untraced()
+        self._start, self._step = self._build_untraced()
         self._functions = {}
 
     def _first_steps(self, state: EnvState, *given: Any) -> tuple[Any, ...]:
@@ -445,7 +445,7 @@ def is_own_horizon(
     return limit == horizon_of({n: spec.kwargs[n] for n in names if n in spec.kwargs})
 
 
-def _limited_in_make(mixture: Mixture, env: type[IntegEnv], makers: list[FrameType]) -> Mixture:
+def _limit_in_make(mixture: Mixture, env: type[IntegEnv], makers: list[FrameType]) -> Mixture:
     """Setups with the `max_episode_steps` of the ``gym.make`` that is making their environment.
 
     Gymnasium gives them to its `TimeLimit` alone, which could end an episode sooner than the

@@ -333,7 +333,7 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
         own = self.common(params)
         limits = zip(drawn, own.start_low, own.start_high, strict=True)
         q, v = split_state(tuple(low + x * (high - low) for x, low, high in limits))
-        return join_state(self.setup_of(params).system.confined(self._ops, q), v)
+        return join_state(self.setup_of(params).system.confine(self._ops, q), v)
 
     def begin(self, start: Components, params: Any) -> EnvState:
         """Episodes that start in ``start``, in state order, components of one shape."""
@@ -643,7 +643,7 @@ class FunctionalMixture(FunctionalEnv):
         """
         (members,) = member
         parts = zip(self._groups, params.groups, self._parts(members), strict=True)
-        return tuple(_chosen(group, options, part) for group, options, part in parts)
+        return tuple(_select_options(group, options, part) for group, options, part in parts)
 
     def fresh(self, drawn: Components, params: Any) -> tuple[EnvState, Components]:
         """Episodes that start anew: the last number draws the member of each lane's group."""
@@ -766,7 +766,7 @@ def _member(number: Component, members: Sequence[int], bounds: Sequence[Componen
     return member
 
 
-def _chosen(group: _Group, options: Sequence[Params], drawn: Component) -> Params:
+def _select_options(group: _Group, options: Sequence[Params], drawn: Component) -> Params:
     """One group's values, those of the member that each lane has drawn."""
     chosen = options[0]
     values: dict[str, Any] = {

@@ -176,7 +176,7 @@ class Ledger:
         self._readings: dict[int, Readings] = {}
         self._resets = not hasattr(mujoco.mjtDisableBit, NO_RESET)
         self._damping = np.array(model.dof_damping).reshape(model.nv, -1)[:, 0]
-        self.accounted = _accounted(model, integrator)
+        self.accounted = _accounts_for_losses(model, integrator)
         self.staged = self.accounted and integrator == "RK4"
         self._step = mujoco.mj_step
         scalar = model.jnt_type >= int(mujoco.mjtJoint.mjJNT_SLIDE)
@@ -370,7 +370,7 @@ def _as_slice(indices: Array) -> Any:
     return indices
 
 
-def _accounted(model: Any, integrator: str) -> bool:
+def _accounts_for_losses(model: Any, integrator: str) -> bool:
     """Whether every loss of the model is joint damping that the ledger knows."""
     elsewhere = (
         model.opt.density > 0.0

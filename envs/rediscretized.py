@@ -245,7 +245,7 @@ class RediscretizedEnv(ForeignWrapper):
         self._command_low, self._command_high = self._command_bounds()
         self._ends = within_rounding(self._low, self._high)
         self._command_ends = within_rounding(self._command_low, self._command_high)
-        self.setup = self._discretized(choice)
+        self.setup = self._discretize_model(choice)
         self._silence = silencer(self._mujoco, self._data)
         self._ledger = Ledger(self._mujoco, self._model, self.setup.settings.integrator)
         self._inner.do_simulation = self._simulate
@@ -547,7 +547,7 @@ class RediscretizedEnv(ForeignWrapper):
         keep_duration(self.env, stretch)
         return stretch
 
-    def _discretized(self, choice: Choice) -> ForeignSetup:
+    def _discretize_model(self, choice: Choice) -> ForeignSetup:
         """Put the discretization into the model, and say what it is."""
         model, inner, mujoco = self._model, self._inner, self._mujoco
         period = float(inner.dt)

@@ -461,9 +461,9 @@ class Setup:
         if max_episode_steps == self.timing.horizon:
             return self
         other = replace(settings, duration=int(max_episode_steps) * self.timing.control_period)
-        return replace(self, settings=other, timing=_timing(other)).keeping(self.timing)
+        return replace(self, settings=other, timing=_timing(other)).with_memory_of(self.timing)
 
-    def keeping(self, other: Timing) -> Setup:
+    def with_memory_of(self, other: Timing) -> Setup:
         """The same setup, which keeps as many commands and observations as another timing."""
         timing = replace(self.timing, memory=other.memory, samples=other.samples)
         return self if timing == self.timing else replace(self, timing=timing)
@@ -687,7 +687,7 @@ def make_mixture(
     setups = tuple(make_setup(place) for place in places)
     memory, samples = (max(getattr(s.timing, n) for s in setups) for n in ("memory", "samples"))
     kept = replace(setups[0].timing, memory=memory, samples=samples)
-    mixture = Mixture(tuple(setup.keeping(kept) for setup in setups), shares)
+    mixture = Mixture(tuple(setup.with_memory_of(kept) for setup in setups), shares)
     stated = all(place.get("control_period") is not None for place in places)
     if mixture.several_periods and not stated:
         raise InputError(
@@ -710,7 +710,7 @@ def parse_mixture(
     Raises:
         ValueError: for what is no list of members, and for an argument that each has of its own.
     """
-    checked = _checked_members(members)
+    checked = _check_members(members)
     for name in DISCRETIZATION:
         if name in arguments and all(name in member for member in checked):
             raise InputError(
@@ -722,7 +722,7 @@ def parse_mixture(
     return places, tuple(weight / sum(weights) for weight in weights)
 
 
-def _checked_members(members: Any) -> Sequence[Mapping[str, Any]]:
+def _check_members(members: Any) -> Sequence[Mapping[str, Any]]:
     """Dicts with nothing but known keys, and possible weights."""
     if isinstance(members, str | Mapping) or not isinstance(members, Sequence):
         raise InputError(f"`mixture` must be a list of discretizations, got {members!r}")

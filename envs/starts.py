@@ -50,7 +50,7 @@ def draw_start(setup: Setup, rng: np.random.Generator, options: Mapping[str, Any
     if "state" in options:
         return parse_state(setup, options["state"])
     start = setup.task.draw_start(rng, setup.settings.start, options)
-    return _checked_size(setup, tuple([float(x) for x in start]))
+    return _check_size(setup, tuple([float(x) for x in start]))
 
 
 def check_options(setup: Setup, options: Mapping[str, Any], more: tuple[str, ...] = ()) -> None:
@@ -138,10 +138,10 @@ def parse_state(setup: Setup, state: Any) -> Components:
             f"reset option `state` must be ({', '.join(names)}), shape ({len(names)},), "
             f"got shape {values.shape}"
         )
-    return _checked_size(setup, tuple(values.tolist()))
+    return _check_size(setup, tuple(values.tolist()))
 
 
-def _checked_size(setup: Setup, start: Components) -> Components:
+def _check_size(setup: Setup, start: Components) -> Components:
     if not is_possible(setup, start):
         speeds = " and ".join(dict.fromkeys(f"{np.max(x):g}" for x in _fastest(setup)))
         raise InputError(
@@ -263,7 +263,7 @@ class LaneStarts:
         self._bank = max(1, min(AT_ONCE, MOST // lanes))
         self._numbers = np.zeros((2 * lanes * self._bank, size))
         self._first = 2 * self._bank * np.arange(lanes)
-        self._banks = self._parted()
+        self._banks = self._split_banks()
         self._taken = np.zeros(lanes, dtype=np.int64)
         self._drawn = np.zeros(lanes, dtype=np.int64)
         self._ready: _Ready | None = None
@@ -301,7 +301,7 @@ class LaneStarts:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
-        self._banks = self._parted()
+        self._banks = self._split_banks()
 
     def put_back(self) -> None:
         """Leave every generator as it would be had nothing been drawn ahead."""
@@ -326,7 +326,7 @@ class LaneStarts:
         places: Array = self._first[lanes] + taken % (2 * self._bank)
         return places
 
-    def _parted(self) -> list[Array]:
+    def _split_banks(self) -> list[Array]:
         """The numbers of every bank, as parts of the array of all."""
         return [*self._numbers.reshape(2 * len(self._first), self._bank, self._numbers.shape[1])]
 
@@ -390,7 +390,7 @@ class _Ready:
         start = tuple(_starts_of(setup, numbers, {}).T)
         q, v = split_state(start)
         with np.errstate(all="ignore"):
-            state = initial_state(ARRAY, setup, setup.system.confined(ARRAY, q), v)
+            state = initial_state(ARRAY, setup, setup.system.confine(ARRAY, q), v)
             observed = setup.task.observe(ARRAY, state.sensed_q, state.sensed_v)
             tree = state, self.first(state)
         table = rows_of((*_distinct(tree)[0], *observed), len(numbers))

@@ -202,7 +202,7 @@ def _give_orders(
     held = state.commands[0] if setup.settings.fallback == "hold" else none
     valid = ops.assume_true(command.valid)
     commands = (_choose(ops, valid, command.controls, held), *state.commands)
-    fallbacks = (_negated(valid), *state.fallbacks)
+    fallbacks = (_negate(valid), *state.fallbacks)
     sample_at, rest = None, timing.sight[1]
     if timing.sensor is not None:
         end = (state.steps + 1) * timing.substeps
@@ -356,7 +356,7 @@ def _outcome(
         slip_loss = ops.where(ok, motion.losses[2], 0.0)
         contact_loss = contact_loss + slip_loss
     failed = task.terminated(ops, after.q, after.v) & ok
-    terminated = failed | _negated(ok)
+    terminated = failed | _negate(ok)
     truncated = after.steps >= timing.horizon
     stayed = after.steps * timing.control_period - after.goal_since
     rounding = max(1e-9, 64.0 * ops.epsilon)
@@ -364,7 +364,7 @@ def _outcome(
     if getattr(task, "ends_at_goal", False):
         success = ops.assume_false(failed) & reached
     else:
-        success = ops.assume_false(truncated) & (reached & _negated(terminated))
+        success = ops.assume_false(truncated) & (reached & _negate(terminated))
     period, squares = timing.control_period, _mean_squares(orders.acting, timing.substeps)
     if motion.efforts:
         squares = tuple([ops.where(ok, x, 0.0) / period for x in motion.squares])
@@ -419,7 +419,7 @@ def _choose(ops: Ops, condition: Component, new: Components, old: Components) ->
     return tuple([ops.where(condition, a, b) for a, b in zip(new, old, strict=True)])
 
 
-def _negated(condition: Component) -> Component:
+def _negate(condition: Component) -> Component:
     return condition == False  # noqa: E712
 
 

@@ -115,7 +115,7 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         if not isinstance(compiled, (bool, np.bool_)):
             raise InputError(f"`compiled` must be True or False, got {compiled!r}")
         self.num_envs = num_envs
-        self.autoreset_mode = _checked_autoreset_mode(autoreset_mode)
+        self.autoreset_mode = _check_autoreset_mode(autoreset_mode)
         self.mixed = mixture is not None
         self.mixture = make_setups(self.env_class, {**arguments, "mixture": mixture})
         if not self._of_a_spec(max_episode_steps):
@@ -330,7 +330,7 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         q, v = split_state(tuple(starts.T))
         setup = self._for_lanes(self.setup, lanes)
         if "state" not in options:
-            q = setup.system.confined(ARRAY, q)
+            q = setup.system.confine(ARRAY, q)
         fresh = initial_state(ARRAY, setup, q, v)
         if self._state is None:
             self._state = zeros_like(fresh, self.num_envs)
@@ -513,7 +513,7 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         return self._info.with_masks(arrays, mask)
 
 
-def _checked_autoreset_mode(mode: AutoresetMode | str) -> AutoresetMode:
+def _check_autoreset_mode(mode: AutoresetMode | str) -> AutoresetMode:
     try:
         return AutoresetMode(mode)
     except ValueError:

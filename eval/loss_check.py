@@ -216,7 +216,7 @@ def check(
             spec, place, workers=workers, progress=progress, command=command, staged=False
         )
         found = check_of(panel, place, home)
-        wanted = wanted_seeds(found.seeds, found.half_width)
+        wanted = next_seed_count(found.seeds, found.half_width)
         if seeds is not None or wanted == found.seeds:
             return found
         spec = with_seed_count(spec, wanted)
@@ -276,7 +276,7 @@ def check_of(panel: Panel, place: Path, home: Discretization) -> Check:
     return Check(panel, place, row.seeds, starts, cells[0], cells[-1], exact, tuple(cells))
 
 
-def wanted_seeds(seeds: int, half_width: float) -> int:
+def next_seed_count(seeds: int, half_width: float) -> int:
     """How many seeds to go on with: the same where the interval is narrow, or they are enough."""
     if half_width <= NARROW or seeds >= MOST_SEEDS:
         return seeds

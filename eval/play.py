@@ -300,11 +300,11 @@ class Window:
             if pygame.K_1 <= key <= pygame.K_9:
                 game.choose_integrator(key - pygame.K_1)
         turns = game.setup.plant.controls[0][0] == "torque"
-        game.push = self._held_of(pygame.K_LEFT, pygame.K_RIGHT) * (-1.0 if turns else 1.0)
-        game.lift = self._held_of(pygame.K_s, pygame.K_w)
+        game.push = self._held_direction(pygame.K_LEFT, pygame.K_RIGHT) * (-1.0 if turns else 1.0)
+        game.lift = self._held_direction(pygame.K_s, pygame.K_w)
         return True
 
-    def _held_of(self, less: int, more: int) -> float:
+    def _held_direction(self, less: int, more: int) -> float:
         """−1 or 1, of the key of two that went down last; left turns counter-clockwise."""
         pressed = [key for key in self._held if key in (less, more)]
         return 0.0 if not pressed else 1.0 if pressed[-1] == more else -1.0

@@ -170,7 +170,7 @@ def judge_family(
     )
 
 
-def postponed(verdict: Verdict) -> Verdict:
+def postpone(verdict: Verdict) -> Verdict:
     """The same without its verdict, where not all seeds that were declared are there."""
     if verdict.verdict in WITHOUT_VERDICT:
         return verdict
@@ -238,7 +238,7 @@ def smooth(rng: np.random.Generator, mean: float, seeds: int) -> Floats:
     return rng.beta(_CONCENTRATION * mean, _CONCENTRATION * (1.0 - mean), seeds)
 
 
-def mixed(rng: np.random.Generator, mean: float, seeds: int) -> Floats:
+def draw_mixed_rates(rng: np.random.Generator, mean: float, seeds: int) -> Floats:
     """Half of what is missing to 1 is lost by seeds that fail altogether, half smoothly."""
     lost = 0.5 * (1.0 - mean)
     return np.where(rng.random(seeds) < lost, 0.0, smooth(rng, mean / (1.0 - lost), seeds))
@@ -247,11 +247,13 @@ def mixed(rng: np.random.Generator, mean: float, seeds: int) -> Floats:
 WORLDS: Final[dict[str, Draw]] = {
     "all or nothing": all_or_nothing,
     "smooth": smooth,
-    "mixed": mixed,
+    "mixed": draw_mixed_rates,
 }
 
 
-def measured(rng: np.random.Generator, draw: Draw, mean: float, seeds: int, starts: int) -> Floats:
+def draw_measured_rates(
+    rng: np.random.Generator, draw: Draw, mean: float, seeds: int, starts: int
+) -> Floats:
     """Success rates that seeds of one world show, each from starts of its own, shape (seeds,)."""
     return np.asarray(rng.binomial(starts, draw(rng, mean, seeds)) / starts)
 
@@ -323,7 +325,7 @@ def verdict_chances(
 
     def chances(draw: Draw, lost: float) -> tuple[float, float]:
         told = [
-            _verdicts(_simulated(rng, draw, lost, seeds, natives, starts), shares, family)
+            _verdicts(_simulate_rates(rng, draw, lost, seeds, natives, starts), shares, family)
             for _ in range(repeats)
         ]
         first, second = np.mean(told, axis=0)
@@ -379,7 +381,7 @@ def seeds_wanted(
     rng = np.random.default_rng(0)
     for seeds in _more_seeds(len(rates.home), looks.planned):
         shares = looks.shares(seeds)
-        told = [_verdicts(_resampled(rng, rates, seeds), shares, family) for _ in range(repeats)]
+        told = [_verdicts(_resample(rng, rates, seeds), shares, family) for _ in range(repeats)]
         if np.mean([any(one) for one in told]) >= WANTED:
             return seeds
     return None
@@ -414,16 +416,16 @@ def _verdicts(rates: rules.Rates, shares: rules.Shares, family: int) -> tuple[bo
     return rules.p_overfitting_within(rates, rules.EQUIVALENCE_MARGIN, draws=_DRAWS) < within, False
 
 
-def _simulated(
+def _simulate_rates(
     rng: np.random.Generator, draw: Draw, lost: float, seeds: int, natives: int, starts: int
 ) -> rules.Rates:
-    home = measured(rng, draw, HOME, seeds, starts)
-    there = measured(rng, draw, HOME - lost, seeds, starts)
-    native = measured(rng, draw, HOME, natives, starts) if natives else None
+    home = draw_measured_rates(rng, draw, HOME, seeds, starts)
+    there = draw_measured_rates(rng, draw, HOME - lost, seeds, starts)
+    native = draw_measured_rates(rng, draw, HOME, natives, starts) if natives else None
     return rules.Rates(home, there, there, native, np.ones(100))
 
 
-def _resampled(rng: np.random.Generator, rates: rules.Rates, seeds: int) -> rules.Rates:
+def _resample(rng: np.random.Generator, rates: rules.Rates, seeds: int) -> rules.Rates:
     """So many seeds drawn from those that there are, natives likewise."""
     row = rates.row[:, rng.integers(rates.row.shape[1], size=seeds)]
     native = None if rates.native is None else np.asarray(rates.native)

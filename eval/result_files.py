@@ -53,7 +53,7 @@ def read_results(words: Sequence[str]) -> Rows:
             name = name or path.absolute().parent.name
         if name and rows and "policy" not in rows[0]:
             rows = [{"policy": name, "seed": seeds[name], **row} for row in rows]
-        found += _checked(rows, path)
+        found += _check_rows(rows, path)
         seeds[name] += 1
     return found
 
@@ -106,7 +106,7 @@ def _isaac_lab_rows(text: str, path: Path) -> Iterator[Row]:
         raise InputError(f"{path} is no .csv, .parquet, .json or log of robust_eval.py; {_NEEDED}")
 
 
-def _checked(rows: Rows, path: Path) -> list[Row]:
+def _check_rows(rows: Rows, path: Path) -> list[Row]:
     columns = list(rows[0]) if rows else []
     for column in {*columns} - {*COLUMNS}:
         near = difflib.get_close_matches(column, {*COLUMNS} - {*columns}, 1, _NEAR)

@@ -108,13 +108,13 @@ def mean_of(values: Floats) -> float:
 
 def one_dimensional(rates: RatesLike, name: str) -> Floats:
     """Success rates of shape (seeds,), checked."""
-    array = checked_rates(rates, name)
+    array = check_rates(rates, name)
     if array.ndim != 1:
         raise InputError(f"expected {name} of shape (seeds,), got {array.shape}")
     return array
 
 
-def checked_rates(rates: RatesLike, name: str) -> Floats:
+def check_rates(rates: RatesLike, name: str) -> Floats:
     """Success rates of shape (..., seeds), checked to be in [0, 1]."""
     array = np.asarray(rates, dtype=np.float64)
     if array.ndim < 1 or array.size == 0:
@@ -303,7 +303,7 @@ def rate_posterior(rates: RatesLike, *, draws: int = DRAWS) -> Floats:
     ValueError
         If there is no seed, or a rate is not finite or outside [0, 1].
     """
-    return _posterior_of_mean(checked_rates(rates, "rates"), _RATE_PRIOR, Stream.FIRST, draws)
+    return _posterior_of_mean(check_rates(rates, "rates"), _RATE_PRIOR, Stream.FIRST, draws)
 
 
 def paired_posterior(first: RatesLike, second: RatesLike, *, draws: int = DRAWS) -> Floats:
@@ -329,7 +329,7 @@ def paired_posterior(first: RatesLike, second: RatesLike, *, draws: int = DRAWS)
     ValueError
         If the shapes differ, there is no seed, or a rate is not finite or outside [0, 1].
     """
-    one, other = checked_rates(first, "first"), checked_rates(second, "second")
+    one, other = check_rates(first, "first"), check_rates(second, "second")
     if one.shape != other.shape:
         raise InputError(
             f"paired rates need one value per seed on both sides, got shapes {one.shape} "
@@ -358,7 +358,7 @@ def unpaired_posterior(first: RatesLike, second: RatesLike, *, draws: int = DRAW
     ValueError
         If a group has no seed, the shapes do not fit, or a rate is not finite or outside [0, 1].
     """
-    one, other = checked_rates(first, "first"), checked_rates(second, "second")
+    one, other = check_rates(first, "first"), check_rates(second, "second")
     if one.ndim != other.ndim:
         raise InputError(f"expected as many axes in both groups, got {one.shape}, {other.shape}")
     return _posterior_of_mean(one, _RATE_PRIOR, Stream.FIRST, draws) - _posterior_of_mean(

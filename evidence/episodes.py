@@ -155,7 +155,7 @@ def summarise(layout: Layout, rows: Array, counts: Array) -> dict[str, Array]:
     """
     episodes = EpisodeRows(layout, rows, counts)
     values = {
-        field.name: _typed(field.origin.value(episodes), field.kind)
+        field.name: _cast_to_kind(field.origin.value(episodes), field.kind)
         for field in SUMMARY_FIELDS
         if field.origin is not None and field.origin.of == "rows"
     }
@@ -168,7 +168,7 @@ def summarise(layout: Layout, rows: Array, counts: Array) -> dict[str, Array]:
     }
 
 
-def _typed(values: Array, kind: str) -> Array:
+def _cast_to_kind(values: Array, kind: str) -> Array:
     """Numbers of a field's kind; NaN, which only floats have, where nothing is known."""
     known = values.dtype.kind != "f" or not np.isnan(values).any()
     return values.astype(_TYPES.get(kind, np.float64) if known else np.float64)
@@ -195,11 +195,11 @@ class EpisodeRows:
 
     def total(self, entry: str, of: Callable[[Array], Array] = np.asarray) -> Array:
         """Sum of a function of an entry; NaN where there is no such entry."""
-        return self._reduced(np.add, entry, of)
+        return self._reduce(np.add, entry, of)
 
     def most(self, entry: str) -> Array:
         """Largest value of an entry; NaN where there is no such entry."""
-        return self._reduced(np.maximum, entry)
+        return self._reduce(np.maximum, entry)
 
     def first(self, entry: str) -> Array:
         """An entry at time 0."""
@@ -214,7 +214,7 @@ class EpisodeRows:
     def falls(self, entry: str) -> Array:
         """How often an entry is 0 right after it was above."""
         column = self._column(entry)
-        falls = self._each(np.add, self._fallen(column > 0.0).astype(np.int64))
+        falls = self._each(np.add, self._falling_edge(column > 0.0).astype(np.int64))
         unknown = np.isnan(self._each(np.add, column))
         return np.where(unknown, np.nan, falls) if unknown.any() else falls
 
@@ -268,7 +268,7 @@ class EpisodeRows:
 
     def goal_left(self) -> Array:
         """Last time of leaving the goal, s; NaN if never."""
-        left = self._fallen(self._there())
+        left = self._falling_edge(self._there())
         return _finite(self._each(np.maximum, np.where(left, self._column("time"), -np.inf)))
 
     def _arrival(self) -> Array:
@@ -280,7 +280,7 @@ class EpisodeRows:
         there: Array = self._column("goal_since") >= 0.0
         return there
 
-    def _fallen(self, flag: Array) -> Array:
+    def _falling_edge(self, flag: Array) -> Array:
         """Whether a flag is off in a row right after one of the same episode with it on."""
         fallen = np.zeros_like(flag)
         fallen[1:] = flag[:-1] & ~flag[1:]
@@ -291,7 +291,7 @@ class EpisodeRows:
         column: Array = self._rows[self._layout.place(entry)]
         return column
 
-    def _reduced(
+    def _reduce(
         self, function: np.ufunc, entry: str, of: Callable[[Array], Array] = np.asarray
     ) -> Array:
         if entry not in self._layout:
@@ -404,8 +404,8 @@ class EpisodeLog:
         """All episodes so far, in the order in which they came."""
         self._summarise()
         if len(self._parts) > 1:
-            self._parts = [_joined(self._parts)]
-        return self._parts[0] if self._parts else _nothing(self.layout)
+            self._parts = [_join(self._parts)]
+        return self._parts[0] if self._parts else _empty_episodes(self.layout)
 
     def clear(self) -> None:
         """Forget them."""
@@ -428,7 +428,7 @@ class EpisodeLog:
         self._pending, self._pending_rows = [], 0
 
 
-def _joined(parts: list[Episodes]) -> Episodes:
+def _join(parts: list[Episodes]) -> Episodes:
     return Episodes(
         EpisodeHeads.joined([part.heads for part in parts]),
         {name: np.concatenate([p.summary[name] for p in parts]) for name in parts[0].summary},
@@ -438,7 +438,7 @@ def _joined(parts: list[Episodes]) -> Episodes:
     )
 
 
-def _nothing(layout: Layout) -> Episodes:
+def _empty_episodes(layout: Layout) -> Episodes:
     rows, counts = np.zeros((len(layout), 2)), np.array([2])
     summary = {name: x[:0] for name, x in summarise(layout, rows, counts).items()}
     nobody = EpisodeHeads.joined([])

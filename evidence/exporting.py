@@ -56,7 +56,7 @@ def read_export(folder: Path) -> dict[str, Any] | None:
     return read_stated(folder / EXPORT_FILE, _KINDS, FORMAT, "export the records again")
 
 
-def changed_since_export(store: EvidenceStore, held: Mapping[str, Any]) -> Iterator[Finding]:
+def find_changes_since_export(store: EvidenceStore, held: Mapping[str, Any]) -> Iterator[Finding]:
     """Files of an exported folder that were changed, added or removed since.
 
     Args:

@@ -60,7 +60,7 @@ def content_hashes(table: Any) -> list[str]:
     fields = {name: _texts(table.column(name)) for name in names if not is_trace(name)}
     flat = {name: _flatten(table.column(name)) for name in names if is_trace(name)}
     counts = _counts({name: column.counts for name, column in flat.items()})
-    same, pieces = _merged([_json(about), "[", *_object(fields), ",", counts, "]"])
+    same, pieces = _merge_constants([_json(about), "[", *_object(fields), ",", counts, "]"])
     start = hashlib.sha256(same.encode())
     hashes = []
     traces = _laid_out([column.rows for column in flat.values()], table.num_rows)
@@ -96,7 +96,7 @@ def _counts(columns: dict[str, list[int | None]]) -> Texts:
     return [known[row] for row in zip(*columns.values(), strict=True)]
 
 
-def _merged(pieces: Sequence[Texts]) -> tuple[str, list[Texts]]:
+def _merge_constants(pieces: Sequence[Texts]) -> tuple[str, list[Texts]]:
     """What all rows begin with; the pieces after it, with what all rows share put together."""
     merged: list[Texts] = [""]
     for piece in pieces:

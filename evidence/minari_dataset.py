@@ -81,8 +81,8 @@ def _spaces(chosen: Selection, columns: Columns) -> tuple[Any, Any, Any]:
     if chosen.env_id not in ENVIRONMENTS:
         descriptions = [parse_field(of, text) for text in chosen.distinct(of)]
         return (
-            _stated("observation", descriptions, columns.sensed, np.float32),
-            _stated("action", descriptions, columns.controls, np.float64),
+            _space_from_records("observation", descriptions, columns.sensed, np.float32),
+            _space_from_records("action", descriptions, columns.controls, np.float64),
             None,
         )
     solved = {"engine": NATIVE, "integrator": TRUTH}  # without code that a record names
@@ -98,7 +98,9 @@ def _spaces(chosen: Selection, columns: Columns) -> tuple[Any, Any, Any]:
     return observations, actions, spec
 
 
-def _stated(of: str, descriptions: list[Any], names: tuple[str, ...], dtype: Any) -> Any:
+def _space_from_records(
+    of: str, descriptions: list[Any], names: tuple[str, ...], dtype: Any
+) -> Any:
     """The space of an environment that is not ours, as its records say it, without bounds.
 
     Raises:

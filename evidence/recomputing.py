@@ -102,7 +102,7 @@ def noise_source(record: EvidenceRecord) -> tuple[int, int] | None:
     return int(entropy), int(episode)
 
 
-def drawn_again(record: EvidenceRecord) -> bool:
+def start_follows_seed(record: EvidenceRecord) -> bool:
     """Whether its seed gives its start; lanes of a training may have drawn a discretization too."""
     return record.first_of_seed and record.fields["phase"] != "training"
 

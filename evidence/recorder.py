@@ -32,7 +32,7 @@ from .hashing import with_hashes
 from .labels import EpisodeContext
 from .reservation import Episodes, Reservation, batch_name, from_on
 from .store import EvidenceStore
-from .table import ReplayLookups, SetupOfLane, unhashed_table
+from .table import ReplayLookups, SetupOfLane, build_unhashed_table
 
 _CHANGING = (
     gym.ActionWrapper,
@@ -177,10 +177,10 @@ class Recorder:
 
     def _commit_if_many(self) -> None:
         """Commit, if so many episodes have finished that they are wanted on disk."""
-        if self._commit_every is not None and self._waiting_to_be_written() >= self._commit_every:
+        if self._commit_every is not None and self._count_waiting() >= self._commit_every:
             self.commit()
 
-    def _waiting_to_be_written(self) -> int:
+    def _count_waiting(self) -> int:
         """Finished episodes that have not been committed."""
         return len(self._log)
 
@@ -198,7 +198,7 @@ class Recorder:
         self._hand_over()
         if not len(self._log):
             return None
-        return unhashed_table(self._log, self._env_id, self._setups, replays)
+        return build_unhashed_table(self._log, self._env_id, self._setups, replays)
 
 
 def _end_of(recorder: weakref.ref[Recorder]) -> None:
@@ -533,7 +533,7 @@ class RecordEvidence(Recorder, gym.Wrapper[Any, Any, Any, Any]):
             self._hand_over()
         self._commit_if_many()
 
-    def _waiting_to_be_written(self) -> int:
+    def _count_waiting(self) -> int:
         return len(self._log) + len(self._heads)
 
     def _hand_over(self) -> None:

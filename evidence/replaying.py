@@ -44,10 +44,10 @@ from .recomputing import (
     context_of,
     deviation,
     differences,
-    drawn_again,
     may_have_fallen_back,
     noise_source,
     replays_of,
+    start_follows_seed,
 )
 from .record import EvidenceRecord, records_of
 from .schema import ENV_KEY, VERSION_KEY, EvidenceError, Finding, described, parse_field
@@ -204,7 +204,7 @@ def packages_of(record: EvidenceRecord) -> tuple[str, ...]:
     return () if are_running(packages) else packages
 
 
-def needed_for(records: Iterable[EvidenceRecord]) -> dict[str, str]:
+def versions_for_replay(records: Iterable[EvidenceRecord]) -> dict[str, str]:
     """Versions, as they are here, of what is imported where records are played again."""
     names = {
         name
@@ -236,7 +236,7 @@ def _replay_there(
     packages: tuple[str, ...], records: list[Named], how: dict[str, Any], done: Replayed
 ) -> None:
     """Play records again in the interpreter with their package versions, if it is there."""
-    interpreter = find_interpreter(packages, needed_for(record for _, record in records))
+    interpreter = find_interpreter(packages, versions_for_replay(record for _, record in records))
     if interpreter is None:
         reason = (
             f"of {' '.join(packages)}, with which there is no interpreter here: verify with "
@@ -245,14 +245,14 @@ def _replay_there(
         done.skipped[reason] += len(records)
         return
     try:
-        (found,) = call_there(interpreter, _replayed, records, how)
+        (found,) = call_there(interpreter, _replay_records, records, how)
     except InterpreterError as error:
         done.skipped[f"that cannot be played again: {_line(error)}"] += len(records)
         return
     done.add(found)
 
 
-def _replayed(records: Sequence[Named], how: dict[str, Any]) -> Iterator[Replayed]:
+def _replay_records(records: Sequence[Named], how: dict[str, Any]) -> Iterator[Replayed]:
     yield replay(records, **how)
 
 
@@ -278,7 +278,7 @@ def _hindrance(record: EvidenceRecord, own_code: bool, decided: bool) -> str | N
     foreign = not is_integ_environment(fields["env_id"])
     if foreign and not _is_seeded(record):
         return "of an environment whose state cannot be set"
-    if foreign and not drawn_again(record):
+    if foreign and not start_follows_seed(record):
         return "of training, whose starts are not drawn from seeds of their own"
     if not (record.trace or decided):
         return "without a trace"
@@ -490,7 +490,7 @@ def play_substeps(record: EvidenceRecord, own_code: bool = False) -> dict[str, A
 
 def _start(recorder: RecordVectorEvidence, records: Sequence[EvidenceRecord], nudge: float) -> Any:
     """First observations, from starts and noise that are drawn again where they can be."""
-    if not nudge and all(map(drawn_again, records)):
+    if not nudge and all(map(start_follows_seed, records)):
         return recorder.reset(seed=[record.fields["seed"] for record in records])[0]
     states = np.array([record.fields["initial_state"] for record in records])
     states = states + nudge * np.maximum(1.0, np.abs(states))

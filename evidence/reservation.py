@@ -166,7 +166,7 @@ def _check_free(own: Path, context: EpisodeContext, wanted: Episodes) -> None:
 
 def _check_unrecorded(store: EvidenceStore, context: EpisodeContext, wanted: Episodes) -> None:
     """Refuse what the store holds."""
-    recorded = list(_recorded(store, context))
+    recorded = list(_find_recorded(store, context))
     last = max((max(indices) for _, indices in recorded), default=0)
     for file, indices in recorded:
         if _least_common(wanted, indices) is not None:
@@ -179,7 +179,9 @@ def _check_unrecorded(store: EvidenceStore, context: EpisodeContext, wanted: Epi
             )
 
 
-def _recorded(store: EvidenceStore, context: EpisodeContext) -> Iterator[tuple[Path, Episodes]]:
+def _find_recorded(
+    store: EvidenceStore, context: EpisodeContext
+) -> Iterator[tuple[Path, Episodes]]:
     """Files of a store that hold a context's episodes, with their indices.
 
     A name that a recorder gave tells enough, but for several contexts or with episodes missing.

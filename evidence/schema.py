@@ -122,11 +122,13 @@ def parse_field(name: str, text: str | None) -> Any:
     try:
         value = parse_json((text or "null").encode())
     except (AttributeError, ValueError) as error:
-        raise _damaged(name, f"it is no JSON ({error})") from None
+        raise _damage_error(name, f"it is no JSON ({error})") from None
     members = value if isinstance(value, list) else []
     forms = _FORMS.get(name, (object,))
     if not isinstance(value, forms) or not all(isinstance(member, dict) for member in members):
-        raise _damaged(name, "it is no object" if len(forms) < 3 else "it is no object or list")
+        raise _damage_error(
+            name, "it is no object" if len(forms) < 3 else "it is no object or list"
+        )
     return value
 
 
@@ -140,7 +142,7 @@ def parse_arguments(text: str) -> dict[str, dict[str, Any]]:
     try:
         return {name: check_object(one, _ARGUMENT) for name, one in arguments.items()}
     except ValueError:
-        raise _damaged("arguments", "it is no object of values with units") from None
+        raise _damage_error("arguments", "it is no object of values with units") from None
 
 
 def argument_values(text: str) -> dict[str, Any]:
@@ -148,7 +150,7 @@ def argument_values(text: str) -> dict[str, Any]:
     return {name: argument["value"] for name, argument in parse_arguments(text).items()}
 
 
-def _damaged(name: str, fault: str) -> EvidenceError:
+def _damage_error(name: str, fault: str) -> EvidenceError:
     return EvidenceError(f"`{name}` is damaged: {fault}; restore the file from a copy")
 
 

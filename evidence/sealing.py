@@ -102,7 +102,7 @@ def read_stated(path: Path, kinds: Kinds, form: str, remedy: str) -> dict[str, A
     return content
 
 
-def broken_seals(run: Path) -> Iterator[Finding]:
+def find_broken_seals(run: Path) -> Iterator[Finding]:
     """Files of a sealed run that were changed, added or removed since; none if it is not sealed."""
     held = read_seal(run)
     if held is None:
@@ -119,13 +119,13 @@ def broken_seals(run: Path) -> Iterator[Finding]:
             yield Finding(name, None, "was changed after the run was sealed")
 
 
-def unbroken_seal(run: Path) -> str | None:
+def read_valid_seal(run: Path) -> str | None:
     """The hash that pins a run; None if it is not sealed, or its files are not those any more."""
     try:
         held = read_seal(run)
     except EvidenceError:
         return None
-    return None if held is None or any(broken_seals(run)) else str(held["seal"])
+    return None if held is None or any(find_broken_seals(run)) else str(held["seal"])
 
 
 def _hash_files(run: Path) -> dict[str, str]:
@@ -196,7 +196,7 @@ def read_signer(run: Path) -> str:
     return signer
 
 
-def broken_signature(run: Path, public_keys: Path | None) -> Iterator[Finding]:
+def find_signature_faults(run: Path, public_keys: Path | None) -> Iterator[Finding]:
     """What is wrong with a run's signature.
 
     Args:

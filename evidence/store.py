@@ -217,7 +217,7 @@ class EvidenceStore:
                 problems.append(Finding(file.name, None, str(error)))
                 continue
             for part in groups(table):
-                problems += _altered(file.name, part)
+                problems += _find_alterations(file.name, part)
                 report(part.num_rows)
             for record_id in table.column("record_id").to_pylist():
                 if record_id in seen:
@@ -261,7 +261,7 @@ def open_run(run: str | Path) -> EvidenceStore:
     return store
 
 
-def _altered(name: str, table: Any) -> list[Finding]:
+def _find_alterations(name: str, table: Any) -> list[Finding]:
     ids = table.column("record_id").to_pylist()
     stored = table.column("content_hash").to_pylist()
     return [

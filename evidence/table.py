@@ -105,7 +105,7 @@ def _bits(episodes: Episodes) -> list[bytes]:
     return rows
 
 
-def unhashed_table(
+def build_unhashed_table(
     log: EpisodeLog,
     env_id: str,
     setups: Sequence[SetupOfLane],
@@ -173,7 +173,7 @@ def _of_rows(field: Field, values: Array) -> Any:
     pa, kind = pyarrow(), arrow_type(field.kind)
     if field.choices:
         return pa.array(np.array(field.choices, dtype=object)[values], kind)
-    values = _unsigned(values.copy())
+    values = _clear_negative_zeros(values.copy())
     if values.ndim > 1:
         ends = np.arange(len(values) + 1, dtype=np.int32) * values.shape[1]
         return pa.ListArray.from_arrays(pa.array(ends), pa.array(values.ravel()), type=kind)
@@ -215,7 +215,7 @@ class _Trace:
         if field.at == "step":
             unknown[self._last] = True
         known = known.astype(kind.value_type.to_pandas_dtype(), copy=False)
-        values = pa.array(_unsigned(known), mask=unknown if unknown.any() else None)
+        values = pa.array(_clear_negative_zeros(known), mask=unknown if unknown.any() else None)
         return pa.ListArray.from_arrays(self._ends, values, type=kind, mask=self._missing)
 
     def _numbers(self, field: Field) -> Array | None:
@@ -230,7 +230,7 @@ class _Trace:
         return np.concatenate(parts)
 
 
-def _unsigned(numbers: Array) -> Array:
+def _clear_negative_zeros(numbers: Array) -> Array:
     """The same array, in which no zero is negative any more.
 
     Which sign it has hangs on how a step is compiled, and a content hash is not to.

@@ -116,7 +116,7 @@ class LaneBuffer:
         self.episodes += len(lanes)
         self.waiting += int(counts.sum())
 
-    def gathered(self) -> tuple[Array, Array, EpisodeHeads]:
+    def gather(self) -> tuple[Array, Array, EpisodeHeads]:
         """The episodes that wait, at least one, in the order in which they ended.
 
         They wait until :meth:`forget`, so that nothing is lost where gathering is interrupted.
@@ -234,7 +234,7 @@ class RecordVectorEvidence(Recorder, VectorWrapper):
             )
         self._share = self.num_envs // len(contexts)
         self._next_index = [context.first_episode for context in contexts]
-        self._episodes = self._checked(episodes)
+        self._episodes = self._check_episodes(episodes)
         claims = self._claims(self._episodes)
         self._prepare(env, setups, store, contexts, claims, commit_on_close, commit_every)
         self._buffer: LaneBuffer | None = None
@@ -252,7 +252,7 @@ class RecordVectorEvidence(Recorder, VectorWrapper):
             EvidenceError: if another recorder is open for the same episodes, or they are recorded.
             ValueError: if it is not one index per lane, all different within a context.
         """
-        checked = self._checked(episodes)
+        checked = self._check_episodes(episodes)
         if self._reservation is not None:
             self._reservation.hold(self._claims(checked))
         self._episodes = checked
@@ -329,7 +329,7 @@ class RecordVectorEvidence(Recorder, VectorWrapper):
         shares = range(0, self.num_envs, self._share)
         return [episodes[start : start + self._share] for start in shares]
 
-    def _checked(self, episodes: Sequence[int] | None) -> list[int] | None:
+    def _check_episodes(self, episodes: Sequence[int] | None) -> list[int] | None:
         if episodes is None:
             return None
         indices = [int(index) for index in episodes]
@@ -372,14 +372,14 @@ class RecordVectorEvidence(Recorder, VectorWrapper):
         self._recorded[lanes] = self._episodes is not None
         self._commit_if_many()
 
-    def _waiting_to_be_written(self) -> int:
+    def _count_waiting(self) -> int:
         return len(self._log) + (0 if self._buffer is None else self._buffer.episodes)
 
     def _hand_over(self) -> None:
         if self._buffer is not None and self._buffer.episodes:
-            gathered = self._buffer.gathered()
+            gather = self._buffer.gather()
             self._buffer.forget()
-            self._log.add(*gathered)
+            self._log.add(*gather)
 
     def _heads_of(self, lanes: Array) -> EpisodeHeads:
         """What identifies the episodes that end now in ``lanes``, which ascend."""

@@ -78,7 +78,7 @@ def read_json(path: Path, remedy: str) -> Any:
     except OSError as error:
         raise InputError(f"cannot read {path}: {error.strerror or error}; {remedy}") from None
     except ValueError as error:
-        raise _damaged(path, error, remedy) from None
+        raise _damage_error(path, error, remedy) from None
 
 
 def parse_json(content: bytes) -> Any:
@@ -110,7 +110,7 @@ def read_object(path: Path, kinds: Kinds, remedy: str) -> dict[str, Any]:
     try:
         return check_object(content, kinds)
     except ValueError as error:
-        raise _damaged(path, error, remedy) from None
+        raise _damage_error(path, error, remedy) from None
 
 
 def check_object(content: Any, kinds: Kinds) -> dict[str, Any]:
@@ -126,7 +126,7 @@ def check_object(content: Any, kinds: Kinds) -> dict[str, Any]:
     return content
 
 
-def _damaged(path: Path, error: ValueError, remedy: str) -> InputError:
+def _damage_error(path: Path, error: ValueError, remedy: str) -> InputError:
     return InputError(f"{path} is damaged: {error}; {remedy}")
 
 

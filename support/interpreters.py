@@ -302,7 +302,7 @@ def _install(folder: Path, packages: Sequence[str], wanted: Mapping[str, str]) -
     _run_uv(packages, [*uv, "venv", "--python", base, str(folder)])
     asked = folder / "asked.txt"
     asked.write_text(_lines(wanted), encoding="utf-8")
-    preferred = {**_installed(sys.path), **wanted}
+    preferred = {**_read_installed(sys.path), **wanted}
     resolved.write_text(_lines(preferred), encoding="utf-8")
     compile_options = ["--no-header", "--no-annotate", "--python", python]
     _run_uv(
@@ -349,7 +349,7 @@ def _check_installed(folder: Path, packages: Sequence[str], wanted: Mapping[str,
     Raises:
         InterpreterError: for another version, as of a checkout that was changed since.
     """
-    found = _installed([str(path) for path in folder.glob("[Ll]ib/**/site-packages")])
+    found = _read_installed([str(path) for path in folder.glob("[Ll]ib/**/site-packages")])
     for name, version in wanted.items():
         there = found.get(name)
         if there != version:
@@ -362,7 +362,7 @@ def _check_installed(folder: Path, packages: Sequence[str], wanted: Mapping[str,
             )
 
 
-def _installed(folders: Sequence[str]) -> dict[str, str]:
+def _read_installed(folders: Sequence[str]) -> dict[str, str]:
     """Versions of the packages that are installed in folders, by name."""
     found = importlib.metadata.distributions(path=list(folders))
     return {_normalize(one.metadata["Name"]): one.version for one in found}

@@ -83,7 +83,7 @@ class Worker:
         if kind == "error":
             raise WorkerError(f"{self.name} failed in `{method}`: {value}")
         quoted = repr(line.strip()[:_MOST])
-        raise self._ended(f"gave no readable answer to `{method}`, and was ended: {quoted}")
+        raise self._end_error(f"gave no readable answer to `{method}`, and was ended: {quoted}")
 
     def _answer(self, method: str, text: str, patience: float) -> str:
         """The line that comes back."""
@@ -95,13 +95,13 @@ class Worker:
             line = ""
         except queue.Empty:
             why = f"did not answer `{method}` within {patience:g} s, and was ended"
-            raise self._ended(why) from None
+            raise self._end_error(why) from None
         if not line:
             code, last = self._process.wait(), last_words(self._words)
-            raise self._ended(f"ended with exit code {code} when asked for `{method}`{last}")
+            raise self._end_error(f"ended with exit code {code} when asked for `{method}`{last}")
         return line
 
-    def _ended(self, why: str) -> WorkerError:
+    def _end_error(self, why: str) -> WorkerError:
         self._over = f"{self.name} {why}"
         self.close()
         return WorkerError(self._over)

@@ -59,7 +59,7 @@ def load(module: str, extra: str) -> Any:
         if error.name is None or not f"{module}.".startswith(f"{error.name}."):
             raise
         package = error.name.partition(".")[0]
-        raise missing_package(error.name if _installed(package) else package, extra) from None
+        raise missing_package(error.name if _is_installed(package) else package, extra) from None
 
 
 def missing_package(package: str, *extras: str) -> MissingPackageError:
@@ -88,10 +88,10 @@ def checkout() -> Path | None:
 
 def not_installed(modules: Iterable[str]) -> list[str]:
     """Those of some modules that are not installed."""
-    return [module for module in modules if not _installed(module)]
+    return [module for module in modules if not _is_installed(module)]
 
 
-def _installed(module: str) -> bool:
+def _is_installed(module: str) -> bool:
     """Whether there is a module; unlike `find_spec`, imports none that it lies in."""
     top, *inner = module.split(".")
     spec = find_spec(top)

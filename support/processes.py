@@ -59,17 +59,17 @@ def prefetch(items: Iterator[Item]) -> Iterator[Item]:
     """
     if parent_process() is None:
         with ThreadPoolExecutor(1) as thread:
-            following = _submitted(thread, items)
+            following = _submit_next(thread, items)
             while following is not None:
                 item = following.result()
                 if item is _END:
                     return
-                following = _submitted(thread, items)
+                following = _submit_next(thread, items)
                 yield item
     yield from items
 
 
-def _submitted(thread: ThreadPoolExecutor, items: Iterator[Any]) -> Future[Any] | None:
+def _submit_next(thread: ThreadPoolExecutor, items: Iterator[Any]) -> Future[Any] | None:
     """The next item, or the end; None where the interpreter starts no thread any more."""
     try:
         return thread.submit(next, items, _END)
@@ -104,7 +104,7 @@ def check_spawning(*sent: Any, alone: bool = False) -> None:
                 "a program read from standard input cannot start worker processes, which read it "
                 f"again; save it as a file{otherwise}"
             )
-        if path.suffix != ".pyc" and not _guarded(path):
+        if path.suffix != ".pyc" and not _runs_under_guard(path):
             raise SpawnError(
                 f"{path.name} starts worker processes, which import it, without "
                 '`if __name__ == "__main__":`; put this call under it' + otherwise
@@ -133,7 +133,7 @@ def _label(sent: Any) -> str:
     return repr(name)
 
 
-def _guarded(path: Path) -> bool:
+def _runs_under_guard(path: Path) -> bool:
     """Whether what runs now in the main program stands under the guard."""
     try:
         tree = ast.parse(path.read_bytes())

@@ -139,7 +139,7 @@ def visible(text: str) -> str:
     return _CONTROLS.sub(lambda found: ascii(found[0])[1:-1], text)
 
 
-def unbroken(text: str) -> str:
+def keep_on_one_line(text: str) -> str:
     """Text that :func:`print_wrapped` keeps on one line, such as a command to copy."""
     return text.replace(" ", _NO_BREAK)
 
@@ -160,7 +160,7 @@ def print_command(command: str) -> None:
     width, lines = width_of(sys.stdout), [command]
     words = re.findall(r"(?:--[\w-]+ (?!-))?(?:'[^']*'|[^\s'])+", command)
     if width is not None and command.startswith("integ-gym ") and " ".join(words) == command:
-        text = " ".join(map(unbroken, words))
+        text = " ".join(map(keep_on_one_line, words))
         room = max(NARROWEST, width - 8)
         lines = textwrap.wrap(text, room, break_long_words=False, break_on_hyphens=False)
     print("  " + " \\\n      ".join(lines).replace(_NO_BREAK, " "))
@@ -237,7 +237,7 @@ def _least_folded(cell: str) -> int:
     return min(len(cell), READABLE)
 
 
-def _folded(cell: str, width: int) -> str:
+def _fold_cell(cell: str, width: int) -> str:
     """A cell whose words fit, those that are longer broken after a sign where they have one."""
     words = []
     for word in cell.split(" "):
@@ -296,7 +296,7 @@ def print_columns(
     for row in rows:
         cells = zip(row, widths, strict=True)
         table.add_row(
-            *(text_of(_folded(x, most), style=(colours or {}).get(x, "")) for x, most in cells)
+            *(text_of(_fold_cell(x, most), style=(colours or {}).get(x, "")) for x, most in cells)
         )
     plain = {"color_system": None} if os.environ.get("NO_COLOR") else {}
     console = console_of(file=file, width=width or 1 << 20, **plain)

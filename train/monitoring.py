@@ -62,7 +62,7 @@ def discretization_gap(
     testbed, cells = comparison_cells(env_id, home, others, environment or {})
     if episodes < 1:
         raise InputError(f"`episodes` must be 1 or above, got {episodes}")
-    found = {name: _played(policy, testbed, cell, episodes, seed) for name, cell in cells.items()}
+    found = {name: _play(policy, testbed, cell, episodes, seed) for name, cell in cells.items()}
     scores: dict[str, float] = {}
     for place, what in enumerate(("return", "success")):
         for name, values in found.items():
@@ -135,7 +135,7 @@ def _discretization(arguments: Mapping[str, Any]) -> Discretization:
     return Discretization(**{name: arguments[name] for name in DISCRETIZATION})
 
 
-def _played(
+def _play(
     policy: Any, testbed: Testbed, cell: Discretization, episodes: int, seed: int
 ) -> tuple[float, float]:
     """Mean return and success over the starts."""

@@ -707,10 +707,10 @@ class CalledPolicy:
         ask = self.target.act if way == "act" else self.target
         if not _takes(ask, "state"):
             together = way == "act"
-            return _array(ask(observations)) if together else _stacked(map(ask, observations))
+            return _array(ask(observations)) if together else _stack(map(ask, observations))
         states.extend([None] * (len(observations) - len(states)))
         actions, states[:] = zip(*map(ask, observations, states), strict=True)
-        return _stacked(actions)
+        return _stack(actions)
 
     def _as_actions(self, given: NDArray[Any], count: int) -> ActionArray:
         discrete = isinstance(self.action_space, spaces.Discrete)
@@ -769,7 +769,7 @@ def _takes(function: Any, name: str) -> bool:
         return False
 
 
-def _stacked(given: Iterable[Any]) -> NDArray[Any]:
+def _stack(given: Iterable[Any]) -> NDArray[Any]:
     return np.stack([_array(one) for one in given])
 
 

@@ -66,7 +66,7 @@ class BulletEuler:
     ) -> Step:
         plant = system.plant
         assert isinstance(plant, CartPole)
-        drive = system.with_resistance(ops, q, v, system.generalized(control))
+        drive = system.with_resistance(ops, q, v, system.to_generalized_force(control))
         drag = _drag(ops, plant, q, v)
         force = tuple([a - b for a, b in zip(drive, drag, strict=True)])
         v = along(v, dt, plant.acceleration(ops, q, v, force))

@@ -219,7 +219,7 @@ def casadi(setup: Setup) -> Bare:
     plant, n, count = setup.plant, len(setup.plant.coordinates), setup.timing.substeps
     x, u = ca.SX.sym("x", 2 * n), ca.SX.sym("u")
     q, v = (tuple([Expression(x[i]) for i in range(k, k + n)]) for k in (0, n))
-    force = setup.system.generalized((Expression(u),))
+    force = setup.system.to_generalized_force((Expression(u),))
     slopes = [plain(a) for a in (*v, *plant.acceleration(CasadiOps(), q, v, force))]
     dae = {"x": x, "p": u, "ode": ca.vertcat(*slopes)}
     options = {"number_of_finite_elements": 1}

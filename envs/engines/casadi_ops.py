@@ -25,7 +25,7 @@ def _note(function: Callable[..., Any]) -> Callable[..., Expression]:
     return lambda *operands: Expression(function(*map(plain, operands)))
 
 
-def _reflected(function: Callable[..., Any]) -> Callable[..., Expression]:
+def _reflect(function: Callable[..., Any]) -> Callable[..., Expression]:
     return lambda a, b: Expression(function(plain(b), plain(a)))
 
 
@@ -44,12 +44,12 @@ class Expression:
             "a component has no truth value while its equations are written; use ops.where"
         )
 
-    __add__, __radd__ = _note(operator.add), _reflected(operator.add)
-    __sub__, __rsub__ = _note(operator.sub), _reflected(operator.sub)
-    __mul__, __rmul__ = _note(operator.mul), _reflected(operator.mul)
-    __truediv__, __rtruediv__ = _note(operator.truediv), _reflected(operator.truediv)
-    __mod__, __rmod__ = _note(operator.mod), _reflected(operator.mod)
-    __pow__, __rpow__ = _note(operator.pow), _reflected(operator.pow)
+    __add__, __radd__ = _note(operator.add), _reflect(operator.add)
+    __sub__, __rsub__ = _note(operator.sub), _reflect(operator.sub)
+    __mul__, __rmul__ = _note(operator.mul), _reflect(operator.mul)
+    __truediv__, __rtruediv__ = _note(operator.truediv), _reflect(operator.truediv)
+    __mod__, __rmod__ = _note(operator.mod), _reflect(operator.mod)
+    __pow__, __rpow__ = _note(operator.pow), _reflect(operator.pow)
     __neg__, __pos__, __abs__ = _note(operator.neg), _note(operator.pos), _note(casadi.fabs)
     __lt__, __le__ = _note(operator.lt), _note(operator.le)
     __gt__, __ge__ = _note(operator.gt), _note(operator.ge)

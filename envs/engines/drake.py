@@ -296,16 +296,16 @@ class Stepper:
             RuntimeError: where Drake gives up.
         """
         try:
-            found = self._attempted(state, force)
+            found = self._attempt_step(state, force)
             whole = not found[self._divisions][1]
         except RuntimeError:
             whole = False
         if not whole:
             self._clock.now = SPAN
-            found = self._attempted(state, force)
+            found = self._attempt_step(state, force)
         return self._state, found[self._iterations][1], found[self._divisions][1]
 
-    def _attempted(self, state: Components, force: Components) -> Any:
+    def _attempt_step(self, state: Components, force: Components) -> Any:
         """Take a step; what the integrator reports of it."""
         if self._clock.now == SPAN or (self.spoiled and self._from_rest):
             self._begin()

@@ -119,7 +119,7 @@ class IsaaclabEngine(LanesEngine):
 
     def build(self) -> None:
         """Start a process, and make a scene of one lane."""
-        self._worker = _borrowed()
+        self._worker = _borrow_worker()
         weakref.finalize(self, _give_back, self._worker)
         self._lanes = 0
         self._make(1)
@@ -153,7 +153,7 @@ class IsaaclabEngine(LanesEngine):
         self._lanes = lanes
 
 
-def _borrowed() -> Worker:
+def _borrow_worker() -> Worker:
     """An idle process, that of an engine which is no longer referred to too; or a new one."""
     if not _idle:
         gc.collect()

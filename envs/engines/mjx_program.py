@@ -15,7 +15,7 @@ from mujoco.mjx._src import forward
 
 from ..mechanics import Link, Mechanism
 from ..ops.ops import Component
-from .mujoco_solver import taken_by, write_solver
+from .mujoco_solver import translate_refusal, write_solver
 from .rigid import LEAST_SHARE, mjcf
 
 Array = Any
@@ -77,7 +77,7 @@ class Program:
     def __init__(self, text: str, solver: tuple[tuple[str, Any], ...], width: int) -> None:
         self.made = made = mujoco.MjModel.from_xml_string(text)
         write_solver(mujoco, made, dict(solver))
-        with jax.enable_x64(True), taken_by("MJX"):
+        with jax.enable_x64(True), translate_refusal("MJX"):
             model, data = mjx.put_model(made, impl="jax"), mjx.make_data(made, impl="jax")
         self.dof, self.lanes, self.width = made.nv, LANES, width
         self._stopped = next(iter(made.jnt_limited.nonzero()[0].tolist()), None)

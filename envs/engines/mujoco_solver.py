@@ -12,7 +12,7 @@ from typing import Any, ClassVar, Final
 from integ_gym.support.errors import InputError
 from integ_gym.support.parameters import unknown_name
 
-from .stepping import check_settings, checked_number
+from .stepping import check_number, check_settings
 
 _NUMBERS: Final = {
     "iterations": int, "ls_iterations": int, "noslip_iterations": int,
@@ -85,7 +85,7 @@ class MujocoSettings:
             ValueError: for a setting that it does not take, or an impossible value.
         """
         check_settings(self.name, given, self.settable(self.integrator))
-        self.settings = {name: checked_setting(name, value) for name, value in given.items()}
+        self.settings = {name: check_setting(name, value) for name, value in given.items()}
 
     def settings_of(self, mujoco: Any, model: Any) -> dict[str, Any]:
         """Those of a model's settings that it takes."""
@@ -102,7 +102,7 @@ class MujocoSettings:
 
 
 @contextmanager
-def taken_by(simulator: str) -> Iterator[None]:
+def translate_refusal(simulator: str) -> Iterator[None]:
     """Have a simulator take a model of MuJoCo's.
 
     Raises:
@@ -139,7 +139,7 @@ def write_solver(mujoco: Any, model: Any, settings: Mapping[str, Any]) -> None:
     """
     option = model.opt
     for name, given in settings.items():
-        value = checked_setting(name, given)
+        value = check_setting(name, given)
         if name in _NUMBERS:
             setattr(option, name, value)
         elif name in _CHOICES:
@@ -149,14 +149,14 @@ def write_solver(mujoco: Any, model: Any, settings: Mapping[str, Any]) -> None:
             option.disableflags = option.disableflags & ~bit if value else option.disableflags | bit
 
 
-def checked_setting(name: str, value: Any) -> Any:
+def check_setting(name: str, value: Any) -> Any:
     """A setting's value, numbers as MuJoCo has them.
 
     Raises:
         ValueError: for an unknown setting or an impossible value, with what is possible.
     """
     if name in _NUMBERS:
-        return checked_number(name, value, _NUMBERS[name], may_be_zero=True)
+        return check_number(name, value, _NUMBERS[name], may_be_zero=True)
     if name in _CHOICES:
         values = _CHOICES[name]
         if value not in values:

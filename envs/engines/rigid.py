@@ -241,7 +241,7 @@ class RigidBodyEngine(ForeignEngine):
     ) -> tuple[Components, Components, Components, Component, Component, Component]:
         """As :meth:`travel`, with the mean squares of the velocities after q and v."""
         n, run = len(q), self._run_with_speeds(count)
-        flat, report = self._called_with(ops, run, (*q, *v, *force), 3 * n)
+        flat, report = self._call_engine(ops, run, (*q, *v, *force), 3 * n)
         return flat[:n], flat[n : 2 * n], flat[2 * n :], *report
 
     def move(
@@ -249,7 +249,7 @@ class RigidBodyEngine(ForeignEngine):
     ) -> Step:
         """One of the simulator's steps, with friction, contact and losses."""
         resisting, rates = self.system.resistance(ops, q, v)
-        drive = self.system.generalized(control)
+        drive = self.system.to_generalized_force(control)
         force = tuple([a + b for a, b in zip(drive, resisting, strict=True)])
         end_q, end_v, iterations, residual, converged = self.travel(ops, q, v, force, 1)
         losses = along(losses, self.dt, rates)

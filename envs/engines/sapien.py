@@ -68,9 +68,9 @@ class SapienEngine(RigidBodyEngine):
     def build(self) -> None:
         """Build the articulation; beside it one without stops, and one without weight."""
         undamped = tuple(replace(link, damping=0.0) for link in self.free.links)
-        self._world = self._articulated(self.mechanism)
-        self._free = self._articulated(self.free)
-        self._weightless = self._articulated(Mechanism(undamped, 0.0))
+        self._world = self._build_articulation(self.mechanism)
+        self._free = self._build_articulation(self.free)
+        self._weightless = self._build_articulation(Mechanism(undamped, 0.0))
 
     def stop_parameters(self) -> dict[str, Any]:
         """PhysX's limits are hard: the solver is all there is."""
@@ -99,7 +99,7 @@ class SapienEngine(RigidBodyEngine):
         """Set the state and the force, which stays, and step ``count`` times."""
         return _run_in(self._world, len(self.mechanism.links), count)
 
-    def _articulated(self, mechanism: Mechanism) -> World:
+    def _build_articulation(self, mechanism: Mechanism) -> World:
         """The mechanism in a scene of its own."""
         sapien, iterations = load_undisturbed("sapien", "sapien"), self.settings
         system = _system(sapien.physx, mechanism.gravity, self.integrator == "tgs")

@@ -188,7 +188,7 @@ class ForeignEngine(MappedEngine):
         losses, most, worst, converged = self.system.no_losses, 0, 0.0, True
         for control, count in segments:
             before = q
-            force = self.system.generalized(control)
+            force = self.system.to_generalized_force(control)
             q, v, losses, iterations, residual, solved, _ = self.stride(
                 ops, q, v, losses, force, count
             )
@@ -217,10 +217,10 @@ class ForeignEngine(MappedEngine):
     ) -> tuple[Components, Components, Component, Component, Component]:
         """Take ``count`` steps; q, v, and the solver's iterations, residual and convergence."""
         n = len(q)
-        flat, report = self._called_with(ops, self._run(count), (*q, *v, *force), 2 * n)
+        flat, report = self._call_engine(ops, self._run(count), (*q, *v, *force), 2 * n)
         return flat[:n], flat[n:], *report
 
-    def _called_with(
+    def _call_engine(
         self, ops: Ops, run: Run, values: Components, numbers: int
     ) -> tuple[Components, Components]:
         """What a run gives: so many numbers, and the solver's report or that nothing went wrong."""

@@ -147,12 +147,12 @@ def solver_with(
     given = given or {}
     check_settings(engine, given, defaults)
     return dict(defaults) | {
-        name: checked_number(name, value, type(defaults[name]), name in zeros)
+        name: check_number(name, value, type(defaults[name]), name in zeros)
         for name, value in given.items()
     }
 
 
-def checked_number(name: str, value: Any, kind: type, may_be_zero: bool) -> Any:
+def check_number(name: str, value: Any, kind: type, may_be_zero: bool) -> Any:
     """A setting of a solver that is a number, whole where ``kind`` is `int`.
 
     Raises:

@@ -16,7 +16,7 @@ from integ_gym.support.optional import load
 
 from ..mechanics import Mechanism
 from ..ops.ops import Components
-from .mujoco_solver import MujocoSettings, taken_by, write_solver
+from .mujoco_solver import MujocoSettings, translate_refusal, write_solver
 from .rigid import LEAST_INERTIA, MAPS, Array, LanesEngine, mass_matrix, mjcf, stop_law
 from .simulator import Run, silence_output
 
@@ -98,7 +98,7 @@ class WarpEngine(LanesEngine):
         """Take ``count`` steps of one world."""
         worlds, graph = self._recorded(1, True)
         (q,), (v,), (force,) = worlds.q, worlds.v, worlds.force
-        n, take = len(q), self._replayed(worlds, graph, count)
+        n, take = len(q), self._capture_steps(worlds, graph, count)
 
         def run(*start: float) -> tuple[float, ...]:
             q[:], v[:], force[:] = start[:n], start[n : 2 * n], start[2 * n :]
@@ -115,7 +115,7 @@ class WarpEngine(LanesEngine):
         memory = worlds.q, worlds.v, worlds.force
         for array, values in zip(memory, np.split(starts, 3, axis=1), strict=True):
             array[:lanes], array[lanes:] = values, 0.0
-        report = self._replayed(worlds, graph, count)()
+        report = self._capture_steps(worlds, graph, count)()
         columns = (worlds.q, worlds.v, *[column[:, None] for column in report])
         return np.concatenate([x[:lanes] for x in columns], axis=1, dtype=np.float64)
 
@@ -126,7 +126,7 @@ class WarpEngine(LanesEngine):
         self._warp.capture_launch(graph)
         return worlds
 
-    def _replayed(
+    def _capture_steps(
         self, worlds: Worlds, graph: Any, count: int
     ) -> Callable[[], tuple[npt.NDArray[Any], ...]]:
         """What takes ``count`` steps and tells, if the engine reports, what the solver did.
@@ -218,8 +218,8 @@ class MujocoWarpEngine(MujocoSettings, WarpEngine):
 
     def worlds(self, count: int, mechanism: Mechanism) -> Worlds:
         """One model, with data for ``count`` worlds."""
-        made = self._compiled(mechanism)
-        with taken_by("MuJoCo Warp"):
+        made = self._compile_model(mechanism)
+        with translate_refusal("MuJoCo Warp"):
             model = self._mjw.put_model(made)
         data = self._mjw.make_data(made, nworld=count, nconmax=0, njmax=ROWS)
 
@@ -234,7 +234,7 @@ class MujocoWarpEngine(MujocoSettings, WarpEngine):
 
     def stop_parameters(self) -> dict[str, Any]:
         """`solref` and `solimp` of the limited joint."""
-        return stop_law(self._compiled(self.mechanism), self.system.engine_stops)
+        return stop_law(self._compile_model(self.mechanism), self.system.engine_stops)
 
     def at_rest(self, q: Components) -> tuple[Array, Array]:
         """Mass matrix by the composite rigid body algorithm, and all of the generalized force."""
@@ -242,7 +242,7 @@ class MujocoWarpEngine(MujocoSettings, WarpEngine):
         with self.here():
             return forces_at_rest(self._mujoco, self._mjw, made, model, data, q)
 
-    def _compiled(self, mechanism: Mechanism) -> Any:
+    def _compile_model(self, mechanism: Mechanism) -> Any:
         """MuJoCo's model, with the settings of its solver."""
         model = self._mujoco.MjModel.from_xml_string(mjcf(mechanism, self.dt, self.integrator))
         write_solver(self._mujoco, model, self.settings)

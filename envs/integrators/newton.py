@@ -187,7 +187,7 @@ def solve(
         trial = tuple([x - share * y for x, y in zip(velocity, correction, strict=True)])
         moved = equation.defect(trial)
         now = _largest(ops, moved) if steep else size
-        accepted = (*trial, *moved, _scaled(ops, moved, trial), residual, iterations + 1, 1.0, now)
+        accepted = (*trial, *moved, _scale(ops, moved, trial), residual, iterations + 1, 1.0, now)
         if not steep:
             return accepted
         better = (now < size) | (residual <= tolerance)
@@ -196,7 +196,7 @@ def solve(
         return tuple([ops.where(better, new, old) for new, old in pairs])
 
     f = equation.defect(start)
-    residual = _scaled(ops, f, start)
+    residual = _scale(ops, f, start)
     carry = (*start, *f, residual, 4.0 * residual + 1.0, 0, 1.0, _largest(ops, f))
     end = ops.while_loop(unfinished, newton, carry)
     return Solution(end[:n], end[2 * n + 2], end[2 * n], end[2 * n] <= tolerance)
@@ -255,5 +255,5 @@ def _largest(ops: Ops, f: Components) -> Component:
     return largest
 
 
-def _scaled(ops: Ops, f: Components, velocity: Components) -> Component:
+def _scale(ops: Ops, f: Components, velocity: Components) -> Component:
     return _largest(ops, tuple([x / (1.0 + abs(v)) for x, v in zip(f, velocity, strict=True)]))

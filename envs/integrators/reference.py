@@ -81,16 +81,16 @@ END = (
 solutions of orders five and three."""
 
 
-def _prepared(row: Row) -> Weighted:
+def _prepare_row(row: Row) -> Weighted:
     """A row as (what picks its stages from a list of all, their weights)."""
     stages, weights = zip(*row, strict=True)
     pick = itemgetter(*stages) if len(stages) > 1 else itemgetter(slice(stages[0], stages[0] + 1))
     return pick, weights
 
 
-_STAGES = tuple([_prepared(row) for row in STAGES])
+_STAGES = tuple([_prepare_row(row) for row in STAGES])
 _WEIGHTS, _ERROR_5, _ERROR_3 = (
-    _prepared(tuple((row[0], row[order]) for row in END)) for order in (1, 2, 3)
+    _prepare_row(tuple((row[0], row[order]) for row in END)) for order in (1, 2, 3)
 )
 
 

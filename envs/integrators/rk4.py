@@ -47,11 +47,11 @@ class RK4:
         a4, p4 = system.rates(ops, along(q, dt, v3), v4, control)
         sixth = dt / 6.0
         return Step(
-            along(q, sixth, _weighted(v, v2, v3, v4)),
-            along(v, sixth, _weighted(a1, a2, a3, a4)),
-            along(losses, sixth, _weighted(p1, p2, p3, p4)),
+            along(q, sixth, _weight_stages(v, v2, v3, v4)),
+            along(v, sixth, _weight_stages(a1, a2, a3, a4)),
+            along(losses, sixth, _weight_stages(p1, p2, p3, p4)),
         )
 
 
-def _weighted(k1: Components, k2: Components, k3: Components, k4: Components) -> Components:
+def _weight_stages(k1: Components, k2: Components, k3: Components, k4: Components) -> Components:
     return tuple([a + 2.0 * (b + c) + d for a, b, c, d in zip(k1, k2, k3, k4, strict=True)])

@@ -87,11 +87,11 @@ def one_step(integrator: str, plant: Plant, dt: float) -> OneStep:
     engine = engine_of(integrator, PlantSystem(plant), dt)
     lost = (math.nan,) * len(plant.coordinates)
 
-    def advanced(q: Components, v: Components, control: Any) -> tuple[Components, Components]:
+    def take_step(q: Components, v: Components, control: Any) -> tuple[Components, Components]:
         motion = engine.advance(SCALAR, q, v, ((controls_of(plant, control), 1),), None)
         return (motion.q, motion.v) if motion.converged else (lost, lost)
 
-    return advanced
+    return take_step
 
 
 def advance_lanes(
@@ -159,7 +159,7 @@ def linear_rates(plant: Plant, state: State | None = None) -> Array:
         plant: with numbers as parameters.
         state: shape (n,); None: :func:`probe_state`.
     """
-    found: Array = np.sort(np.abs(np.linalg.eigvals(_linearized(plant, state))))
+    found: Array = np.sort(np.abs(np.linalg.eigvals(_linearize(plant, state))))
     return found
 
 
@@ -173,7 +173,7 @@ def fastest_mode(plant: Plant, state: State) -> Array:
     Returns:
         Displacements of the coordinates, the largest 1, shape (n / 2,).
     """
-    linear = _linearized(plant, state)
+    linear = _linearize(plant, state)
     rates = np.linalg.eigvals(linear)
     fastest = rates[np.argmax(np.abs(rates))]
     # The null vector by singular values: eigenvectors are poor beside a cart that rolls freely.
@@ -184,7 +184,7 @@ def fastest_mode(plant: Plant, state: State) -> Array:
     return mode
 
 
-def _linearized(plant: Plant, state: State | None) -> Array:
+def _linearize(plant: Plant, state: State | None) -> Array:
     """∂(v, a)/∂(q, v) in state order, shape (n, n)."""
     system = PlantSystem(plant)
 

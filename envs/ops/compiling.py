@@ -181,7 +181,7 @@ def write_loops(
                 stores.append(f"of_{x.name}[lane] = {x.name}")
                 found[id(x)] = f"of_{x.name}[lane]"
         reads = [f"{x.name} = {found[id(x)]}" for x in before if id(x) in found]
-        lines += PYTHON_SYNTAX.counting("lane", "n", [*reads, *body, *stores])
+        lines += PYTHON_SYNTAX.count_loop("lane", "n", [*reads, *body, *stores])
     return [x for x in given if any(id(x) in need for need in needs)], lines
 
 
@@ -267,10 +267,10 @@ def _build_step(
     fill = load("numba", "numba").njit(nogil=True, error_model="numpy")(filling)
     types = {x.type: np.dtype(x.type) for x in results.arrays}
     known = {"empty": np.empty, "in_lanes": in_lanes, "Unusual": Unusual, "fill": fill}
-    return execute(_calling(arguments, result[0], inputs, results), {**known, **types})
+    return execute(_write_call(arguments, result[0], inputs, results), {**known, **types})
 
 
-def _calling(arguments: list[Any], state: Any, inputs: list[Symbol], results: Results) -> str:
+def _write_call(arguments: list[Any], state: Any, inputs: list[Symbol], results: Results) -> str:
     """Source of what makes the arrays, has them filled, and returns them."""
     names = [f"a{place}" for place in range(len(arguments))]
     targets = [target(PYTHON_SYNTAX, argument) for argument in arguments]
@@ -350,7 +350,7 @@ def compile_repeated(dialect: Dialect, function: Function, *patterns: Any) -> Re
     """
     repeating = _repeating(dialect, function, patterns)
     step = _compile_source(*repeating[:3])
-    put = _putting(repeating.result[0], repeating.result[-1])
+    put = _write_put(repeating.result[0], repeating.result[-1])
     trace, (state, *_), _ = _trace(dialect, function, patterns)
     wanted = tuple(trace.block.items[place] for place in repeating.places)
     trace.block.items = [x for x in trace.block.items if isinstance(x, Symbol) and not x.raising]
@@ -429,7 +429,7 @@ def _entries(part: Any, varying: bool) -> Any:
     return {name: x for name, x in part.items() if isinstance(x, Symbol) is varying}
 
 
-def _putting(state: Any, taken: Any) -> Function:
+def _write_put(state: Any, taken: Any) -> Function:
     """:attr:`Repeated.put`, of what a call returns in symbols and constants."""
     lines: list[str] = []
     seen: set[int] = set()

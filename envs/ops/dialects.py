@@ -28,7 +28,7 @@ class Python:
         """A name that takes other values later."""
         return f"{name} = {expression}"
 
-    def assigned(self, names: Sequence[str], values: Sequence[str]) -> list[str]:
+    def assign(self, names: Sequence[str], values: Sequence[str]) -> list[str]:
         """Values taken all at once, as each may be made of any of the names."""
         if len(names) <= _LONGEST:
             return [f"{', '.join(names)} = {', '.join(values)}"] if names else []
@@ -36,13 +36,13 @@ class Python:
         sides = ([self.together(side[k : k + _LONGEST]) for k in cuts] for side in (names, values))
         return [" = ".join(map(self.together, sides))]
 
-    def counting(self, index: str, count: int | str, body: Sequence[str]) -> list[str]:
+    def count_loop(self, index: str, count: int | str, body: Sequence[str]) -> list[str]:
         """A loop over 0 … count - 1."""
-        return [f"for {index} in range({count}):", *_indented(body or ["pass"])]
+        return [f"for {index} in range({count}):", *_indent(body or ["pass"])]
 
     def forever(self, body: Sequence[str]) -> list[str]:
         """A loop that is left by :meth:`leave_unless`."""
-        return ["while True:", *_indented(body)]
+        return ["while True:", *_indent(body)]
 
     def leave_unless(self, condition: str) -> str:
         """Leaves the loop where the condition does not hold."""
@@ -50,7 +50,7 @@ class Python:
 
     def either(self, condition: str, then: Sequence[str], other: Sequence[str]) -> list[str]:
         """One of two blocks."""
-        return [f"if {condition}:", *_indented(then), "else:", *_indented(other)]
+        return [f"if {condition}:", *_indent(then), "else:", *_indent(other)]
 
     def together(self, parts: Sequence[str]) -> str:
         """A tuple, as a value or taken apart."""
@@ -87,12 +87,12 @@ class JavaScript(Python):
     def variable(self, name: str, expression: str) -> str:
         return f"let {name} = {expression};"
 
-    def assigned(self, names: Sequence[str], values: Sequence[str]) -> list[str]:
+    def assign(self, names: Sequence[str], values: Sequence[str]) -> list[str]:
         if len(names) < 2:
             return [f"{name} = {value};" for name, value in zip(names, values, strict=True)]
         return [f"[{', '.join(names)}] = [{', '.join(values)}];"]
 
-    def counting(self, index: str, count: int | str, body: Sequence[str]) -> list[str]:
+    def count_loop(self, index: str, count: int | str, body: Sequence[str]) -> list[str]:
         return [f"for (let {index} = 0; {index} < {count}; {index} += 1) {{", *body, "}"]
 
     def forever(self, body: Sequence[str]) -> list[str]:
@@ -117,7 +117,7 @@ class JavaScript(Python):
         return f"({', '.join(targets)}) => {{\n" + "".join(f"{line}\n" for line in lines) + "}"
 
 
-def _indented(lines: Sequence[str]) -> list[str]:
+def _indent(lines: Sequence[str]) -> list[str]:
     return [f"    {line}" for line in lines]
 
 

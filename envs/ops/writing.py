@@ -33,7 +33,7 @@ def live_items(block: Block, wanted: Sequence[Symbol]) -> list[Symbol | Loop]:
     kept: list[Symbol | Loop] = []
     for item in reversed(block.items):
         if isinstance(item, Loop):
-            if _raising_within(item.inner) or _trim(item, live):
+            if _find_raising(item.inner) or _trim(item, live):
                 kept.append(item)
                 live |= {id(symbol) for symbol in needed_symbols(item)} | _reach_inside(
                     item, {}
@@ -55,7 +55,7 @@ def find_carried(block: Block, state: Any, result: Any) -> dict[int, Symbol]:
     Returns:
         By identity of an operation on the state that others need: the same on the next state.
     """
-    live = _reach(block, [*symbols_in(result), *_raising_within(block)], {})
+    live = _reach(block, [*symbols_in(result), *_find_raising(block)], {})
     pairs = zip(leaves_of(state), leaves_of(result[0]), strict=True)
     next_of = {id(old): new for old, new in pairs if isinstance(new, Symbol)}
     repeated: dict[int, Symbol] = {}
@@ -94,15 +94,15 @@ def _trim(loop: Loop, live: set[int]) -> bool:
 
 def _reach_inside(loop: Loop, found: dict[int, Symbol]) -> dict[int, Symbol]:
     """As :func:`_reach`, of all that is computed inside a loop."""
-    return _reach(loop.inner, [*loop.wanted, *_raising_within(loop.inner)], found)
+    return _reach(loop.inner, [*loop.wanted, *_find_raising(loop.inner)], found)
 
 
-def _raising_within(block: Block) -> list[Symbol]:
+def _find_raising(block: Block) -> list[Symbol]:
     """Operations in a block, and in its loops, that can raise."""
     found: list[Symbol] = []
     for item in block.items:
         if isinstance(item, Loop):
-            found += _raising_within(item.inner)
+            found += _find_raising(item.inner)
         elif item.raising:
             found.append(item)
     return found
@@ -187,7 +187,7 @@ class Writer:
         return self._trace.dialect.template(own).format(text)
 
     def _operation(self, symbol: Symbol) -> list[str]:
-        symbol.depth = 1 + max((a.depth for a in symbol.arguments if _inlined(a)), default=0)
+        symbol.depth = 1 + max((a.depth for a in symbol.arguments if _is_inlined(a)), default=0)
         if symbol.uses == 1 and symbol.depth <= _DEEPEST and not symbol.raising:
             return []
         expression = self._expression(symbol)
@@ -206,18 +206,18 @@ class Writer:
         names = [variable.name for variable in loop.variables]
         ends = [self._operand(end, bare=True) for end in loop.ends]
         if loop.index is not None:
-            inside += syntax.assigned(names, ends)
-            return [*head, *syntax.counting(loop.index.name, loop.count, inside)]
+            inside += syntax.assign(names, ends)
+            return [*head, *syntax.count_loop(loop.index.name, loop.count, inside)]
         condition = self._operand(loop.condition, bare=True)
         if self._trace.dialect.lanes:
             active = self._trace.new_name()
             leave = [syntax.named(active, condition), syntax.leave_unless(f"any_lane({active})")]
             kept = [f"where({active}, {e}, {n})" for n, e in zip(names, ends, strict=True)]
-            assigned = [syntax.assigned(names, values) for values in (ends, kept)]
+            assigned = [syntax.assign(names, values) for values in (ends, kept)]
             ending = syntax.either(f"all_lanes({active})", *assigned)
         else:
             leave = [syntax.leave_unless(condition)]
-            ending = syntax.assigned(names, ends)
+            ending = syntax.assign(names, ends)
         inside[self._cut : self._cut] = leave
         return [*head, *syntax.forever([*inside, *ending])]
 
@@ -243,7 +243,7 @@ class Writer:
         return expression if bare else f"({expression})"
 
 
-def _inlined(value: Any) -> bool:
+def _is_inlined(value: Any) -> bool:
     return isinstance(value, Symbol) and not value.name
 
 

@@ -93,7 +93,7 @@ class Chain:
                     bent = sine * cosines[j] - cosine * sines[j]
                     total = total - self.inertia * self._below[max(i, j)] * bent * rate * rate
             pushed.append(total)
-        return _differences(_solved(self._absolute(sines, cosines), pushed))
+        return _differences(_solve(self._absolute(sines, cosines), pushed))
 
     def energy(self, ops: Ops, q: Components, v: Components) -> Component:
         """Kinetic plus potential energy, J; zero at rest hanging."""
@@ -169,7 +169,7 @@ def _sums_to_the_end(values: Components) -> Components:
     return tuple(accumulate(values[::-1]))[::-1]
 
 
-def _solved(matrix: Matrix, right: Sequence[Component]) -> Components:
+def _solve(matrix: Matrix, right: Sequence[Component]) -> Components:
     """x of Ax = b, A symmetric and positive definite, by elimination without pivots."""
     n, rows, found = len(right), [list(row) for row in matrix], list(right)
     for k in range(n):

@@ -107,7 +107,7 @@ class Stops:
         inward = ops.where(x < 0.0, v[self.coordinate], -v[self.coordinate])
         return self.limit - abs(x), inward
 
-    def confined(self, ops: Ops, q: Components) -> Components:
+    def confine(self, ops: Ops, q: Components) -> Components:
         """``q`` with the stopped coordinate within its limits."""
         i = self.coordinate
         within = ops.maximum(-self.limit, ops.minimum(q[i], self.limit))
@@ -204,10 +204,10 @@ class ContactPoint:
     def reaction(self, ops: Ops, q: Components, v: Components) -> Reaction:
         """Forces, energy and powers in the state (q, v)."""
         gap, normal, tangent = self.frame(ops, q)
-        depth, inward = _pressed(ops, gap, normal, v)
+        depth, inward = _measure_penetration(ops, gap, normal, v)
         push, energy, damped = press(ops, self.stiffness, self.damping, depth, inward)
         slip = ops.where(depth > 0.0, _dot(tangent, v), 0.0)
-        rub = 0.0 - self.friction * push * slip / self._smoothed(ops, slip)
+        rub = 0.0 - self.friction * push * slip / self._smooth_slip(ops, slip)
         force = tuple([push * a + rub * b for a, b in zip(normal, tangent, strict=True)])
         return Reaction(Touch(depth, push, rub, slip), force, energy, damped, 0.0 - rub * slip)
 
@@ -219,11 +219,11 @@ class ContactPoint:
         The rows of the frame change with q by forward differences; the rest is written out.
         """
         gap, normal, tangent = self.frame(ops, q)
-        depth, inward = _pressed(ops, gap, normal, v)
+        depth, inward = _measure_penetration(ops, gap, normal, v)
         pressing = self.stiffness, self.damping, depth, inward
         push, by_gap, by_rate = press(ops, *pressing).force, *press_slopes(ops, *pressing)
         slip = _dot(tangent, v)
-        smoothed = self._smoothed(ops, slip)
+        smoothed = self._smooth_slip(ops, slip)
         share = 0.0 - self.friction * slip / smoothed
         layer = self.friction_speed / smoothed
         by_slip = 0.0 - self.friction * push * layer * layer / smoothed
@@ -267,12 +267,12 @@ class ContactPoint:
             Kink(slip, turning, ops.where(gap < 0.0, self.friction_speed, FLOAT32_MAX)),
         )
 
-    def _smoothed(self, ops: Ops, slip: Component) -> Component:
+    def _smooth_slip(self, ops: Ops, slip: Component) -> Component:
         """|s|, but for about v_s around 0."""
         return ops.sqrt(slip * slip + self.friction_speed * self.friction_speed)
 
 
-def _pressed(
+def _measure_penetration(
     ops: Ops, gap: Component, normal: Components, v: Components
 ) -> tuple[Component, Component]:
     """Penetration, and the speed inwards."""

@@ -10,7 +10,7 @@ from integ_gym.support.parameters import nonnegative, optional, parameter, posit
 
 from ..mechanics import Link, Mechanism
 from ..ops.ops import Component, Components, Ops
-from .interface import bordered
+from .interface import add_border
 
 
 @dataclass(frozen=True)
@@ -119,7 +119,7 @@ class DoublePendulum:
         first = force[0] - self.damping * v[0] + bend * v[1] * (2.0 * v[0] + v[1])
         first = first - self.inner_weight * ops.sin(q[0]) - outer
         second = force[1] - self.damping * v[1] - bend * v[0] * v[0] - outer
-        return self._solved(ops, q, first, second)
+        return self._solve(ops, q, first, second)
 
     def jacobian(
         self, ops: Ops, q: Components, v: Components, force: Components
@@ -137,7 +137,7 @@ class DoublePendulum:
             (2.0 * bend * v[1] - self.damping, -2.0 * bend * v[0]),
             (2.0 * bend * (v[0] + v[1]), -self.damping + 0.0 * bend),
         )
-        t1, t2, w1, w2 = (self._solved(ops, q, *column) for column in columns)
+        t1, t2, w1, w2 = (self._solve(ops, q, *column) for column in columns)
         return ((t1[0], t2[0]), (t1[1], t2[1])), ((w1[0], w2[0]), (w1[1], w2[1]))
 
     def energy(self, ops: Ops, q: Components, v: Components) -> Component:
@@ -161,7 +161,7 @@ class DoublePendulum:
         bent = self.coupling * ops.cos(q[1])
         return self.inner_inertia + 2.0 * bent, self.outer_inertia + bent, self.outer_inertia
 
-    def _solved(self, ops: Ops, q: Components, first: Component, second: Component) -> Components:
+    def _solve(self, ops: Ops, q: Components, first: Component, second: Component) -> Components:
         """Accelerations under these generalized forces."""
         a, b, d = self._masses(ops, q)
         inverse = 1.0 / (a * d - b * b)
@@ -226,8 +226,8 @@ class ReachingArm(TwoJointArm):
     ) -> tuple[tuple[Components, ...], tuple[Components, ...]]:
         """(∂a/∂q, ∂a/∂v), each a 3×3 nested tuple."""
         by_q, by_v = super().jacobian(ops, q, v, force)
-        return bordered(by_q, 0.0 * q[2]), bordered(by_v, 0.0 * q[2])
+        return add_border(by_q, 0.0 * q[2]), add_border(by_v, 0.0 * q[2])
 
     def mass_matrix(self, ops: Ops, q: Components) -> tuple[Components, ...]:
         """3×3 mass matrix, kg m^2; 0 of the clock."""
-        return bordered(super().mass_matrix(ops, q), 0.0 * q[2])
+        return add_border(super().mass_matrix(ops, q), 0.0 * q[2])

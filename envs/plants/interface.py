@@ -70,7 +70,7 @@ class Plant(Protocol):
         """Mass matrix M(q), so that canonical momenta are p = M(q) v."""
 
 
-def bordered(matrix: tuple[Components, ...], zero: Component) -> tuple[Components, ...]:
+def add_border(matrix: tuple[Components, ...], zero: Component) -> tuple[Components, ...]:
     """A square matrix with a row and a column of zeros more, as of a clock."""
     return *[(*row, zero) for row in matrix], (zero,) * (len(matrix) + 1)
 

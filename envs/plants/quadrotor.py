@@ -9,7 +9,7 @@ from typing import ClassVar
 from integ_gym.support.parameters import nonnegative, optional, parameter, positive
 
 from ..ops.ops import Component, Components, Ops
-from .interface import bordered
+from .interface import add_border
 
 
 @dataclass(frozen=True)
@@ -136,4 +136,4 @@ class GuidedQuadrotor(Quadrotor):
 
     def mass_matrix(self, ops: Ops, q: Components) -> tuple[Components, ...]:
         """6×6 mass matrix; 0 of the clock."""
-        return bordered(super().mass_matrix(ops, q), 0.0 * q[5])
+        return add_border(super().mass_matrix(ops, q), 0.0 * q[5])

@@ -79,7 +79,7 @@ class PlantSystem:
         self._jacobian = None if self.input_forces else getattr(plant, "jacobian", None)
         self._moving = [i for i in range(len(plant.coordinates)) if i not in massless]
 
-    def generalized(self, controls: Components) -> Components:
+    def to_generalized_force(self, controls: Components) -> Components:
         """Controls as a generalized force, one entry per coordinate, of a plant where they are."""
         if len(controls) == 1:
             return (*self._before, controls[0], *self._after)
@@ -153,9 +153,9 @@ class PlantSystem:
     def forces(self, ops: Ops, q: Components, v: Components, controls: Components) -> Components:
         """Generalized force of the controls, one entry per coordinate."""
         if self.servo is not None:
-            return self.generalized(self.servo.efforts(ops, q, v, controls))
+            return self.to_generalized_force(self.servo.efforts(ops, q, v, controls))
         if self.input_forces is None:
-            return self.generalized(controls)
+            return self.to_generalized_force(controls)
         force: Components = self.input_forces(ops, q, v, controls)
         return force
 
@@ -168,19 +168,19 @@ class PlantSystem:
             force = self.forces(ops, q, v, control)
             power = self._power_of(force, v)
             squares = () if self.servo is None else [force[k] * force[k] for k in plant.actuated]
-            force, losses = self._resisted(ops, q, v, force)
+            force, losses = self._add_resistance(ops, q, v, force)
             return plant.acceleration(ops, q, v, force), (*losses, power, *squares)
-        force = self.generalized(control)
+        force = self.to_generalized_force(control)
         if not self.steep:
             return plant.acceleration(ops, q, v, force), (plant.dissipation(ops, q, v),)
-        force, losses = self._resisted(ops, q, v, force)
+        force, losses = self._add_resistance(ops, q, v, force)
         return plant.acceleration(ops, q, v, force), losses
 
     def with_resistance(
         self, ops: Ops, q: Components, v: Components, force: Components
     ) -> Components:
         """A generalized force with that of friction, of our stops and of contact points."""
-        return self._resisted(ops, q, v, force)[0] if self.steep else force
+        return self._add_resistance(ops, q, v, force)[0] if self.steep else force
 
     def slopes(
         self, ops: Ops, q: Components, v: Components, control: Components
@@ -191,7 +191,7 @@ class PlantSystem:
         force = self.forces(ops, q, v, control)
         if not self.steep:
             return self._jacobian(ops, q, v, force)  # type: ignore[no-any-return]
-        force, _ = self._resisted(ops, q, v, force)
+        force, _ = self._add_resistance(ops, q, v, force)
         by_q, by_v = self._jacobian(ops, q, v, force)
         responses = self._responses(ops, q, v)
         if self.stops is not None or self._friction is not None or self.servo is not None:
@@ -237,10 +237,10 @@ class PlantSystem:
             energy = energy + reaction.energy
         return energy
 
-    def confined(self, ops: Ops, q: Components) -> Components:
+    def confine(self, ops: Ops, q: Components) -> Components:
         """``q`` between the stops, ours or the engine's."""
         stops = self.engine_stops if self.stops is None else self.stops
-        return q if stops is None else stops.confined(ops, q)
+        return q if stops is None else stops.confine(ops, q)
 
     def resistance(self, ops: Ops, q: Components, v: Components) -> tuple[Components, Components]:
         """Generalized forces of friction and contact, and the power of each loss component by them.
@@ -264,7 +264,7 @@ class PlantSystem:
             losses = (rubbed, losses[1] + reaction.damped, losses[2] + reaction.rubbed)
         return force, losses
 
-    def _resisted(
+    def _add_resistance(
         self, ops: Ops, q: Components, v: Components, force: Components
     ) -> tuple[Components, Components]:
         """Force with friction and contact, and the power of each loss component."""

@@ -54,7 +54,7 @@ class Skeleton:
         self._shapes = [_shape(*geom) for geom in described["geoms"] if geom[0] >= 0]
         self._root = self._joints[0][0] if self._joints else 0
         self._thick = 0.0
-        points = np.concatenate([shape.points for shape in self._placed(*self.pose(start))])
+        points = np.concatenate([shape.points for shape in self._place(*self.pose(start))])
         floor = described["floor"]
         self._ground = float(points[:, 2].min()) if floor is None else floor
         high = float(points[:, 2].max()) - self._ground
@@ -132,7 +132,7 @@ class Skeleton:
             return seen
 
         self._draw_floor(canvas, origin, see)
-        shapes = self._placed(places, turns)
+        shapes = self._place(places, turns)
         self._draw_shapes(canvas, [(one, see(one.points)) for one in shapes])
         for foot, share in zip(self._feet, state[split:], strict=True):
             points = [one.points for one in shapes if one.body == foot]
@@ -172,7 +172,7 @@ class Skeleton:
     def _of(self, body: int) -> list[Any]:
         return [joint for joint in self._joints if joint[0] == body]
 
-    def _placed(self, places: Array, turns: Array) -> list[Shape]:
+    def _place(self, places: Array, turns: Array) -> list[Shape]:
         """Bones and geoms in the world."""
         jointed = {joint[0] for joint in self._joints}
         bones = [

@@ -43,7 +43,7 @@ class StatePassing(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self.title, self.inner, self._entry = title, inner, entry
         self.spec = EnvSpec(f"{title}-v0")
         self._jax = load("jax", "fleet")
-        self._reset, self._step = _compiled(inner)
+        self._reset, self._step = _compile_task(inner)
         self.action_space = spaces.Box(-1.0, 1.0, (inner.action_size,), np.float32)
         size = inner.observation_size
         shape = size[entry] if isinstance(size, dict) else size
@@ -79,12 +79,12 @@ class StatePassing(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
 
 @lru_cache(maxsize=32)
-def _compiled(inner: Any) -> tuple[Any, Any]:
+def _compile_task(inner: Any) -> tuple[Any, Any]:
     """Reset and step: one program each, for all lanes of a task and all of its states."""
-    return _jitted(inner.reset), _jitted(inner.step)
+    return _jit(inner.reset), _jit(inner.step)
 
 
-def _jitted(function: Any) -> Any:
+def _jit(function: Any) -> Any:
     """Compiled, without JAX's weak types, with which a later state would be another program's."""
     jax = load("jax", "fleet")
 
@@ -190,7 +190,7 @@ def _split_step(inner: Any) -> Any:
             )
         return after
 
-    return _jitted(step)
+    return _jit(step)
 
 
 class PlaygroundBoundaries(Boundaries):
@@ -226,7 +226,7 @@ class PlaygroundBoundaries(Boundaries):
         """What the task makes of it; None where its function takes other things."""
         self.start(seed)
         try:
-            shown = self._task._get_obs(self._placed(state), self._lane._state.info)
+            shown = self._task._get_obs(self._place(state), self._lane._state.info)
         except (AttributeError, TypeError):
             return None
         entry = self._lane._entry
@@ -235,7 +235,7 @@ class PlaygroundBoundaries(Boundaries):
     def command(self, state: NDArray[np.float64], action: Any) -> Named | None:
         """What the task gives its physics, within the actuators' limits."""
         module: Any = import_module("mujoco_playground._src.mjx_env")
-        before = self._lane._state.replace(data=self._placed(state))
+        before = self._lane._state.replace(data=self._place(state))
         told = intercept(lambda: self._task.step(before, action), module, "step", argument=2)
         model = self._task.mj_model
         if told is None or np.size(told) != model.nu:
@@ -248,16 +248,16 @@ class PlaygroundBoundaries(Boundaries):
         """`qfrc_actuator`."""
         if len(command) != self._task.mj_model.nu:
             return None
-        return name_components(self._axes, self._placed(state, ctrl=command).qfrc_actuator)
+        return name_components(self._axes, self._place(state, ctrl=command).qfrc_actuator)
 
     def acceleration(self, state: NDArray[np.float64], force: NDArray[np.float64]) -> Named | None:
         """`qacc` under the force alone: what actuators do without a command is taken off."""
         if len(force) != self._task.mj_model.nv:
             return None
-        idle = np.asarray(self._placed(state).qfrc_actuator)
-        return name_components(self._axes, self._placed(state, qfrc_applied=force - idle).qacc)
+        idle = np.asarray(self._place(state).qfrc_actuator)
+        return name_components(self._axes, self._place(state, qfrc_applied=force - idle).qacc)
 
-    def _placed(self, state: NDArray[np.float64], **inputs: NDArray[np.float64]) -> Any:
+    def _place(self, state: NDArray[np.float64], **inputs: NDArray[np.float64]) -> Any:
         """MJX's data in a state, with no control but those given."""
         size, data = self._task.mj_model.nq, self._lane._state.data
         values = {"ctrl": 0.0 * data.ctrl, "qfrc_applied": 0.0 * data.qfrc_applied, **inputs}

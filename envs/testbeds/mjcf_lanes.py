@@ -170,7 +170,7 @@ class RobotLanes(SequentialVectorEnv):
         self._energies = np.zeros((n, 2))
         self._energy, self._least, self._earned = np.zeros(n), np.zeros(n), np.zeros(n)
         self._control = np.zeros((n, len(self._env.setup.plant.controls)))
-        self._booked = _nothing(n)
+        self._booked = _empty_booking(n)
         self._seen = np.zeros((n, *np.shape(self._task.see())))
         self._last: dict[str, Array] = {}
 
@@ -224,7 +224,7 @@ class RobotLanes(SequentialVectorEnv):
         for values in (self._steps, self._least, self._earned, self._diverged):
             values[begun] = 0
         self._terminations[begun] = self._truncations[begun] = False
-        self._booked = _chosen(begun, _nothing(n), self._booked)
+        self._booked = _select(begun, _empty_booking(n), self._booked)
         commands = self._commands.copy()
         commands.setflags(write=False)
         self._acting = ActingTogether(task, self._lane_data, commands)
@@ -287,8 +287,8 @@ class RobotLanes(SequentialVectorEnv):
         self._diverged = np.where(live, readings.lost, self._diverged)
         booked = ledger.book(readings)
         if self._diverged.any():
-            booked = _chosen(self._diverged, ledger.put_back(booked), booked)
-        self._booked = booked if live.all() else _chosen(live, booked, self._booked)
+            booked = _select(self._diverged, ledger.put_back(booked), booked)
+        self._booked = booked if live.all() else _select(live, booked, self._booked)
         return energies[:, 0] + energies[:, 1]
 
     def _outcomes(self, live: Array, rewards: Array) -> dict[str, Array]:
@@ -353,10 +353,10 @@ class RobotLanes(SequentialVectorEnv):
         return {**told, **masks}
 
 
-def _nothing(lanes: int) -> Booked:
+def _empty_booking(lanes: int) -> Booked:
     return Booked(*(np.full(lanes, value) for value in NOTHING))
 
 
-def _chosen(lanes: Array, booked: Booked, other: Booked) -> Booked:
+def _select(lanes: Array, booked: Booked, other: Booked) -> Booked:
     """What is booked of some lanes, and of the others by another."""
     return Booked(*(np.where(lanes, *both) for both in zip(booked, other, strict=True)))

@@ -35,7 +35,10 @@ def describe_skeleton(mujoco: Any, model: Any, coordinates: Iterable[str]) -> di
         "feet": {name: body - 1 for name, body in feet_of(model).items()},
         "floor": round(float(model.geom_pos[planes[0], 2]), 4) if planes else None,
         "bodies": [
-            [int(model.body_parentid[k]) - 1, *_rounded(model.body_pos[k], model.body_quat[k])]
+            [
+                int(model.body_parentid[k]) - 1,
+                *_round_vectors(model.body_pos[k], model.body_quat[k]),
+            ]
             for k in range(1, model.nbody)
         ],
         "joints": [
@@ -43,7 +46,7 @@ def describe_skeleton(mujoco: Any, model: Any, coordinates: Iterable[str]) -> di
                 int(model.jnt_bodyid[k]) - 1,
                 joints[int(kind)],
                 int(model.jnt_qposadr[k]),
-                *_rounded(model.jnt_axis[k], model.jnt_pos[k]),
+                *_round_vectors(model.jnt_axis[k], model.jnt_pos[k]),
                 round(float(model.qpos0[model.jnt_qposadr[k]]), 4),
             ]
             for k, kind in enumerate(model.jnt_type)
@@ -52,7 +55,7 @@ def describe_skeleton(mujoco: Any, model: Any, coordinates: Iterable[str]) -> di
             [
                 int(model.geom_bodyid[k]) - 1,
                 geoms[int(kind)],
-                *_rounded(model.geom_size[k], model.geom_pos[k], model.geom_quat[k]),
+                *_round_vectors(model.geom_size[k], model.geom_pos[k], model.geom_quat[k]),
             ]
             for k, kind in enumerate(model.geom_type)
             if int(kind) in geoms
@@ -60,5 +63,5 @@ def describe_skeleton(mujoco: Any, model: Any, coordinates: Iterable[str]) -> di
     }
 
 
-def _rounded(*vectors: Any) -> list[list[float]]:
+def _round_vectors(*vectors: Any) -> list[list[float]]:
     return [[0.0 + round(float(x), 4) for x in vector] for vector in vectors]

@@ -18,7 +18,7 @@ from integ_gym.support.terminal import NONE, fixed
 from ..statistics import draws_for, paired_difference, rate_interval
 from .running import finished
 from .specification import Atlas
-from .summaries import Point, noted_in, points
+from .summaries import Point, points, read_agreements
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -104,7 +104,7 @@ def publish(atlas: Atlas, summaries: Path, out: Path) -> list[Path]:
     done = finished(atlas, summaries)
     if not done:
         raise InputError(f"no block of atlas {atlas.name!r} has a summary in {summaries}")
-    found = points(atlas, done, noted_in(summaries))
+    found = points(atlas, done, read_agreements(summaries))
     make_folder(out)
     homes = [home.name for home in atlas.panel.train]
     files = figures.write_figure(

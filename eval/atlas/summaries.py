@@ -311,12 +311,12 @@ def _difference_by_chance(
 
 def note(agreement: Agreement, folder: Path) -> None:
     """Add an agreement to those of a folder of summaries."""
-    noted = [one for one in noted_in(folder) if one != agreement]
+    noted = [one for one in read_agreements(folder) if one != agreement]
     content = msgspec.json.format(msgspec.json.encode([*noted, agreement]), indent=1)
     replace_file(folder / FILE, content + b"\n")
 
 
-def noted_in(folder: Path) -> list[Agreement]:
+def read_agreements(folder: Path) -> list[Agreement]:
     """The agreements of a folder of summaries."""
     file = folder / FILE
     return msgspec.json.decode(file.read_bytes(), type=list[Agreement]) if file.exists() else []

@@ -134,7 +134,7 @@ def identify(samples: Sequence[subjects.Sample], stated: subjects.Statement, wid
         width: bits of the floats in which they were seen.
     """
     limit = numerics.IDENTICAL[width]
-    found = _compared(samples, stated, stated.substeps, stated.control_period, limit)
+    found = _find_nearest_map(samples, stated, stated.substeps, stated.control_period, limit)
     if found.identified:
         return found
     for count, length, names in _candidates(samples, stated):
@@ -143,7 +143,7 @@ def identify(samples: Sequence[subjects.Sample], stated: subjects.Statement, wid
             for name in names
         )
         if min(errors) <= limit:
-            other = _compared(samples, stated, count, length, limit)
+            other = _find_nearest_map(samples, stated, count, length, limit)
             if other.identified:
                 return other
     return found
@@ -158,12 +158,12 @@ def _candidates(
         yield count, stated.control_period, map_names()
     for count in (stated.substeps, *others):
         for name in map_names():
-            fitted = _fitted_period(samples, name, count)
+            fitted = _fit_period(samples, name, count)
             if fitted is not None:
                 yield count, fitted, (name,)
 
 
-def _compared(
+def _find_nearest_map(
     samples: Sequence[subjects.Sample],
     stated: subjects.Statement,
     count: int,
@@ -193,7 +193,7 @@ def _compared(
     )
 
 
-def _fitted_period(samples: Sequence[subjects.Sample], name: str, count: int) -> float | None:
+def _fit_period(samples: Sequence[subjects.Sample], name: str, count: int) -> float | None:
     """The length of a control period with which a map is nearest, s; None where it fails."""
 
     def residuals(period: float) -> np.ndarray:
@@ -351,7 +351,7 @@ def measure(subject: subjects.Subject) -> Line:
     assert access is not None
     found = identify(access.samples(subject), subject.stated, subject.width)
     states = access.coast(subject)
-    limit = find_speed_limit(access.driven(subject), found) if found.identified else None
+    limit = find_speed_limit(access.drive(subject), found) if found.identified else None
     free = replace(plant, **dict.fromkeys(numerics.damping_parameters(plant), 0.0))
     n = len(plant.coordinates)
     hanging = join_state((*(0.0,) * (n - 1), math.pi), (0.0,) * n)

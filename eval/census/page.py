@@ -59,7 +59,7 @@ def error(value: float | None) -> str:
     return f"{value:.0e}" if value else "0"
 
 
-def drifted(value: float | None, sign: bool = False) -> str:
+def format_drift(value: float | None, sign: bool = False) -> str:
     """A relative energy error in per cent."""
     if value is None:
         return "diverged"
@@ -71,7 +71,7 @@ def energy(line: Json) -> tuple[str, str]:
     drift = line["drift"]
     if drift is None:
         return "not seen", "not seen"
-    return drifted(drift["end"], sign=True), drifted(drift["largest"])
+    return format_drift(drift["end"], sign=True), format_drift(drift["largest"])
 
 
 def speed_limit(line: Json, unit: str = "") -> str:
@@ -104,7 +104,7 @@ def row(line: Json) -> dict[str, str]:
     }
 
 
-WORDS: Final = (applied, found_steps, stated, error, drifted, energy, speed_limit)
+WORDS: Final = (applied, found_steps, stated, error, format_drift, energy, speed_limit)
 """What the page's template says lines with."""
 
 
@@ -155,7 +155,7 @@ def _answer(published: Sequence[Json]) -> str:
         errors = [x for x in largest if x is not None]
         off = ""
         if errors:
-            ends = dict.fromkeys(drifted(x) for x in (min(errors), max(errors)))
+            ends = dict.fromkeys(format_drift(x) for x in (min(errors), max(errors)))
             off = f"; the energy of 10 s of free motion is off by {' to '.join(ends)}"
         said.append(
             f"{plural(len(lines), f'published {title}')} {'takes' if len(lines) == 1 else 'take'} "

@@ -104,12 +104,12 @@ def jax_step(
     """
     compiled = import_module("jax").jit(advance)
 
-    def advanced(q: Components, v: Components, control: float) -> tuple[Components, Components]:
+    def take_step(q: Components, v: Components, control: float) -> tuple[Components, Components]:
         end_q, end_v = compiled(*(np.array(x, dtype=np.float32) for x in (q, v, [control / gear])))
         q, v = (tuple(np.array(x, np.float64).ravel().tolist()) for x in (end_q, end_v))
         return q, v
 
-    return advanced
+    return take_step
 
 
 AGREEMENT = 1e-9
@@ -185,14 +185,14 @@ def control_step(model: Any) -> numerics.OneStep:
     data, n = mujoco.MjData(model), int(model.nv)
     gear = float(model.actuator_gear[0, 0])
 
-    def advanced(q: Components, v: Components, control: float) -> tuple[Components, Components]:
+    def take_step(q: Components, v: Components, control: float) -> tuple[Components, Components]:
         mujoco.mj_resetData(model, data)
         data.qpos[:], data.qvel[:], data.ctrl[0] = q, v, control / gear
         mujoco.mj_step(model, data)
         end = (*data.qpos.tolist(), *data.qvel.tolist())
         return end[:n], end[n:]
 
-    return advanced
+    return take_step
 
 
 def max_control(model: Any) -> float:
@@ -359,18 +359,18 @@ class Gymnasium(Library):
         pendulum: Any = gymnasium.make("Pendulum-v1").unwrapped
         cart_pole: Any = gymnasium.make("CartPole-v1").unwrapped
 
-        def turned(control: float) -> np.ndarray:
+        def turn(control: float) -> np.ndarray:
             return np.array([control], dtype=np.float32)
 
-        def pushed(control: float) -> int:
+        def push(control: float) -> int:
             cart_pole.steps_beyond_terminated, cart_pole.force_mag = None, abs(control)
             return int(control > 0.0)
 
         note = "torques in float32, as its action space has them"
-        step = _step(pendulum, turned)
+        step = _step(pendulum, turn)
         yield self.pendulum("Pendulum-v1", pendulum, pendulum.max_torque, step, note)
         yield self.cart_pole(
-            "CartPole-v1", cart_pole, _step(cart_pole, pushed), cart_pole.kinematics_integrator,
+            "CartPole-v1", cart_pole, _step(cart_pole, push), cart_pole.kinematics_integrator,
             note="force_mag set to the force wanted",
         )  # fmt: skip
 
@@ -379,12 +379,12 @@ def _step(env: Any, action: Callable[[float], Any]) -> numerics.OneStep:
     """One control period under the action that stands for a control."""
     env.reset(seed=0)
 
-    def advanced(q: Components, v: Components, control: float) -> tuple[Components, Components]:
+    def take_step(q: Components, v: Components, control: float) -> tuple[Components, Components]:
         env.state = np.array(join_state(q, v))
         env.step(action(control))
         return split_state(tuple(float(x) for x in env.state))
 
-    return advanced
+    return take_step
 
 
 class GymnasiumPhys2d(Library):
@@ -403,16 +403,16 @@ class GymnasiumPhys2d(Library):
         module = import_module("gymnasium.envs.phys2d.cartpole")
         cart, params = module.CartPoleFunctional(), module.CartPoleParams()
 
-        def turned(q: Any, v: Any, control: Any) -> tuple[Any, Any]:
+        def turn(q: Any, v: Any, control: Any) -> tuple[Any, Any]:
             end = rod.transition(jnp.concatenate([q, v]), control, None, rod_params)
             return end[:1], end[1:]
 
-        def pushed(q: Any, v: Any, control: Any) -> tuple[Any, Any]:
+        def push(q: Any, v: Any, control: Any) -> tuple[Any, Any]:
             given = params.replace(force_mag=abs(control[0]))
             state, right = jnp.stack(join_state(q, v)), (control[0] > 0.0).astype(int)
             return split_state(cart.transition(state, right, None, given))
 
-        step = jax_step(turned)
+        step = jax_step(turn)
         yield self.pendulum("phys2d/Pendulum-v0", rod_params, rod.max_torque, step)
         moment, expected = params.polemass_length, params.masspole * params.length
         wrong = (
@@ -420,7 +420,7 @@ class GymnasiumPhys2d(Library):
             "equations are not those of a cart-pole"
         )
         note = "" if abs(moment - expected) < 1e-9 else wrong
-        yield self.cart_pole("phys2d/CartPole-v1", params, jax_step(pushed), width=32, note=note)
+        yield self.cart_pole("phys2d/CartPole-v1", params, jax_step(push), width=32, note=note)
 
 
 class Gymnax(Library):
@@ -525,12 +525,12 @@ def decision(integrator: str, dt: float, **arguments: Any) -> numerics.OneStep:
     environments = make_checked(testbed, replace(testbed.home, integrator=integrator, dt=dt), 1)
     worker = environments.unwrapped.envs[0].unwrapped.worker  # type: ignore[attr-defined]
 
-    def decided(q: Components, v: Components, control: float) -> tuple[Components, Components]:
+    def decide(q: Components, v: Components, control: float) -> tuple[Components, Components]:
         worker.call("put", lane=0, position=[q[0], -q[1]], velocity=[v[0], -v[1]])
         told, *_ = worker.call("step", lane=0, action=[control / FORCE])
         return (told[0], -told[1]), (told[2], -told[3])
 
-    return decided
+    return decide
 
 
 class MujocoPlayground(Library):

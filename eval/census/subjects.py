@@ -82,7 +82,7 @@ class Access(Protocol):
     def samples(self, subject: Subject) -> list[Sample]:
         """Control periods under any control, slow enough for no speed limit to act."""
 
-    def driven(self, subject: Subject) -> Sample:
+    def drive(self, subject: Subject) -> Sample:
         """Control periods at the highest speeds that can be had."""
 
     def coast(self, subject: Subject) -> list[State] | None:
@@ -166,7 +166,7 @@ class Observed:
         ]
         return [Sample(subject.plant, tuple(seen[:: max(1, len(seen) // COUNT)][:COUNT]))]
 
-    def driven(self, subject: Subject) -> Sample:
+    def drive(self, subject: Subject) -> Sample:
         """The fastest out of episodes that are driven."""
         seen = _transitions(self.watch("driven"))
         seen.sort(key=lambda one: -max(map(abs, one.case[1])))
@@ -229,20 +229,20 @@ class Settable:
         samples = []
         for plant, step in kinds:
             cases = [
-                _rounded((q, v, scale * control), subject.width)
+                _round_to_width((q, v, scale * control), subject.width)
                 for given in (False, True)
                 for q, v, control in numerics.cases_of(plant, given, SETTABLE_COUNT, self.spread)
             ]
             samples.append(_take(plant, step, cases))
         return samples
 
-    def driven(self, subject: Subject) -> Sample:
+    def drive(self, subject: Subject) -> Sample:
         """From fast states, under the largest control in the direction of motion."""
         n = len(subject.plant.coordinates)
         still, cases = (0.0,) * (n - 1), []
         for angle, speed, sign in product((0.5, 1.5, 2.5), FAST, (1.0, -1.0)):
             case = ((*still, sign * angle), (*still, sign * speed), sign * subject.max_control)
-            cases.append(_rounded(case, subject.width))
+            cases.append(_round_to_width(case, subject.width))
         return _take(subject.plant, self.step, cases)
 
     def coast(self, subject: Subject) -> list[State] | None:
@@ -273,7 +273,7 @@ def _end(step: numerics.OneStep, case: numerics.Case) -> State:
         return lost, lost
 
 
-def _rounded(case: numerics.Case, width: int) -> numerics.Case:
+def _round_to_width(case: numerics.Case, width: int) -> numerics.Case:
     """The case as floats of that width hold it."""
     if width == 64:
         return case

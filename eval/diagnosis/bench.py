@@ -184,7 +184,7 @@ class Bench:
         self.run_id = run_id
         self._tables: dict[str, list[Any]] = {}
 
-    def open_loop(
+    def run_open_loop(
         self,
         cell: str,
         subject: Subject,
@@ -219,7 +219,9 @@ class Bench:
             return self._lanes(cell, environment(len(starts), **arguments), policy, starts)
         env = environment.env_class(**arguments)
         system = count_evaluations(env)
-        rollout = self._recorded(RecordEvidence, environment.__name__, cell, env, policy, starts[0])
+        rollout = self._record_episodes(
+            RecordEvidence, environment.__name__, cell, env, policy, starts[0]
+        )
         return replace(rollout, evaluations=system.evaluations)
 
     def task(
@@ -257,7 +259,7 @@ class Bench:
         ) -> Array:
             decisions = steps if steps <= _MOST_DECISIONS else math.gcd(steps, _MOST_DECISIONS)
             period = steps // decisions * dt
-            rollout = self.open_loop(
+            rollout = self.run_open_loop(
                 f"{cell}/{next(count)}", subject, integrator, dt,
                 ("constant", np.array([[control]])), np.asarray(state)[None],
                 control_period=period, duration=decisions * period, **subject.undamped,
@@ -275,9 +277,9 @@ class Bench:
     def _lanes(self, cell: str, made: Any, policy: Policy, starts: Array | None) -> Rollout:
         name = made.spec.id if made.spec else type(made).__name__
         record = partial(RecordVectorEvidence, episodes=range(made.num_envs))
-        return self._recorded(record, name, cell, made, policy, starts)
+        return self._record_episodes(record, name, cell, made, policy, starts)
 
-    def _recorded(
+    def _record_episodes(
         self, record: Any, name: str, cell: str, env: Any, policy: Policy, starts: Array | None
     ) -> Rollout:
         """Follow episodes and keep their records, which ``record`` makes."""

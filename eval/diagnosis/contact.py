@@ -56,7 +56,7 @@ _UNSTRETCHED = 1e-9
 """Energy of springs that is none, J."""
 
 
-def approaching(touching: Array, dt: float, run_up: float, phases: int) -> Array:
+def sweep_approach(touching: Array, dt: float, run_up: float, phases: int) -> Array:
     """Starts from which a state is reached at evenly spaced places within a step.
 
     Args:
@@ -104,7 +104,7 @@ class Impact:
             run_up: time before the first touch, at least, s.
             phases: how many.
         """
-        return approaching(self.touching, dt, run_up, phases)
+        return sweep_approach(self.touching, dt, run_up, phases)
 
     def rate(self, stiffness: float) -> float:
         """Frequency of the mass on the stop, rad/s."""
@@ -187,7 +187,7 @@ class Landing:
     rate: float
 
 
-def landing_of(subject: Subject, name: str) -> Landing | None:
+def find_landing(subject: Subject, name: str) -> Landing | None:
     """The landing of a contact point, near the subject's start or its mirror image.
 
     Springs of the plant are at rest, and the plant is moved to the plane by coordinates that leave
@@ -231,17 +231,17 @@ def landing_of(subject: Subject, name: str) -> Landing | None:
 
 def _add_landing(diagnosis: Diagnosis, name: str) -> None:
     """Landings everywhere within a step against the truth: penetration, loss, and the ledger."""
-    subject, landing = diagnosis.subject, landing_of(diagnosis.subject, name)
+    subject, landing = diagnosis.subject, find_landing(diagnosis.subject, name)
     if landing is None:
         return
     fine = subject.ladder(landing.rate, SMALL)[-1]
     period = subject.control_period
-    starts = approaching(landing.touching, period, period, PHASES)
+    starts = sweep_approach(landing.touching, period, period, PHASES)
 
     def land(integrator: str, dt: float) -> Rollout:
-        period = subject.sampling(dt, math.pi / landing.rate / PARTS)
+        period = subject.choose_sampling_interval(dt, math.pi / landing.rate / PARTS)
         duration = 2.0 * subject.control_period + 1.5 * math.pi / landing.rate
-        return diagnosis.bench.open_loop(
+        return diagnosis.bench.run_open_loop(
             f"{diagnosis.section}/{name}/{integrator}/dt={dt:g}", subject, integrator, dt,
             ("zero", NO_CONTROL), starts, control_period=period,
             duration=math.ceil(duration / period) * period, **landing.arguments,
@@ -288,7 +288,7 @@ def _strike(
     slowest = impact.rate(float(stiffness.min()))
     duration = math.ceil((4.0 * run_up + 1.5 * math.pi / slowest) / period) * period
     starts = np.repeat(impact.starts(dt, run_up, phases), len(stiffness), axis=0)
-    return diagnosis.bench.open_loop(
+    return diagnosis.bench.run_open_loop(
         f"{diagnosis.section}/{len(stiffness)}/{integrator}/dt={dt:g}", subject, integrator, dt,
         ("zero", NO_CONTROL), starts, control_period=period, duration=duration,
         stop_stiffness=np.tile(stiffness, phases), **impact.arguments,
@@ -317,7 +317,7 @@ def _add_default(diagnosis: Diagnosis, integrator: str, impact: Impact) -> None:
     rollouts = {
         dt: _strike(
             diagnosis, integrator, impact, dt, stiffness, PHASES,
-            subject.sampling(dt, math.pi / rate / PARTS),
+            subject.choose_sampling_interval(dt, math.pi / rate / PARTS),
         )
         for dt in steps
     }  # fmt: skip

@@ -53,7 +53,7 @@ def diagnose_actuation(diagnosis: Diagnosis) -> None:
     subject, period = diagnosis.subject, diagnosis.subject.control_period
     limit = actuator_limit(subject)
     held = math.floor(4.0 * math.pi / subject.slowest / (len(LEVELS) * period))
-    levels = _staggered(np.repeat(LEVELS, min(HELD, max(1, held))), subject)
+    levels = _stagger(np.repeat(LEVELS, min(HELD, max(1, held))), subject)
     commands = limit * levels
     within = np.clip(commands, -limit, limit)
     truth = numerics.independent_motion(subject.plant, subject.rest, [*map(tuple, within)], period)
@@ -70,12 +70,12 @@ def diagnose_actuation(diagnosis: Diagnosis) -> None:
             _add_environment(diagnosis, integrator, env_id, levels)
 
 
-def _staggered(values: Array, subject: Subject) -> Array:
+def _stagger(values: Array, subject: Subject) -> Array:
     """Values (decisions,) for every control, each a decision after the one before it."""
     return np.stack([np.roll(values, k) for k in range(len(subject.plant.controls))], axis=1)
 
 
-def _acted(subject: Subject, rollout: Rollout) -> Array:
+def _read_applied_controls(subject: Subject, rollout: Rollout) -> Array:
     """The control that acted in each decision of one lane, shape (decisions, controls)."""
     columns = [rollout.info[applied][1:, 0] for _, applied in control_columns(subject.plant)]
     return np.stack(columns, axis=1)
@@ -101,7 +101,7 @@ def _add_applied(
 ) -> None:
     """Every control that acted, and every count of saturation."""
     unit, steps = control_unit(diagnosis.subject.plant), tuple(rollouts)
-    acted = [_acted(diagnosis.subject, r) for r in rollouts.values()]
+    acted = [_read_applied_controls(diagnosis.subject, r) for r in rollouts.values()]
     off = [_largest(np.abs(x - within)) for x in acted]
     limit, most = (amount(float(x.max()), unit) for x in (within, commands))
     diagnosis.add(
@@ -137,7 +137,7 @@ def _add_environment(diagnosis: Diagnosis, integrator: str, env_id: str, levels:
         subject.rest[None], integrator=integrator, dt=period, control_period=period,
         duration=len(levels) * period, **EFFORTS,
     )  # fmt: skip
-    control, counted = _acted(subject, rollout), rollout.info["saturated"][1:, 0]
+    control, counted = _read_applied_controls(subject, rollout), rollout.info["saturated"][1:, 0]
     lived = np.isfinite(control).all(axis=1)
     rounding = FLOAT32_ROUNDING * float(np.abs(high).max())
     off = (np.abs(control - np.clip(commands, low, high)) > rounding).any(axis=1)
@@ -158,7 +158,7 @@ def diagnose_refinement(diagnosis: Diagnosis) -> None:
     subject, plant = diagnosis.subject, diagnosis.subject.plant
     count = math.ceil(subject.period / subject.control_period)
     wave: Array = np.sin(2.0 * math.pi * np.arange(count) / count)
-    commands = AMPLITUDE * actuator_limit(subject) * _staggered(wave, subject)
+    commands = AMPLITUDE * actuator_limit(subject) * _stagger(wave, subject)
     duration = count * subject.control_period
     held = [*map(tuple, commands)]
     exact = numerics.independent_motion(plant, subject.start, held, subject.control_period)
@@ -230,11 +230,11 @@ def _add_timing(diagnosis: Diagnosis, integrator: str) -> None:
     subject = diagnosis.subject
     half = 0.5 * subject.control_period
     wave = np.sin(np.arange(1, DECISIONS + 1))
-    commands = actuator_limit(subject) * _staggered(wave, subject)
+    commands = actuator_limit(subject) * _stagger(wave, subject)
 
     def states(name: str, values: Array, halves: int, latency: int) -> Array:
         """At control instants, shape (instants, n); times in halves of a control period."""
-        rollout = diagnosis.bench.open_loop(
+        rollout = diagnosis.bench.run_open_loop(
             f"{diagnosis.section}/{name}/{integrator}", subject, integrator, half,
             (name, values), subject.start[None],
             duration=DECISIONS * subject.control_period, control_period=halves * half,

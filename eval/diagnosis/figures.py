@@ -89,7 +89,7 @@ def draw_grid(
     down = size[1]
     across = max(size[0], (NARROWEST - _LEFT - right - (columns - 1) * _GAP[0]) / columns)
     wide = _LEFT + columns * (across + _GAP[0]) - _GAP[0] + right
-    about = _wrapped(heading[1], wide - 0.6)
+    about = _wrap(heading[1], wide - 0.6)
     head = _HEADING + (len(about) - 1) * _LINE
     top = head + (figures.legend_lines(legend, wide) if legend else 0) * _LINE + legible
     high = top + rows * (down + _GAP[1]) - _GAP[1] + below
@@ -112,7 +112,7 @@ def draw_grid(
     return figure, places
 
 
-def _wrapped(text: str, wide: float) -> list[str]:
+def _wrap(text: str, wide: float) -> list[str]:
     """The heading's small print in lines that fit a width in inches."""
     from matplotlib.textpath import TextPath
 

@@ -64,7 +64,7 @@ def undeclared(why: str = "not declared") -> Expectation:
     return Expectation(why, NOTHING, None)
 
 
-def rounded_number(value: float) -> str:
+def format_rounded(value: float) -> str:
     """A number with three significant digits, a whole one as it is; infinity and NaN in words."""
     if math.isnan(value):
         return "diverged"
@@ -77,8 +77,8 @@ def rounded_number(value: float) -> str:
 def amount(value: float, unit: str = "") -> str:
     """A number that somebody chose, without trailing zeros, with its unit."""
     if not math.isfinite(value):
-        return rounded_number(value)
-    mantissa, power, exponent = rounded_number(value).partition("·")
+        return format_rounded(value)
+    mantissa, power, exponent = format_rounded(value).partition("·")
     if "." in mantissa:
         mantissa = mantissa.rstrip("0").rstrip(".")
     number = exponent if power and mantissa == "1" else mantissa + power + exponent
@@ -131,7 +131,7 @@ class Finding:
 
     def words(self) -> str:
         """The measurement as shown in a table."""
-        numbers = ", ".join(map(rounded_number, self.measured))
+        numbers = ", ".join(map(format_rounded, self.measured))
         unit = f" {self.unit}" if self.unit and any(map(math.isfinite, self.measured)) else ""
         order = ""
         if self.order_steps and self.order is None:
@@ -245,7 +245,7 @@ class Diagnosis:
         """
         named = f"{name}/" if name else ""
         return {
-            dt: self.bench.open_loop(
+            dt: self.bench.run_open_loop(
                 f"{self.section}/{named}{integrator}/dt={dt:g}", self.subject, integrator, dt,
                 (name or "zero", values), start[None], **arguments,
             )

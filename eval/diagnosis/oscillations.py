@@ -67,7 +67,7 @@ def _release(
     subject = diagnosis.subject
     rollouts: dict[float, Rollout] = {}
     for dt in steps:
-        period = subject.sampling(dt, subject.period / SAMPLES)
+        period = subject.choose_sampling_interval(dt, subject.period / SAMPLES)
         decisions = math.ceil(max(duration, count * dt) / period - 1e-9)
         rollouts |= diagnosis.follow(
             integrator, (dt,), subject.start, control_period=period, duration=decisions * period,

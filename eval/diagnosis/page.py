@@ -53,7 +53,7 @@ def print_diagnosis(result: Mapping[str, Any], file: TextIO, *, every_line: bool
         every_line: whether to print every line as well, and how many hold by section.
     """
     lines = result["findings"]
-    asked, failed = _judged(lines)
+    asked, failed = _split_judged(lines)
     print("What they are", file=file)
     print_columns(IDENTITY, [_identity_cells(identity) for identity in result["identities"]], file)
     print(f"\n{len(asked) - len(failed)} of {len(asked)} expectations hold.", file=file)
@@ -62,7 +62,7 @@ def print_diagnosis(result: Mapping[str, Any], file: TextIO, *, every_line: bool
     for title, topic in _topics(failed):
         print(file=file)
         print_wrapped(title, file)
-        for wanted, own in _grouped(topic, _expectation):
+        for wanted, own in _group(topic, _expectation):
             print_wrapped(f"expected {wanted}", file, indent="  ")
             for line in own:
                 name = f"    {line['integrator']:<{_NAME}} "
@@ -81,13 +81,13 @@ def print_diagnosis(result: Mapping[str, Any], file: TextIO, *, every_line: bool
     _print_counts(asked, file)
 
 
-def _judged(lines: Sequence[Line]) -> tuple[list[Line], list[Line]]:
+def _split_judged(lines: Sequence[Line]) -> tuple[list[Line], list[Line]]:
     """Lines that expect something, and those of them that do not hold."""
     asked = [line for line in lines if line["holds"] is not None]
     return asked, [line for line in asked if not line["holds"]]
 
 
-def _grouped(lines: Sequence[Line], key: Any) -> Iterable[tuple[Any, list[Line]]]:
+def _group(lines: Sequence[Line], key: Any) -> Iterable[tuple[Any, list[Line]]]:
     """Lines of the same key together, in the order of the first of each."""
     groups: dict[Any, list[Line]] = {}
     for line in lines:
@@ -97,7 +97,7 @@ def _grouped(lines: Sequence[Line], key: Any) -> Iterable[tuple[Any, list[Line]]
 
 def _topics(lines: Sequence[Line]) -> Iterable[tuple[str, list[Line]]]:
     """Lines on one quantity together, with a title."""
-    for key, topic in _grouped(lines, lambda x: (x["plant"], x["section"], x["quantity"])):
+    for key, topic in _group(lines, lambda x: (x["plant"], x["section"], x["quantity"])):
         plant, section, quantity = key
         steps = max((line["steps"] for line in topic), key=len)
         at = f" (dt {', '.join(f'{step:.4g}' for step in steps)} s)" if steps else ""
@@ -150,7 +150,7 @@ def write_page(result: Mapping[str, Any], directory: Path) -> Path:
         ModuleNotFoundError: if jinja2 is not installed, with the command that installs it.
     """
     lines = result["findings"]
-    asked, failed = _judged(lines)
+    asked, failed = _split_judged(lines)
     counts = {noun: len(result[f"{noun}s"]) for noun in ("plant", "integrator")}
     counted = {**counts, "expectation": len(asked), "recorded rollout": result["records"]}
     tiles = [tuple(plural(count, noun).split(" ", 1)) for noun, count in counted.items()]
@@ -166,7 +166,7 @@ def write_page(result: Mapping[str, Any], directory: Path) -> Path:
         figures=_figures(directory / "figures"),
         sections=[
             (*place, list(_topics(own)))
-            for place, own in _grouped(lines, lambda x: (x["plant"], x["section"]))
+            for place, own in _group(lines, lambda x: (x["plant"], x["section"]))
         ],
         verdicts=VERDICTS,
         nothing=NOTHING,

@@ -75,7 +75,7 @@ def _add_ledger(
 ) -> None:
     """The ledger of a resisted motion over some periods, and what it books as dissipated."""
     subject = diagnosis.subject
-    duration = subject.rounded_duration(periods * subject.period)
+    duration = subject.round_up_duration(periods * subject.period)
     lost = independent_losses(diagnosis, parameters, duration)
     quantity = f"{words}, energy booked as dissipated".removeprefix(", ")
     for integrator in diagnosis.integrators:
@@ -124,7 +124,7 @@ def diagnose_friction(diagnosis: Diagnosis) -> None:
     # An oscillation in dry friction loses 2 c / (m ω²) of its amplitude per half period.
     level = RELEASE * subject.frequency**2 / (2.0 * SWINGS * unit_rate * plant.friction_speed)
     friction: dict[str, Any] = dict.fromkeys(names, level)
-    duration = subject.rounded_duration(_STOPPED_PERIODS * subject.period)
+    duration = subject.round_up_duration(_STOPPED_PERIODS * subject.period)
     lost = independent_losses(diagnosis, friction, duration)[-1]
     for integrator in diagnosis.integrators:
         steps = diagnosis.steps(integrator)

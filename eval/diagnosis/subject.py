@@ -94,7 +94,7 @@ class Subject:
         halves = (self.control_period / 2**k for k in range(most + 1))
         return tuple(sorted({*self.steps, *halves}, reverse=True))
 
-    def sampling(self, dt: float, interval: float) -> float:
+    def choose_sampling_interval(self, dt: float, interval: float) -> float:
         """Time between two recorded instants, s: whole steps, at most an interval if one fits.
 
         Of all steps that fit into halves of the coarsest it is the same half.
@@ -126,7 +126,7 @@ class Subject:
         """The plant with other parameters."""
         return type(self.plant)(**parameters)
 
-    def rounded_duration(self, seconds: float) -> float:
+    def round_up_duration(self, seconds: float) -> float:
         """The next whole number of control periods, s."""
         return math.ceil(seconds / self.control_period - 1e-9) * self.control_period
 
@@ -166,7 +166,7 @@ def subjects(env_id: str | None, plant: str | None, steps: Sequence[float]) -> l
 
 
 def _subject(name: str, environments: tuple[str, ...], steps: Sequence[float]) -> Subject:
-    plant = _checked(name, PLANTS.load(name))()
+    plant = _check_plant(name, PLANTS.load(name))()
     try:
         rest, rests = _rest_or_motion(plant)
         rates = numerics.linear_rates(plant, rest)
@@ -203,7 +203,7 @@ def _rest_or_motion(plant: Plant) -> tuple[Array, bool]:
     return (rest, True) if pulled else (numerics.probe_state(plant), False)
 
 
-def _checked(name: str, plant: type[Any]) -> type[Any]:
+def _check_plant(name: str, plant: type[Any]) -> type[Any]:
     """``plant`` if it has all that a plant must have.
 
     Raises:

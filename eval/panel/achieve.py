@@ -101,7 +101,7 @@ def tried(directory: RunDirectory, episodes: float = math.inf) -> dict[str, Trie
     found: dict[str, list[Tried]] = {}
     for marker in markers:
         if first_of(marker) < episodes:
-            found.setdefault(marker["cell"], []).append(tried_in(marker))
+            found.setdefault(marker["cell"], []).append(read_tried(marker))
     return {cell: _together(parts) for cell, parts in found.items()}
 
 
@@ -150,7 +150,7 @@ def try_and_note(spec: PanelSpec, directory: RunDirectory, cell: Cell) -> None:
     report_work(trying_seconds(spec, cell))
 
 
-def tried_in(marker: Mapping[str, Any]) -> Tried:
+def read_tried(marker: Mapping[str, Any]) -> Tried:
     """What a unit's marker says was tried."""
     search = marker["search"]
     return Tried(

@@ -15,11 +15,11 @@ import msgspec
 from integ_gym.evidence.store import sql_literal
 from integ_gym.support.processes import host, instruction_sets
 
-from ..power import WITHOUT_VERDICT, Verdict, judge_family, postponed, seeds_wanted
+from ..power import WITHOUT_VERDICT, Verdict, judge_family, postpone, seeds_wanted
 from ..verdict import PolicyCell, PolicyComparison, compare_policies
 from . import result
 from .cells import Cell
-from .checking.comparing import ROUNDING, differing
+from .checking.comparing import ROUNDING, find_differences
 from .extrapolation import entry_at_limit
 from .findings import limits, paired_episodes, rankings, remedies, separations
 from .matrix import Matrix, PanelLayout, mean_success
@@ -106,7 +106,7 @@ def _verdicts(layout: PanelLayout, matrix: Matrix, *, decided: bool) -> tuple[Ve
     family = [layout.comparison(matrix, row, cell) for row, cell in layout.family]
     verdicts = judge_family(family, layout.looks_before) if family else ()
     if not decided:
-        return tuple(map(postponed, verdicts))
+        return tuple(map(postpone, verdicts))
     tested = sum(verdict.verdict not in WITHOUT_VERDICT for verdict in verdicts)
     return tuple(
         msgspec.structs.replace(
@@ -228,4 +228,4 @@ def _of_parts(
     come = {**msgspec.to_builtins(made), **left_out}
     unsaid = {name for name in _ADDED if not any(name in entry for entry in said["matrix"])}
     come["matrix"] = [{k: x for k, x in one.items() if k not in unsaid} for one in come["matrix"]]
-    yield from differing("", {**said, **left_out}, come, ROUNDING, ROUNDING)
+    yield from find_differences("", {**said, **left_out}, come, ROUNDING, ROUNDING)

@@ -43,7 +43,7 @@ class Claim(NamedTuple):
         if self.cell is not None and self.cell not in known:
             raise InputError(unknown_name("cell in --fail-if", self.cell, known))
 
-    def shown_in(self, panel: Panel) -> str | None:
+    def find_support(self, panel: Panel) -> str | None:
         """What shows the claim about the policy that was given, in a sentence; None: nothing.
 
         It is shown where the whole 95 % interval is beyond the bound.

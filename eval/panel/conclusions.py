@@ -131,11 +131,11 @@ def answer_lines(panel: Panel) -> tuple[str, ...]:
     first, *others = filter(None, lines)
     undecided = "" if panel.stage is None else _stage_words(panel.stage)
     headline = f"{success_doubt(panel)} {first}".lstrip()
-    every = (undecided, headline, *others, separation_words(panel), *_broken_contracts(panel))
+    every = (undecided, headline, *others, separation_words(panel), *_contract_lines(panel))
     return tuple(filter(None, every))
 
 
-def _broken_contracts(panel: Panel) -> Iterator[str]:
+def _contract_lines(panel: Panel) -> Iterator[str]:
     """Where cells differ from home before any integration, a line for each way in which they do."""
     found: dict[str, list[str]] = {}
     for entry in panel.matrix:
@@ -284,7 +284,7 @@ def finding_of(panel: Panel) -> Finding | None:
         return _finding_of_given(panel, given[0]) if given else None
     if panel.check:
         return _finding_of_check(panel, panel.rows[0])
-    if judged := _judged(panel):
+    if judged := _declared_verdicts(panel):
         worst = _worst(panel, judged)
         row, cell, lost = worst.row, worst.cell, worst.total
         codes: dict[str, Status] = {"fails": "cause", "transfers": "not_cause"}
@@ -325,7 +325,7 @@ def _finding_of_given(panel: Panel, row: Row) -> Finding:
     measure: Literal["success", "return"] = "success" if _succeeds(panel, row.name) else "return"
     at_home = _mean_over(panel, row.name, row.shares, measure) if known else None
     there = None if cell is None else _value(panel.entry(row.name, cell.name), measure)
-    found = None if cell is None or not known else _paired_in(panel, row.name, cell.name)
+    found = None if cell is None or not known else _find_paired(panel, row.name, cell.name)
     lost = None if found is None else found.success if measure == "success" else found.returns
     if not known:
         status: Status = "home_unknown"
@@ -375,7 +375,7 @@ def cause_of(
     return "cause" if shown else "undecided"
 
 
-def closed_words(place: str, achievability: Achievability | None) -> str:
+def explain_closed_cell(place: str, achievability: Achievability | None) -> str:
     """Why a loss in a closed cell says nothing about dt, as the end of a sentence."""
     if achievability in UNSOLVABLE:
         return f"{place} cannot be solved in time, so the loss says nothing about dt."
@@ -412,7 +412,7 @@ def _value(entry: Entry | None, measure: str) -> float | None:
     return None if entry is None else entry.value(measure)
 
 
-def _paired_in(panel: Panel, row: str, cell: str) -> PairedEpisodes | None:
+def _find_paired(panel: Panel, row: str, cell: str) -> PairedEpisodes | None:
     return next((one for one in panel.paired if one.row == row and one.cell == cell), None)
 
 
@@ -437,9 +437,9 @@ def _paragraphs(panel: Panel, finding: Finding) -> list[str]:
         _about_home(panel, finding, row),
         limit_words(panel),
         _split(panel.entry(row.name, finding.cell)) if split and finding.cell else "",
-        *_compared(panel, finding, row),
+        *_comparison_lines(panel, finding, row),
         _returns(panel, finding, row),
-        *_closed(panel),
+        *_closed_cell_lines(panel),
     ]
 
 
@@ -467,7 +467,7 @@ def _first(panel: Panel, finding: Finding, row: Row) -> str:
         "cause": "dt is the cause.",
         "not_cause": f"practically equal ({_margin_words(finding)}), dt is not the cause",
         "gained": "nothing is lost, and dt makes it look worse at home",
-        "closed": _closed_end(panel, finding),
+        "closed": _end_closed(panel, finding),
         "not_learned": "too little was learned at home to show a loss.",
     }.get(finding.status, f"{sample} do not show whether dt is the cause")
     if panel.check and finding.status == "undecided" and is_small(finding.lost):
@@ -497,13 +497,13 @@ def _exception(panel: Panel, finding: Finding, row: Row) -> str:
     return f"; but on {panel.in_words(cell)} it loses {fixed(lost, finding.digits)}"
 
 
-def _closed_end(panel: Panel, finding: Finding) -> str:
+def _end_closed(panel: Panel, finding: Finding) -> str:
     if finding.cell is None:
         return ""
     place = f"the finest step ({finding.cell})"
     if panel.yardstick is not None:
         place = f"the {panel.yardstick_name}"
-    return closed_words(place, panel.cell(finding.cell).achievability)
+    return explain_closed_cell(place, panel.cell(finding.cell).achievability)
 
 
 _MEASURES: Final = {"success": "Success", "return": "Mean return"}
@@ -602,7 +602,7 @@ def _split(loss: Entry | Verdict | None) -> str:
     )
 
 
-def _compared(panel: Panel, finding: Finding, row: Row) -> Iterator[str]:
+def _comparison_lines(panel: Panel, finding: Finding, row: Row) -> Iterator[str]:
     """Every other discretization, then every variation, beside home or the truth."""
     columns = {cell.name for cell in panel.columns if cell.achievability not in UNSOLVABLE}
     own = [one for one in panel.paired if one.row == row.name and one.difference(finding.measure)]
@@ -640,7 +640,7 @@ def _returns(panel: Panel, finding: Finding, row: Row) -> str:
         return ""
     at_home = _mean_over(panel, row.name, row.shares, "return") if row.shares else None
     there = _value(panel.entry(row.name, finding.cell), "return")
-    found = _paired_in(panel, row.name, finding.cell)
+    found = _find_paired(panel, row.name, finding.cell)
     lost = None if found is None else found.returns
     own = replace(finding, measure="return", at_home=at_home, there=there, lost=lost)
     if there is None:
@@ -657,7 +657,7 @@ def _returns(panel: Panel, finding: Finding, row: Row) -> str:
 # Policies that a panel trained.
 
 
-def _judged(panel: Panel) -> list[Verdict]:
+def _declared_verdicts(panel: Panel) -> list[Verdict]:
     return [one for one in panel.verdicts if one.verdict not in WITHOUT_VERDICT]
 
 
@@ -677,7 +677,7 @@ def _worst(panel: Panel, judged: Sequence[Verdict]) -> Verdict:
 
 
 def _trained(panel: Panel) -> tuple[str, ...]:
-    judged, finding = _judged(panel), finding_of(panel)
+    judged, finding = _declared_verdicts(panel), finding_of(panel)
     if panel.check and finding is not None:
         row = panel.row(finding.row)
         split = finding.status == "cause"
@@ -693,19 +693,22 @@ def _trained(panel: Panel) -> tuple[str, ...]:
             f"{_trained_first(panel, finding)}: {_verdict_words(worst)}",
             _split(worst),
             _family(panel, judged),
-            *_closed(panel),
+            *_closed_cell_lines(panel),
         )
     if panel.verdicts:
-        return _unjudged(panel)
+        return _unjudged_lines(panel)
     if agreed := _agreement(panel.engine_agreement):
-        return agreed, *_closed(panel)
+        return agreed, *_closed_cell_lines(panel)
     trained = [row for row in panel.rows if row.kind == "trained"]
     if not any(row.learned is not False for row in trained):
-        return (_unlearned(panel, "no policies have learned", trained),)
+        return (_say_unlearned(panel, "no policies have learned", trained),)
     if finding is None:
         names = _list_cells(panel, [row.name for row in trained])
-        return (f"Policies trained on {names} were judged nowhere but at home.", *_closed(panel))
-    return (*_exploratory(panel, finding), *_closed(panel))
+        return (
+            f"Policies trained on {names} were judged nowhere but at home.",
+            *_closed_cell_lines(panel),
+        )
+    return (*_exploratory(panel, finding), *_closed_cell_lines(panel))
 
 
 def _trained_first(panel: Panel, finding: Finding) -> str:
@@ -762,7 +765,7 @@ def _exploratory(panel: Panel, finding: Finding) -> tuple[str, ...]:
     )
 
 
-def _unjudged(panel: Panel) -> tuple[str, ...]:
+def _unjudged_lines(panel: Panel) -> tuple[str, ...]:
     """Where no declared transfer can be judged."""
     if all(one.verdict == "contract_error" for one in panel.verdicts):
         return ("Not answered: every declared cell differs from home before any integration.",)
@@ -770,13 +773,13 @@ def _unjudged(panel: Panel) -> tuple[str, ...]:
         return (
             "Not answered: no declared transfer can be judged, because no policy learned or no "
             "cell is known to be solvable in time.",
-            *_closed(panel),
+            *_closed_cell_lines(panel),
         )
     rows = [panel.row(name) for name in dict.fromkeys(one.row for one in panel.verdicts)]
-    return (_unlearned(panel, "no policies of the declared transfers have learned", rows),)
+    return (_say_unlearned(panel, "no policies of the declared transfers have learned", rows),)
 
 
-def _unlearned(panel: Panel, who: str, rows: Iterable[Row]) -> str:
+def _say_unlearned(panel: Panel, who: str, rows: Iterable[Row]) -> str:
     home = {row.name: row.home_success.estimate for row in rows if row.home_success}
     nearest = ""
     if home:
@@ -817,7 +820,7 @@ def _agreement(found: Sequence[EngineAgreement]) -> str | None:
 # Of both.
 
 
-def _closed(panel: Panel) -> list[str]:
+def _closed_cell_lines(panel: Panel) -> list[str]:
     """Cells in which failing says nothing of a policy, in one line."""
     parts = []
     for status, words in (
@@ -1087,7 +1090,7 @@ def _next_of_check(panel: Panel, finding: Finding) -> NextStep | None:
 
 
 def _next_of_trained(panel: Panel, finding: Finding) -> NextStep:
-    wanted = [one.seeds_wanted for one in _judged(panel) if one.seeds_wanted]
+    wanted = [one.seeds_wanted for one in _declared_verdicts(panel) if one.seeds_wanted]
     if finding.status == "undecided" and wanted:
         return NextStep("Train more seeds", f"{panel.command} --seeds {max(wanted)}")
     failed = next(

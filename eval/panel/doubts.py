@@ -37,10 +37,10 @@ def doubts_of(
 ) -> tuple[str, ...]:
     """All doubts, the gravest first."""
     return (
-        *_unscaled(existing),
-        *([*_overridden(existing)] or _limited_otherwise(existing)),
+        *_doubt_scaling(existing),
+        *([*_doubt_arguments(existing)] or _doubt_bounds(existing)),
         *_not_finite(existing, spec, records),
-        *_diverged_at_once(existing, records),
+        *_doubt_divergence(existing, records),
         *_homeless(existing, spec.env_id),
         *_no_better(existing, spec, layout, matrix),
         *_cannot_fail(spec, records),
@@ -48,7 +48,7 @@ def doubts_of(
     )
 
 
-def _unscaled(existing: Existing) -> Iterator[str]:
+def _doubt_scaling(existing: Existing) -> Iterator[str]:
     """Doubt where the observations that it learned from were of another scale."""
     if not existing.unscaled:
         return
@@ -70,7 +70,7 @@ def _unscaled(existing: Existing) -> Iterator[str]:
     )
 
 
-def _overridden(existing: Existing) -> Iterator[str]:
+def _doubt_arguments(existing: Existing) -> Iterator[str]:
     """Doubt where the environment is not that of the training, as far as that is told."""
     known = existing.provenance
     for name, value in known.overridden.items():
@@ -81,7 +81,7 @@ def _overridden(existing: Existing) -> Iterator[str]:
         )
 
 
-def _limited_otherwise(existing: Existing) -> Iterator[str]:
+def _doubt_bounds(existing: Existing) -> Iterator[str]:
     """Doubt where the policy's actions have other bounds than the environment's."""
     own, space = getattr(existing.policy, "bounds", None), existing.action_space
     if own is None or not isinstance(space, spaces.Box):
@@ -122,7 +122,7 @@ def _not_finite(existing: Existing, spec: PanelSpec, records: EvidenceStore) -> 
         )
 
 
-def _diverged_at_once(existing: Existing, records: EvidenceStore) -> Iterator[str]:
+def _doubt_divergence(existing: Existing, records: EvidenceStore) -> Iterator[str]:
     """Doubt where no episode outlives its first decision, which no policy can be blamed for."""
     found = records.query(
         "SELECT cell FROM records WHERE phase = 'evaluation' AND length > 0 "

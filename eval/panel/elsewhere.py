@@ -26,7 +26,9 @@ def other_packages(cells: Iterable[Cell]) -> list[tuple[str, ...]]:
     return [packages for packages in listed if not interpreters.are_running(packages)]
 
 
-def needed_by(spec: PanelSpec, cells: Iterable[Cell], policies: Sequence[Policy]) -> dict[str, str]:
+def versions_for_evaluation(
+    spec: PanelSpec, cells: Iterable[Cell], policies: Sequence[Policy]
+) -> dict[str, str]:
     """Versions, as they are here, of what the evaluation of policies in cells imports."""
     names = [spec.env_id.partition(":")[0], *sorted({cell.engine for cell in cells})]
     names += [policy.extra for policy in policies if isinstance(policy, ProgramPolicy)]
@@ -37,14 +39,15 @@ def interpreter_for(
     packages: Sequence[str], spec: PanelSpec, cells: Iterable[Cell], policies: Sequence[Policy]
 ) -> interpreters.Interpreter:
     """The interpreter of cells with these packages; see :func:`make_interpreter`."""
-    return interpreters.make_interpreter(packages, needed_by(spec, cells, policies))
+    return interpreters.make_interpreter(packages, versions_for_evaluation(spec, cells, policies))
 
 
 def interpreters_of(spec: PanelSpec) -> dict[tuple[str, ...], bool]:
     """Packages that a panel's cells ask for, and whether there is an interpreter with them."""
     cells = all_cells(spec)
     return {
-        packages: interpreters.find_interpreter(packages, needed_by(spec, cells, ())) is not None
+        packages: interpreters.find_interpreter(packages, versions_for_evaluation(spec, cells, ()))
+        is not None
         for packages in other_packages(cells)
     }
 
@@ -72,7 +75,7 @@ def make_interpreters(
     asked = other_packages(cells)
     if not asked:
         return
-    needed = needed_by(spec, cells, policies)
+    needed = versions_for_evaluation(spec, cells, policies)
     large = [f"{name} {needed[name]}" for name in _LARGE if name in needed]
     also = f", with {', '.join(large)}, which the policy needs" if large else ""
 

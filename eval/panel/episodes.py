@@ -95,7 +95,7 @@ class Successes:
     def _replays_of(self, cell: Cell, place: int) -> dict[int, Replays]:
         home, key = self.homes[place], (place, _key(cell))
         said: dict[str, Any] = {
-            "home": self._said_at_home(cell, place),
+            "home": self._find_home_success(cell, place),
             "second_horizon": self._recovered[key],
         }
         # The cell without changes, which is one with the packages that run here, answers for noise
@@ -130,7 +130,7 @@ class Successes:
             parts.append(share * ((succeeded + int(flags.sum())) / (episodes + flags.size)))
         return sum(parts)
 
-    def _said_at_home(self, cell: Cell, place: int) -> Flags | HomeReplay:
+    def _find_home_success(self, cell: Cell, place: int) -> Flags | HomeReplay:
         """Whether each episode succeeded in one of the training discretizations, all being run."""
         home = self.homes[place]
         if home is None:
@@ -172,7 +172,7 @@ LATENCY_SAMPLES = 200
 """Decisions at batch size 1 that the inference latency is taken from."""
 
 
-def _apart(cell: Cell) -> bool:
+def _has_own_packages(cell: Cell) -> bool:
     """Whether a cell has other package versions than this interpreter."""
     return not are_running(cell.packages)
 
@@ -222,7 +222,9 @@ class Subject:
         """The same, of cells without records only with those that have these versions, or, with
         none, those that are here."""
         return self.among(
-            c.name for c in self.cells if c.packages == packages or not (packages or _apart(c))
+            c.name
+            for c in self.cells
+            if c.packages == packages or not (packages or _has_own_packages(c))
         )
 
     def among(self, names: Iterable[str]) -> Subject:
@@ -305,7 +307,7 @@ def evaluate(
     for cell, places in _schedule(subjects):
         own, times = [subjects[place] for place in places], [latencies[place] for place in places]
         contexts = [context_of(spec, *one, cell) for one in zip(own, times, strict=True)]
-        recorder, success = _recorded(spec, cell, own, episodes, contexts, store)
+        recorder, success = _record_episodes(spec, cell, own, episodes, contexts, store)
         recovered, later = _second_horizon(spec, cell, own, episodes, success, times, store)
         successes.note(cell, places, success, recovered)
         report_work(len(episodes) / spec.episodes * len(places) * cell_seconds(spec, cell))
@@ -346,11 +348,12 @@ def _schedule(subjects: Sequence[Subject]) -> list[tuple[Cell, list[int]]]:
 def in_order(cells: Iterable[Cell], homes: Collection[Discretization]) -> list[Cell]:
     """Cells, those first that labels in others rest on."""
     return sorted(
-        cells, key=lambda c: (_apart(c), c.changes is not None, c.discretization not in homes)
+        cells,
+        key=lambda c: (_has_own_packages(c), c.changes is not None, c.discretization not in homes),
     )
 
 
-def _recorded(
+def _record_episodes(
     spec: PanelSpec,
     cell: Cell,
     subjects: Sequence[Subject],
@@ -477,7 +480,7 @@ def _second_horizon(
         context_of(spec, subjects[k], latencies[k], cell, SECOND_HORIZON, spec.episodes)
         for k in failing
     ]
-    recorder, later = _recorded(spec, cell, own, episodes, contexts, store, None, **twice)
+    recorder, later = _record_episodes(spec, cell, own, episodes, contexts, store, None, **twice)
     recovered[failing] |= later
     return recovered, recorder
 
@@ -497,7 +500,7 @@ def attempts(
     def play(own: list[int], phase: str, **changed: Any) -> tuple[RecordVectorEvidence, Flags]:
         context = context_of(spec, subjects[0], None, cell, phase, every)
         trying = [subjects[place] for place in own]
-        return _recorded(
+        return _record_episodes(
             spec, cell, trying, spec.latest, [context], store,
             lambda place, episode: spec.attempt(own[place], episode), **changed,
         )  # fmt: skip

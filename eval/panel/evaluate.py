@@ -179,7 +179,7 @@ def batches_of(
 def _batches(
     spec: PanelSpec, subjects: Sequence[Subject], workers: int
 ) -> list[tuple[Subject, ...]]:
-    fewest = math.ceil(len(subjects) / _fitting(spec, subjects))
+    fewest = math.ceil(len(subjects) / _batch_size(spec, subjects))
     count = min(len(subjects), workers * math.ceil(fewest / workers))
     homes = [subject.home for subject in subjects]
     order = sorted(range(len(subjects)), key=lambda place: homes.index(homes[place]))
@@ -241,7 +241,7 @@ def _evaluate_part(
         work.commit("evaluating", evaluate_batch, units)
         return
     for batch in batches:
-        tables = _divided(spec, directory, batch, can, contracts, work, workers)
+        tables = _divide_batch(spec, directory, batch, can, contracts, work, workers)
         evaluate_batch(spec, directory, batch, can, contracts, tables)
         directory.storage.send()
 
@@ -309,7 +309,7 @@ def _evaluate_whole(*given: Any) -> list[Any]:
     return list(evaluate(*given))
 
 
-def _divided(
+def _divide_batch(
     spec: PanelSpec,
     directory: RunDirectory,
     batch: Sequence[Subject],
@@ -355,7 +355,7 @@ def _key(spec: PanelSpec, hashes: Mapping[str, str], cells: Iterable[Cell]) -> s
     return key_of(engines, spec=inputs(spec, where), policies=hashes)
 
 
-def _fitting(spec: PanelSpec, subjects: Sequence[Subject]) -> int:
+def _batch_size(spec: PanelSpec, subjects: Sequence[Subject]) -> int:
     """How many policies fit a batch: one where each lane costs its own."""
     if not spec.testbed.batched:
         return 1

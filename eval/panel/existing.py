@@ -56,7 +56,7 @@ from .home import VARIED, Provenance, provenance
 from .limit import steps_of_limit
 from .matrix import given_rows
 from .outputs import CHECKING, JUDGING, Call, artefact_of, phases, reduce_records, write_outputs
-from .plan import planned_home
+from .plan import read_planned_home
 from .policies import (
     Existing,
     find_policy,
@@ -119,7 +119,7 @@ def facts_of(existing: Existing) -> dict[str, Any]:
     return dict(msgspec.to_builtins(facts))
 
 
-def given_panel(spec: PanelSpec, directory: RunDirectory, called: Call) -> Panel:
+def build_given_panel(spec: PanelSpec, directory: RunDirectory, called: Call) -> Panel:
     """What ``panel.json`` holds of an evaluation: a function of its manifest and records alone.
 
     Args:
@@ -195,7 +195,7 @@ def _find_existing(spec: PanelSpec, directory: RunDirectory) -> Existing:
     environments.close()
     name = spec.name.removeprefix("evaluate ")
     folder = directory.policies / name
-    home, origin = planned_home(plan), str(plan["home"].get("origin"))
+    home, origin = read_planned_home(plan), str(plan["home"].get("origin"))
     known = Provenance(home, spec.control_period, spec.environment, origin, {}, facts.overridden)
     policy = _Known(name, str(plan["policy"]), facts.bounds, facts.statistics or None)
     files = {} if facts.file is None else {facts.file: folder / facts.file}
@@ -447,7 +447,7 @@ def evaluate_existing(
             directory.note(**{GIVEN: facts_of(existing)})
             directory.record_look(Seen(1, spec.episodes, 0))
             called = Call(command, max(1, cluster.workers), display_path(str(directory.storage)))
-            made = given_panel(spec, directory, called)
+            made = build_given_panel(spec, directory, called)
             panel = write_outputs(directory, made, called, begin)
         directory.finish_work()
     for doubt in panel.warnings:

@@ -152,14 +152,14 @@ def paired_episodes(
         called: cells that are called a limit; the others are taken as they are.
     """
     given = [row for row in layout.rows if row.kind == "given"]
-    return tuple(found for row in given for found in _paired(layout, matrix, row, called))
+    return tuple(found for row in given for found in _pair_row(layout, matrix, row, called))
 
 
-def _paired(
+def _pair_row(
     layout: PanelLayout, matrix: Matrix, row: result.Row, called: Sequence[str]
 ) -> Iterator[result.PairedEpisodes]:
     cells = layout.cells_of[row.name]
-    against, shares = _held_against(layout, matrix, row, called)
+    against, shares = _compare_row(layout, matrix, row, called)
     if against is None:
         return
     at = {
@@ -175,8 +175,8 @@ def _paired(
         and (row.name, cell) not in layout.broken
     ]
     base = at[called[0]] if against == "limit" else None
-    success = base.success[0] if base else _mixed(matrix, row.name, "success", shares)
-    earned = base.returns[0] if base else _mixed(matrix, row.name, "return", shares)
+    success = base.success[0] if base else _average_cells(matrix, row.name, "success", shares)
+    earned = base.returns[0] if base else _average_cells(matrix, row.name, "return", shares)
     rates, means = [], []
     for cell in tested:
         found = at.get(cell)
@@ -239,7 +239,7 @@ def _beyond_slack(
     return wide, 1.0 if wide.ends[0] <= 0.0 <= wide.ends[1] else max(p, least)
 
 
-def _held_against(
+def _compare_row(
     layout: PanelLayout, matrix: Matrix, row: result.Row, called: Sequence[str]
 ) -> tuple[result.Against | None, dict[str, float]]:
     """What a row is held against, as shares of cells; None where there is nothing."""
@@ -250,7 +250,7 @@ def _held_against(
     return ("limit", {called[0]: 1.0}) if called else (None, {})
 
 
-def _mixed(matrix: Matrix, row: str, name: str, shares: dict[str, float]) -> Array:
+def _average_cells(matrix: Matrix, row: str, name: str, shares: dict[str, float]) -> Array:
     """One column by start, averaged over cells by their shares."""
     parts = [share * matrix.values(row, cell, name)[0] for cell, share in shares.items()]
     mean: Array = np.sum(parts, axis=0)

@@ -580,7 +580,7 @@ def _proportional_to_the_step(records: EvidenceStore) -> Iterator[str]:
 _APPLIED_COLUMNS = ("engine", "engine_version", "integrator", "dt", "substeps", "control_period")
 
 
-def applied_in(store: EvidenceStore) -> dict[str, AppliedDiscretization]:
+def read_applied(store: EvidenceStore) -> dict[str, AppliedDiscretization]:
     """What was applied, by cell, from the records of evaluations.
 
     Raises:

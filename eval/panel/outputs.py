@@ -25,7 +25,7 @@ from .checking.plan import check_records
 from .contracts import contracts_in
 from .evaluate import evaluated
 from .findings import agreements, training_costs
-from .matrix import COLUMNS, Matrix, PanelLayout, applied_in, reward_doubts
+from .matrix import COLUMNS, Matrix, PanelLayout, read_applied, reward_doubts
 from .result import Cost, Panel, Policy, Row, RowKind, Stage, write_panel
 from .run_directory import CALLED, MANIFEST, RunDirectory, Seen
 from .spec import PanelSpec
@@ -90,7 +90,7 @@ def write_artefact(
     check_records(directory)
     begin(JUDGING)
     if of is None:
-        directory.record_look(seen_now(spec))
+        directory.record_look(describe_look(spec))
     called = Call(command, workers, display_path(str(directory.storage)))
     made = panel_of(spec, directory, called, of)
     return write_outputs(directory, made, called, begin, decided=of is None)
@@ -152,7 +152,7 @@ def _units(spec: PanelSpec) -> dict[str, str]:
     return {name: known[name] for name in sorted(varied) if known.get(name)}
 
 
-def seen_now(spec: PanelSpec) -> Seen:
+def describe_look(spec: PanelSpec) -> Seen:
     """What verdicts rest on."""
     trained = set(map(spec.name_of, spec.train))
     natives = sum(cell in trained and cell != row for row, cell in spec.family)
@@ -169,7 +169,7 @@ def reduce_records(
     store = EvidenceStore(directory.evidence)
     table = store.query(f"SELECT {', '.join(COLUMNS)} FROM records WHERE phase = 'evaluation'")
     layout = PanelLayout.of(
-        spec, rows, homes, tried(directory), applied_in(store), directory.looks(),
+        spec, rows, homes, tried(directory), read_applied(store), directory.looks(),
         contracts_in(directory),
     )  # fmt: skip
     return layout, Matrix(rows, table.to_pylist(), spec.episodes, spec.trace_every)

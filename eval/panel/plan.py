@@ -34,7 +34,7 @@ _CODE = ("env_id", "environment", "train", "grid")
 """Parts whose texts may name code of somebody's own."""
 
 
-def planned_spec(plan: Mapping[str, Any]) -> PanelSpec:
+def read_planned_spec(plan: Mapping[str, Any]) -> PanelSpec:
     """The panel, or the evaluation, that a run's plan describes; no code that it names is loaded.
 
     Args:
@@ -61,7 +61,7 @@ def planned_spec(plan: Mapping[str, Any]) -> PanelSpec:
     return spec
 
 
-def planned_home(plan: Mapping[str, Any]) -> Home | None:
+def read_planned_home(plan: Mapping[str, Any]) -> Home | None:
     """What the policy of an evaluation was trained on, as its run was told; None: unknown.
 
     Raises:

@@ -298,7 +298,7 @@ def policy_of(record: EvidenceRecord, store: EvidenceStore, own_code: bool = Fal
         )
     policies = store.directory.parent / "policies"
     for path, obs_stats in _files(policies, name):
-        if _stated_hash(path) in (wanted, None):
+        if _read_stated_hash(path) in (wanted, None):
             own = _own_arguments(record)
             found: Any = read_existing(path, record["env_id"], own, obs_stats, own_code).policy
             if found.content_hash == wanted:
@@ -347,7 +347,7 @@ def _files(policies: Path, name: str) -> Iterator[tuple[Path, Path | None]]:
             yield kept
 
 
-def _stated_hash(path: Path) -> str | None:
+def _read_stated_hash(path: Path) -> str | None:
     """The hash that a side-car tells; None where it must be computed."""
     if any(path.parent.glob("obs_stats.*")):
         return None

@@ -28,7 +28,7 @@ from .plan import stages, with_episode_parts
 from .result import Panel
 from .run_directory import MANIFEST, RunDirectory, read_manifest
 from .spec import PanelSpec, read_spec
-from .training import bring, check_training, finished_policies, memory_of, train_units
+from .training import check_training, copy_policies, finished_policies, memory_of, train_units
 from .units import PanelError, Unit, baseline_of, is_card_of, units_of
 
 
@@ -104,7 +104,7 @@ def opened(
     source = None if policies is None else finished_policies(policies, spec)
     with directory.opened():
         if source is not None:
-            bring(source, directory, spec)
+            copy_policies(source, directory, spec)
         yield directory
 
 

@@ -16,7 +16,7 @@ from typing import Any
 
 import msgspec
 
-from integ_gym.evidence.sealing import SEAL_FILE, broken_seals, restore_seal, suspend_seal
+from integ_gym.evidence.sealing import SEAL_FILE, find_broken_seals, restore_seal, suspend_seal
 from integ_gym.support.errors import IntegGymError
 from integ_gym.support.files import (
     Kinds,
@@ -218,7 +218,7 @@ class RunDirectory:
     def copy_for_workers(self) -> RunDirectory:
         """The same for processes of other machines, which do not see it; see :meth:`moved`."""
         sent = copy.copy(self)
-        sent.looks_before = self.noted_looks()
+        sent.looks_before = self.read_looks()
         return sent
 
     def moved(self, folder: Path) -> RunDirectory:
@@ -248,7 +248,7 @@ class RunDirectory:
             RunDirectoryError: if another file is not what was sealed.
         """
         restore_seal(self.path)
-        broken = list(broken_seals(self.path))
+        broken = list(find_broken_seals(self.path))
         self.was_sealed = (self.path / SEAL_FILE).exists() and not broken
         for finding in broken:
             path = self.path / finding.file
@@ -289,16 +289,16 @@ class RunDirectory:
         Args:
             all_say: whether every unit must say after which; those of earlier versions do not.
         """
-        looks = self.noted_looks()
+        looks = self.read_looks()
         known = {hash_of_looks(looks[:count]) for count in range(len(looks) + 1)}
         for unit, held in self.readable_markers("")[0].items():
             if held.get(AFTER) not in known and (all_say or AFTER in held):
                 yield unit
 
     def _looks_so_far(self) -> list[Any]:
-        return self.noted_looks() if self.looks_before is None else self.looks_before
+        return self.read_looks() if self.looks_before is None else self.looks_before
 
-    def noted_looks(self) -> list[Any]:
+    def read_looks(self) -> list[Any]:
         """The looks at verdicts that ``run.json`` tells, in order."""
         manifest = self.path / MANIFEST
         return list(read_manifest(manifest).get(_LOOKS, [])) if manifest.exists() else []
@@ -510,7 +510,7 @@ class RunDirectory:
         share = end - start if seconds is None else seconds
         looks = self._looks_so_far()
         times = {"start": round(start, 3), "end": round(end, 3), "seconds": round(share, 3)}
-        expected = dict.fromkeys({RECORDS} & _noted(unit).keys())
+        expected = dict.fromkeys({RECORDS} & _marker_kinds(unit).keys())
         found = {RECORDS: file_hash(self._records(unit))} if self.has_records(unit) else expected
         write_json(
             self._marker(unit), {"key": key, **times, **found, AFTER: hash_of_looks(looks), **facts}
@@ -532,7 +532,7 @@ class RunDirectory:
         """
         if other.has_records(unit):
             replace_file(self._records(unit), other._records(unit).read_bytes())
-        after = hash_of_looks(self.noted_looks())
+        after = hash_of_looks(self.read_looks())
         write_json(
             self._marker(unit),
             {**_read_marker(other._marker(unit)), AFTER: after, ADOPTED: True},
@@ -632,7 +632,7 @@ def _is_cut_off(file: Path) -> bool:
 def _read_marker(path: Path) -> dict[str, Any]:
     """What was noted of a finished unit, with all that units of its kind note."""
     remedy = "remove it to do the unit again"
-    held = _read(path, _noted(path.stem), _MAY_NOTE, remedy)
+    held = _read(path, _marker_kinds(path.stem), _MAY_NOTE, remedy)
     if not all(isinstance(x, str) for x in held.get("policies", {}).values()):
         raise RunDirectoryError(f"{path} is damaged: 'policies' must hold hashes; {remedy}")
     for names in held.get("cells", {}).values():
@@ -644,7 +644,7 @@ def _read_marker(path: Path) -> dict[str, Any]:
     return held
 
 
-def _noted(unit: str) -> Kinds:
+def _marker_kinds(unit: str) -> Kinds:
     """What the marker of a unit holds, by the first word of its name."""
     return {**_NOTED, **_NOTED_BY.get(unit.partition("-")[0], {})}
 

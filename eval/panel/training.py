@@ -40,12 +40,12 @@ def waiting_chunks(
     """
     units = {unit.policy: unit for unit in trained_units(spec)}
     waiting = {unit.policy for unit in units.values() if not is_there(spec, directory, unit)}
-    noted = _noted_chunks(directory)
+    noted = _read_chunks(directory)
     chunks = [tuple(map(str, chunk)) for chunk in noted if set(chunk) <= set(units)]
     known = {policy for chunk in chunks for policy in chunk}
     for stage in stages(spec):
         new = [u for u in trained_units(stage) if u.policy in waiting and u.policy not in known]
-        chunks += _divided(spec, new, workers, memory_gib)
+        chunks += _divide_units(spec, new, workers, memory_gib)
         known.update(unit.policy for unit in new)
     if len(chunks) > len(noted):
         write_json(directory.path / WORK / _DIVISION, {_CHUNKS: chunks})
@@ -53,13 +53,13 @@ def waiting_chunks(
     return [tuple(units[p] for p in chunk) for chunk in chunks if waiting.intersection(chunk)]
 
 
-def _noted_chunks(directory: RunDirectory) -> list[Any]:
+def _read_chunks(directory: RunDirectory) -> list[Any]:
     """Who is trained together, as it was noted."""
     path = directory.path / WORK / _DIVISION
     return list(read_object(path, {_CHUNKS: list}, "remove it")[_CHUNKS]) if path.exists() else []
 
 
-def _divided(
+def _divide_units(
     spec: PanelSpec, units: Sequence[Unit], workers: Workers, memory_gib: float | None
 ) -> list[tuple[str, ...]]:
     if not units:
@@ -140,7 +140,7 @@ def train_units(spec: PanelSpec, directory: RunDirectory, cluster: Cluster, prog
         [place.policies / unit.policy for unit, place in zip(units, places, strict=True)],
         evidence=[_evidence(spec, p, u) for u, p in zip(units, places, strict=True)],
         progress=progress,
-        on_trained=_marking(spec, units, places),
+        on_trained=_make_marker(spec, units, places),
         executor=cluster,
         **options,
     )
@@ -164,7 +164,7 @@ def preparation_of(spec: PanelSpec, cluster: Cluster) -> Callable[[int], None] |
     return preparation(workers_of(cluster).device)
 
 
-def _marking(
+def _make_marker(
     spec: PanelSpec, units: Sequence[Unit], places: Sequence[RunDirectory]
 ) -> Callable[[int, TrainedPolicy], None]:
     """What marks a unit as finished, called with its place and what was trained."""
@@ -226,7 +226,7 @@ def finished_policies(path: Path, spec: PanelSpec) -> RunDirectory:
     return source
 
 
-def bring(source: RunDirectory, directory: RunDirectory, spec: PanelSpec) -> None:
+def copy_policies(source: RunDirectory, directory: RunDirectory, spec: PanelSpec) -> None:
     """Copy every policy that is not there yet, and the looks at it; its marker comes last.
 
     Args:

@@ -33,7 +33,7 @@ from ..panel.result import Entry, Panel, Policy
 from ..power import WITHOUT_VERDICT
 from ..verdict import UNSOLVABLE
 from .forests import ordered_verdicts
-from .task import panel_setup, shown_places, typical_start
+from .task import panel_setup, typical_start, visible_places
 
 Array = npt.NDArray[Any]
 
@@ -427,7 +427,7 @@ def _trace_columns(
     control = [name for name in after if name.endswith("_applied")][:2]
     setup = panel_setup(panel)
     if setup is not None:
-        places = shown_places(setup.plant)
+        places = visible_places(setup.plant)
         return _Columns([setup.plant.coordinates[k] for k in places], control, [])
     states = itertools.takewhile(lambda name: not name.startswith("sensed_"), after)
     return _Columns([name for name in states if not name.endswith("_dot")][:4], control, [])

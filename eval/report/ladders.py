@@ -239,7 +239,7 @@ def _sweep_plots(
         for value, place in places.items():
             name = names[value]
             changed = name in varied and not (isinstance(own, float) and are_close(own, value))
-            cell = _changed(panel, home, argument, value) if changed else home
+            cell = _find_changed_cell(panel, home, argument, value) if changed else home
             entry = cell and panel.entry(row, cell.name)
             if entry:
                 words = f"{panel.in_words(row)}, {argument}={value:g}: success {entry.success}"
@@ -255,7 +255,7 @@ def _sweep_plots(
             yield LadderPlot(about, ticks, tuple(series), None, along)
 
 
-def _changed(panel: Panel, home: Cell, argument: str, value: float) -> Cell | None:
+def _find_changed_cell(panel: Panel, home: Cell, argument: str, value: float) -> Cell | None:
     """The cell that differs from another in the value of one argument alone."""
     for cell in panel.cells:
         apart = axes_between(home.discretization, cell).values()

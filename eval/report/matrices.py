@@ -148,7 +148,7 @@ def success_matrix(panel: Panel) -> Matrix | None:
             marks.append("≠")
         hatched = cell.achievability if cell.achievability in HATCHED else None
         if hatched is not None:
-            words.append(f"the cell is {solved_words(panel, cell)}")
+            words.append(f"the cell is {explain_solvability(panel, cell)}")
         span, about = rate.ends if rate.bounded else None, "; ".join(words)
         text = fixed(rate.estimate)
         return Shade(text, "rate", rate.estimate, about, tuple(marks), hatched, span)
@@ -290,7 +290,7 @@ def mean_words(panel: Panel) -> str:
     return "mean" if panel.given_alone else "interquartile mean"
 
 
-def solved_words(panel: Panel, cell: Cell) -> str:
+def explain_solvability(panel: Panel, cell: Cell) -> str:
     """Whether a cell can be solved, and why; empty where it was not asked."""
     if cell.achievability is None:
         return ""

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, Final
 from urllib.parse import quote
 
-from integ_gym.evidence.sealing import unbroken_seal
+from integ_gym.evidence.sealing import read_valid_seal
 from integ_gym.support.figures import MARKERS, VIRIDIS
 from integ_gym.support.files import replace_file
 from integ_gym.support.optional import load, package_version
@@ -78,7 +78,7 @@ def write_report(panel: Panel, directory: str | PathLike[str]) -> Path:
     ModuleNotFoundError
         If jinja2 is not installed, with the command that installs it.
     """
-    html = render(panel, read_episodes(panel, directory), unbroken_seal(Path(directory)))
+    html = render(panel, read_episodes(panel, directory), read_valid_seal(Path(directory)))
     return replace_file(Path(directory) / FILE_NAME, html.encode())
 
 
@@ -138,7 +138,7 @@ def render(panel: Panel, episodes: Episodes | None = None, seal: str | None = No
             trust=trusts,
             rankings=sorted(panel.rankings, key=lambda one: -one.violation.estimate),
             findings=findings_of(panel, trusts),
-            failed=_failed(panel),
+            failed=_count_failures(panel),
             failures=_failures(panel),
             place_of=partial(_place_of_episode, panel),
             comparisons=[(one, *_comparison(one)) for one in panel.policy_comparisons],
@@ -160,13 +160,13 @@ def report_environment() -> Any:
     def breakable(text: str) -> Any:
         return markup.Markup(str(markup.escape(text)).replace("_", "_<wbr>"))
 
-    def quoted(text: Any) -> Any:
+    def quote_value(text: Any) -> Any:
         return markup.Markup(re.sub("`([^`]+)`", r"<code>\1</code>", str(text)))
 
     environment = page_environment(_files("parts"))
     environment.filters.update(
         called=context(lambda given, name: breakable(given["panel"].label(str(name)))),
-        said=lambda text: quoted(breakable(nonbreaking(str(text)))),
+        said=lambda text: quote_value(breakable(nonbreaking(str(text)))),
         href=_href,
         along=_along,
         across=_across,
@@ -320,7 +320,7 @@ def _place_of_episode(
     return f"{anchor}s{policies.index(policy)}e{episode}"
 
 
-def _failed(panel: Panel) -> dict[str, Any] | None:
+def _count_failures(panel: Panel) -> dict[str, Any] | None:
     """Failures of policies that are no baselines: their labels, and counts of those by row."""
     counts = {row.name: Counter[str]() for row in panel.ordered_rows if not row.baseline}
     for entry in panel.matrix:

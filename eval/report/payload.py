@@ -195,7 +195,7 @@ def _entry(panel: Panel, entry: Entry) -> dict[str, Any]:
         "energy from the numerics": _interval(entry.numerics_share, percent),
         "transfer gap": _interval(entry.transfer_gap),
         f"against the {panel.yardstick_name}": (entry.reference_class or "").replace("_", " "),
-        "the cell": matrices.solved_words(panel, panel.cell(entry.cell)),
+        "the cell": matrices.explain_solvability(panel, panel.cell(entry.cell)),
         "episodes": f"{entry.episodes:,}",
         "diverged": entry.diverged and str(entry.diverged),
         "solver not converged": entry.not_converged and str(entry.not_converged),

@@ -140,7 +140,7 @@ def _scene(setup: Setup) -> dict[str, Any] | None:
         room = _edge(lambda x: not task.terminated(SCALAR, (x, *rest[1:]), rest), _FARTHEST["m"])
         flyer = {"arm": float(np.max(plant.arm)), "room": room or 5.0}
         pose = [0.3 * (room or 0.0), 0.3 * (room or 0.0), -0.4, *pose[3:]]
-    places = shown_places(plant)
+    places = visible_places(plant)
     hopper = None
     if hops:
         hopper = {"leg": float(np.max(plant.leg_length)), "finish": getattr(task, "finish", None)}
@@ -165,7 +165,7 @@ def _scene(setup: Setup) -> dict[str, Any] | None:
     }
 
 
-def shown_places(plant: Any) -> list[int]:
+def visible_places(plant: Any) -> list[int]:
     """Places of the coordinates that can be seen: lengths and angles."""
     return [k for k, unit in enumerate(plant.coordinate_units) if unit in ("m", "rad")]
 
@@ -185,7 +185,7 @@ def target_script(setup: Setup) -> str | None:
     target: Any = getattr(setup.task, "target", None)
     if target is None:
         return None
-    places = shown_places(setup.plant)
+    places = visible_places(setup.plant)
 
     def place(ops: Ops, seen: Components) -> Components:
         q: list[Component] = [0.0] * len(setup.plant.coordinates)

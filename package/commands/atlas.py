@@ -85,7 +85,7 @@ def main(argv: Sequence[str]) -> int:
     if given.again:
         block = _find_block(atlas.blocks(), given.again)
         agreement = again(atlas, block, given.out, folder, workers=workers)
-        print_wrapped(_agreed(agreement))
+        print_wrapped(_format_agreement(agreement))
         return 0
     chosen = [_find_block(atlas.blocks(), name) for name in given.only or ()]
     blocks = [one for one in waiting if not chosen or one in chosen]
@@ -99,7 +99,7 @@ def main(argv: Sequence[str]) -> int:
     return 0
 
 
-def _agreed(found: Agreement) -> str:
+def _format_agreement(found: Agreement) -> str:
     what = f"{plural(found.policies, 'policy', 'policies')} trained again in {found.block}"
     if found.difference is None:
         return f"{what}: all {found.rows} outcomes are the same."

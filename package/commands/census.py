@@ -16,7 +16,7 @@ from integ_gym.eval.census.subjects import PUBLISHED
 from integ_gym.support.files import make_folder, replace_file
 from integ_gym.support.optional import require
 from integ_gym.support.options import CommandParser, display_command
-from integ_gym.support.terminal import FITS, print_columns, print_wrapped, unbroken
+from integ_gym.support.terminal import FITS, keep_on_one_line, print_columns, print_wrapped
 
 from .engines import chosen_engines
 
@@ -88,6 +88,6 @@ def _print(document: dict[str, Any]) -> None:
         for difference in line["differences"]:
             print_wrapped(f"{line['source']} {line['name']} ({line['plant']}): {difference}")
     for source, command in document["missing"].items():
-        print_wrapped(f"{source}: not installed; run: {unbroken(command)}")
+        print_wrapped(f"{source}: not installed; run: {keep_on_one_line(command)}")
     for source, error in document["failed"].items():
         print_wrapped(f"{source}: could not be looked at: {error}")

@@ -17,7 +17,7 @@ from integ_gym.support.errors import InputError
 from integ_gym.support.optional import install_command
 from integ_gym.support.options import CommandParser
 from integ_gym.support.parameters import unknown_name
-from integ_gym.support.terminal import FITS, print_columns, print_wrapped, unbroken
+from integ_gym.support.terminal import FITS, keep_on_one_line, print_columns, print_wrapped
 
 EXAMPLES = """\
 examples:
@@ -77,7 +77,7 @@ def main(argv: Sequence[str]) -> int:
             print_wrapped(f"constraint violation: {stepping.CONSTRAINT_VIOLATION}")
         for name in absent:
             missing = ", ".join(stepping.missing_modules(name))
-            remedy = unbroken(install_command(name))
+            remedy = keep_on_one_line(install_command(name))
             print_wrapped(f"{name}: not installed ({missing}); run: {remedy}")
     return 0
 

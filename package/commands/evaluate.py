@@ -204,7 +204,7 @@ def main(argv: Sequence[str]) -> int:
     print_details(panel)
     print_next(panel)
     print(f"Page: {page_location(given.out)}")
-    shown = None if claim is None else claim.shown_in(panel)
+    shown = None if claim is None else claim.find_support(panel)
     if shown is not None:
         print_wrapped(f"--fail-if: {shown}", sys.stderr)
         return SHOWN

@@ -138,7 +138,7 @@ def _make_interpreters(store: EvidenceStore, progress: bool) -> None:
             if progress:
                 print(f"{words[0].upper()}{words[1:]} …", file=sys.stderr)
 
-        make_interpreter(packages, replaying.needed_for(records), report)
+        make_interpreter(packages, replaying.versions_for_replay(records), report)
 
 
 def seal_run(given: argparse.Namespace, store: EvidenceStore) -> int:
@@ -150,7 +150,7 @@ def seal_run(given: argparse.Namespace, store: EvidenceStore) -> int:
     run = store.run
     if given.sign is not None:
         sealing.check_key(given.sign)
-    for broken in sealing.broken_seals(run):
+    for broken in sealing.find_broken_seals(run):
         raise EvidenceError(
             f"{run} has a seal that does not hold: {broken}; find out why, and remove "
             f"{run / sealing.SEAL_FILE} to seal what is there now"
@@ -197,7 +197,7 @@ def verify(given: argparse.Namespace, store: EvidenceStore) -> int:
         bar.describe("", draw=False)
     count = len(found) - found.count(_NOT_PLAYED)
     print(f"{plural(count, 'problem') if found else 'No problem'} found in {run}.")
-    for line in found or [*_checked(store, given, sealed, exported), *sentences]:
+    for line in found or [*_report_checks(store, given, sealed, exported), *sentences]:
         print_wrapped(line)
     return 1 if found else 0
 
@@ -225,13 +225,13 @@ def _find_problems(
         _collect(found, against_plan(run, given.own_code, given.all))
     if given.depth != "whole":
         report_phase(bar, "seal")
-        _collect(found, sealing.broken_seals(run))
+        _collect(found, sealing.find_broken_seals(run))
         if sealed is None and (run / _PAGE).exists():
             found.append(
                 f"{sealing.SEAL_FILE}: is missing: the run is not finished, or it was removed"
             )
     if given.public_key is not None or (given.depth != "whole" and sealing.can_check_signatures()):
-        found += map(str, sealing.broken_signature(run, given.public_key))
+        found += map(str, sealing.find_signature_faults(run, given.public_key))
     if given.depth != "replayed":
         return found, []
     if not all(line.startswith(_PAGE) for line in found):
@@ -250,7 +250,7 @@ def _seconds(store: EvidenceStore, given: argparse.Namespace) -> float:
     return count * (HASH_SECONDS + TRACE_SECONDS) + replays
 
 
-def _checked(
+def _report_checks(
     store: EvidenceStore,
     given: argparse.Namespace,
     sealed: Mapping[str, Any] | None,
@@ -302,7 +302,7 @@ def _whole(
     store: EvidenceStore, exported: Mapping[str, Any] | None, report: Callable[[int], None]
 ) -> Iterator[Finding]:
     if exported is not None:
-        yield from exporting.changed_since_export(store, exported)
+        yield from exporting.find_changes_since_export(store, exported)
     yield from replaying.missing_episodes(store, part=exported is not None)
     yield from replaying.other_columns(store)
     for file, record in store.named_records():

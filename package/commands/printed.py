@@ -137,7 +137,7 @@ def print_power(spec: PanelSpec, out: Path | None) -> None:
         out: its directory; None without one.
     """
     finished = read_panel(out / FILE_NAME) if out and (out / FILE_NAME).exists() else None
-    before = [] if finished is None else _seen_before(spec, finished)
+    before = [] if finished is None else _earlier_looks(spec, finished)
     if not spec.family:
         print_wrapped(f"Panel {spec.name} declares no transfers, so there is nothing to decide.")
         return
@@ -179,7 +179,7 @@ def print_power(spec: PanelSpec, out: Path | None) -> None:
         _print_wanted(finished)
 
 
-def _seen_before(spec: PanelSpec, panel: Panel) -> list[Look]:
+def _earlier_looks(spec: PanelSpec, panel: Panel) -> list[Look]:
     """Looks at other seeds or episodes than these, or in another run."""
     now = (len(spec.seeds), spec.episodes)
     return [look for look in panel.looks if look.adopted or (look.seeds, look.episodes) != now]

@@ -35,7 +35,7 @@ from integ_gym.eval.atlas.summaries import (
     code_version,
     compare,
     note,
-    noted_in,
+    read_agreements,
     read_summary,
     write_summary,
 )
@@ -176,7 +176,10 @@ def test_agreements_are_kept_once(tmp_path):
     first = Agreement(("one", "two"), "b", 1, 2)
     for agreement in (first, Agreement(("two", "three"), "b", 1, 2), first):
         note(agreement, tmp_path)
-    assert sorted(one.codes for one in noted_in(tmp_path)) == [("one", "two"), ("two", "three")]
+    assert sorted(one.codes for one in read_agreements(tmp_path)) == [
+        ("one", "two"),
+        ("two", "three"),
+    ]
 
 
 @settings(max_examples=40)

@@ -22,7 +22,7 @@ from integ_gym.evidence.labels import EpisodeContext, Replays
 from integ_gym.evidence.recorder import RecordEvidence
 from integ_gym.evidence.schema import BatchExistsError
 from integ_gym.evidence.store import EvidenceStore
-from integ_gym.evidence.table import unhashed_table
+from integ_gym.evidence.table import build_unhashed_table
 
 SETTINGS = {
     "plain": {},
@@ -325,7 +325,7 @@ def test_no_zero_is_negative():
     rows = np.full((len(layout), 5), -0.0)
     rows[layout.place("sensed_theta_dot")] = -1e-60
     log.add(rows, np.array([5]), EpisodeHeads([0], [1], ["1/0"], [0], [0], [0], [0]))
-    table = unhashed_table(log, PENDULUM, [(setup, 0)])
+    table = build_unhashed_table(log, PENDULUM, [(setup, 0)])
     seen = 0
     for name in table.column_names:
         values = table[name].combine_chunks()

@@ -13,9 +13,9 @@ from integ_gym.evidence.sealing import (
     SEAL_FILE,
     SIGNATURE_FILE,
     SIGSTORE_FILE,
-    broken_seals,
-    broken_signature,
     check_key,
+    find_broken_seals,
+    find_signature_faults,
     read_signer,
     seal,
     sign,
@@ -56,7 +56,9 @@ def run(tmp_path):
 
 
 def _findings(run, key):
-    return [finding.message for finding in broken_signature(run, key and key.with_suffix(".pub"))]
+    return [
+        finding.message for finding in find_signature_faults(run, key and key.with_suffix(".pub"))
+    ]
 
 
 @pytest.mark.parametrize("kind", ["ed25519", "ecdsa", "rsa"])
@@ -80,7 +82,7 @@ def test_a_signature_is_by_the_key_and_of_the_seal(run, kind, tmp_path):
 def test_a_signature_goes_with_its_seal(run, key):
     sign(run, key)
     (run / SIGSTORE_FILE).write_text("{}")
-    assert list(broken_seals(run)) == []
+    assert list(find_broken_seals(run)) == []
     seal(run)
     assert _findings(run, key) == []
     (run / "panel.json").write_text("{}")
@@ -116,7 +118,7 @@ def test_files_that_hold_nothing_of_the_kind_are_refused(tmp_path, run, key, con
     with pytest.raises(EvidenceError, match=r"cannot sign: .*; make a key with ssh-keygen"):
         check_key(empty)
     with pytest.raises(EvidenceError, match="holds no public key"):
-        list(broken_signature(run, empty))
+        list(find_signature_faults(run, empty))
     (run / SIGNATURE_FILE).write_bytes(content)
     assert _findings(run, key) != []
 

@@ -305,7 +305,7 @@ def test_an_interrupt_while_rows_are_gathered_loses_nothing(monkeypatch, tmp_pat
     env.reset(seed=0)
     for step in range(STEPS):
         env.step(_vector_actions(env, [step] * LANES))
-    ended = env._waiting_to_be_written()
+    ended = env._count_waiting()
 
     def interrupted(buffer, waiting):
         raise KeyboardInterrupt
@@ -315,7 +315,7 @@ def test_an_interrupt_while_rows_are_gathered_loses_nothing(monkeypatch, tmp_pat
             patched.setattr(LaneBuffer, "_rows_of", interrupted)
             with pytest.raises(KeyboardInterrupt):
                 act()
-        assert env._waiting_to_be_written() == ended > LANES
+        assert env._count_waiting() == ended > LANES
     assert env.unwrapped.closed
     assert env.take()["episode_index"].to_pylist() == list(range(ended))
 

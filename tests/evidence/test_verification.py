@@ -22,7 +22,7 @@ from integ_gym.evidence.replaying import missing_episodes, replay, replay_some
 from integ_gym.evidence.schema import EvidenceError
 from integ_gym.evidence.sealing import (
     SEAL_FILE,
-    broken_seals,
+    find_broken_seals,
     read_seal,
     seal,
 )
@@ -183,7 +183,7 @@ def sealed(tmp_path, four):
     (run / "policies" / "a" / "policy.json").write_text("{}")
     pinned = seal(run)
     assert read_seal(run)["seal"] == pinned
-    assert list(broken_seals(run)) == []
+    assert list(find_broken_seals(run)) == []
     return run
 
 
@@ -200,7 +200,7 @@ def test_a_seal_that_was_made_to_fit_is_another(sealed):
     _flip(file)
     assert seal(sealed) != before
     (sealed / SEAL_FILE).write_text(text.replace(before, "0" * 64))
-    assert "its own hash does not fit" in "\n".join(map(str, broken_seals(sealed)))
+    assert "its own hash does not fit" in "\n".join(map(str, find_broken_seals(sealed)))
     (sealed / SEAL_FILE).write_text("[]")
     with pytest.raises(EvidenceError, match=r"a list where an object was expected; restore it"):
         read_seal(sealed)

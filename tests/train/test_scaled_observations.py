@@ -20,7 +20,7 @@ from stable_baselines3 import DQN, PPO, SAC
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
 import integ_gym
-from integ_gym.eval.panel.doubts import _unscaled
+from integ_gym.eval.panel.doubts import _doubt_scaling
 from integ_gym.eval.panel.policies import read_existing
 from integ_gym.train.policy_files import card as limits
 from integ_gym.train.policy_files.card import PolicyFileError
@@ -132,7 +132,7 @@ def test_an_evaluation_without_statistics_says_so(tmp_path):
     assert "load it with env=VecNormalize.load(path, venv)" in doubt
     assert json.loads((tmp_path / "out" / "panel.json").read_text("utf-8"))["doubts"] == said
     assert doubt[:40] in (tmp_path / "out" / "report.html").read_text("utf-8")
-    (doubt,) = _unscaled(read_existing(policy, PENDULUM, {}))
+    (doubt,) = _doubt_scaling(read_existing(policy, PENDULUM, {}))
     assert "pass --obs-stats vecnormalize.pkl" in doubt
     assert not read_existing(policy, PENDULUM, {}, statistics).unscaled
     _trained(PPO, False, tmp_path)

@@ -385,7 +385,7 @@ def update(
 
     def learn(carry: Any, part: Array) -> Any:
         stack, adam, active = carry
-        minibatch = _unpacked(part, sizes)
+        minibatch = _unpack(part, sizes)
         gradient, divergence = _gradient(algorithm, stack, minibatch, knobs)
         if not algorithm.stops_early:
             return (*_adam_step(stack, adam, gradient, knobs, rate), active), None
@@ -513,7 +513,7 @@ def _adam_step(
     return stack, Adam(mean, square, count)
 
 
-def _unpacked(part: Array, sizes: tuple[int, int]) -> Batch:
+def _unpack(part: Array, sizes: tuple[int, int]) -> Batch:
     observations, actions, rest = jnp.split(part, (sizes[0], sum(sizes)), axis=1)
     return Batch(observations, actions, *jnp.moveaxis(rest, 1, 0))
 

@@ -267,10 +267,10 @@ class FleetProgram:
             setup = self.env.setup_of(self.env.lane_params(params, steps.member))
             ending = outcome.reward, outcome.terminated, outcome.truncated
             info, state = step_info(setup, after, outcome), join_state(after.q, after.v)
-            rows = _stacked(self.layout.row(info, outcome.status, ending, state, after_observed))
+            rows = _stack(self.layout.row(info, outcome.status, ending, state, after_observed))
             info = reset_info(self.env.setup, steps.env)
             state = join_state(steps.env.q, steps.env.v)
-            first = _stacked(self.layout.start(info, state, before_observed))
+            first = _stack(self.layout.start(info, state, before_observed))
         return learning.Trail(
             outcome.reward,
             outcome.terminated | outcome.truncated,
@@ -297,5 +297,5 @@ def _where(condition: Array, new: Components, old: Components) -> Components:
     return tuple(jnp.where(condition, a, b) for a, b in zip(new, old, strict=True))
 
 
-def _stacked(entries: tuple[Array, ...]) -> Array:
+def _stack(entries: tuple[Array, ...]) -> Array:
     return jnp.stack([x.astype(jnp.float32) for x in entries])

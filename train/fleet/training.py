@@ -28,7 +28,7 @@ from integ_gym.envs.transition import quiet_status
 from integ_gym.evidence.episodes import EpisodeHeads, EpisodeLog, Layout
 from integ_gym.evidence.recorder import now
 from integ_gym.evidence.store import EvidenceStore
-from integ_gym.evidence.table import unhashed_table
+from integ_gym.evidence.table import build_unhashed_table
 from integ_gym.support.errors import InputError
 from integ_gym.support.executors import Cluster
 from integ_gym.support.optional import installed_versions, require
@@ -118,7 +118,7 @@ class EpisodeAssembler:
         taken = [np.zeros((len(self._layout), 0))]
         found: list[_Found] = []
         for lane in range(lanes):
-            joined, last_of = self._joined(lane, rows, first_rows, begun, member[:, lane])
+            joined, last_of = self._join_rows(lane, rows, first_rows, begun, member[:, lane])
             stops = np.flatnonzero(ended[:, lane])
             ends = last_of[stops] + 1
             whole = int(ends[-1]) if len(ends) else 0
@@ -136,10 +136,10 @@ class EpisodeAssembler:
         """Write the finished episodes; None if there are none."""
         if not len(self._log):
             return None
-        table = unhashed_table(self._log, self._env_id, self._setups)
+        table = build_unhashed_table(self._log, self._env_id, self._setups)
         return EvidenceStore(self._evidence.store).commit_unhashed(self._evidence.batch, table)
 
-    def _joined(
+    def _join_rows(
         self, lane: int, rows: Array, first_rows: Array, begun: Array, member: Array
     ) -> tuple[Array, Array]:
         """A lane's rows, with those left over in front and a row for every reset.

@@ -119,7 +119,7 @@ class OnnxPolicy(ProgramPolicy):
         held: list[dict[str, Any]] = []
 
         def act(observations: NDArray[Any]) -> ActionArray:
-            given = self._scaled(observations)
+            given = self._scale(observations)
             if not self._memory and len(given) > 1 and self._of_batches is not None:
                 return self._as_actions(self._run(self._of_batches, given)[0], len(given))
             held.extend(self._first_memory for _ in given[len(held) :])
@@ -197,7 +197,7 @@ def read_onnx(path: Path) -> OnnxPolicy:
         PolicyFileError: in one sentence, if it cannot be read.
         ModuleNotFoundError: if the extra is missing, with the command that installs it.
     """
-    content, model = _parsed(path)
+    content, model = _parse_graph(path)
     apart = [tensor for tensor in model.graph.initializer if tensor.external_data]
     if apart:
         _join(path, apart)
@@ -211,7 +211,7 @@ def onnx_card(path: Path) -> dict[str, Any] | None:
     Raises:
         PolicyFileError: in one sentence, if it cannot be read or was edited.
     """
-    _, model = _parsed(path)
+    _, model = _parse_graph(path)
     for prop in model.metadata_props:
         if prop.key == METADATA:
             try:
@@ -235,12 +235,12 @@ def onnx_data(path: Path) -> list[Path]:
         PolicyFileError: in one sentence, if it cannot be read.
     """
     helper = load("onnx.external_data_helper", "onnx")
-    tensors = _parsed(path)[1].graph.initializer
+    tensors = _parse_graph(path)[1].graph.initializer
     apart = {helper.ExternalDataInfo(one).location for one in tensors if one.external_data}
     return [path.parent / place for place in sorted(apart)]
 
 
-def _parsed(path: Path) -> tuple[bytes, Any]:
+def _parse_graph(path: Path) -> tuple[bytes, Any]:
     """A file's bytes and its graph, weights beside it left there."""
     try:
         content = read_bounded(path, MAX_BYTES)

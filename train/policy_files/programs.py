@@ -71,7 +71,7 @@ class ProgramPolicy:
         """Actions for a batch of observations, with which episodes begin; see `Policy.act`."""
         return self.begin()(observations)
 
-    def _scaled(self, observations: NDArray[Any]) -> NDArray[Any]:
+    def _scale(self, observations: NDArray[Any]) -> NDArray[Any]:
         """What it is given, shape (n, obs_dim)."""
         given = np.asarray(observations).reshape(len(observations), -1)
         return given if self.statistics is None else self.statistics.normalize(given)
@@ -136,16 +136,16 @@ class TorchScriptPolicy(ProgramPolicy):
         def act(observations: NDArray[Any]) -> ActionArray:
             import torch
 
-            given = torch.as_tensor(self._scaled(observations).astype(np.float32))
+            given = torch.as_tensor(self._scale(observations).astype(np.float32))
             if not lanes:
-                lanes.extend(self._loaded() for _ in given)
+                lanes.extend(self._load() for _ in given)
             with torch.inference_mode():
                 rows = [lane(row[None]) for lane, row in zip(lanes, given, strict=True)]
             return self._as_actions(np.concatenate([row.numpy() for row in rows]), len(given))
 
         return act
 
-    def _loaded(self) -> Any:
+    def _load(self) -> Any:
         try:
             import torch
         except ImportError:

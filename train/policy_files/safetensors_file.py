@@ -56,10 +56,10 @@ def safetensors_bytes(policy: MlpPolicy) -> bytes:
         tensors["observations.mean"], tensors["observations.var"] = own.mean, own.var
         numbers = {"epsilon": float(own.epsilon).hex(), "clip_obs": float(own.clip_obs).hex()}
         metadata |= {"format": FULL_FORMAT, **numbers}
-    return _ordered(save(tensors, metadata))
+    return _sort_header(save(tensors, metadata))
 
 
-def _ordered(content: bytes) -> bytes:
+def _sort_header(content: bytes) -> bytes:
     """The same with the names of the header in order, so that equal policies are equal files.
 
     The header is JSON behind its length in 8 bytes, filled up with blanks to a multiple of 8.

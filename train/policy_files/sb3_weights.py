@@ -154,7 +154,7 @@ def activation_name(kwargs: Json, actor: Actor) -> str:
     if "activation_fn" not in kwargs:
         return actor.activation
     text = str(kwargs["activation_fn"])
-    module, _, name = printed_class(text).rpartition(".")
+    module, _, name = parse_class_name(text).rpartition(".")
     if module != "torch.nn.modules.activation" or name not in ACTIVATIONS:
         raise PolicyFileError(
             f"the activation function {text} is not known; "
@@ -372,7 +372,7 @@ def layers_of(
     )
 
 
-def averaged(layers: tuple[Layer, ...], quantiles: int) -> tuple[Layer, ...]:
+def average_quantiles(layers: tuple[Layer, ...], quantiles: int) -> tuple[Layer, ...]:
     """The same network with the mean over quantiles, which come first, as its outputs."""
     if quantiles == 1:
         return layers
@@ -411,7 +411,7 @@ def section(data: Json, name: str) -> Json:
     return found
 
 
-def printed_class(text: str) -> str:
+def parse_class_name(text: str) -> str:
     """The dotted name of a class that was printed as ``<class '…'>``; empty for another text."""
     found = _CLASS_TEXT.fullmatch(text)
     return found.group(1) if found else ""

@@ -37,14 +37,14 @@ from .sb3_weights import (
     Json,
     activation_name,
     actor_class,
-    averaged,
+    average_quantiles,
     hidden_sizes,
     json_object,
     layers_of,
     load_tensors,
     mean_limit,
+    parse_class_name,
     policy_kwargs,
-    printed_class,
     quantile_count,
     section,
     squashed,
@@ -57,7 +57,7 @@ _NUMBER_TEXT = re.compile(r"[-+]?(?:inf|\d+\.(?P<decimals>\d*)(?P<exponent>e[-+]
 def _space_kind(space: Json) -> str:
     """Class name of a Gymnasium (or Gym) space, for example `Box`."""
     text = str(space.get(":type:", "a space without a readable type"))
-    parts = printed_class(text).split(".")
+    parts = parse_class_name(text).split(".")
     return parts[-1] if parts[:2] in (["gymnasium", "spaces"], ["gym", "spaces"]) else text
 
 
@@ -79,7 +79,7 @@ def _shape(space: Json) -> Any:
     return space.get("_shape", space.get("shape"))
 
 
-def decoding(
+def make_decoder(
     space: Json,
     squash: bool,
     action_bounds: tuple[ArrayLike, ArrayLike] | None,
@@ -95,7 +95,7 @@ def decoding(
             "train in an environment with a float32 Box"
         )
     if action_bounds is None:
-        low, high = (_printed_bound(space, name, size) for name in ("low", "high"))
+        low, high = (_parse_bound(space, name, size) for name in ("low", "high"))
     else:
         low, high = (expand_bound(bound, size) for bound in action_bounds)
     actions = BoxActions(low, high, squash, limit)
@@ -125,7 +125,7 @@ def _discrete_actions(
     return DiscreteActions(int(n))
 
 
-def _printed_bound(space: Json, name: str, size: int) -> FloatArray:
+def _parse_bound(space: Json, name: str, size: int) -> FloatArray:
     """A bound from the text NumPy printed for it, float32 of shape (size,).
 
     NumPy prints eight decimals. From 0.125 up that settles a float32; below, a number of more than
@@ -381,7 +381,7 @@ def read_archive(
     inputs = box_size(section(data, "observation_space"), "observation space")
     activation, squash = activation_name(kwargs, actor), squashed(data, kwargs, actor)
     limit = mean_limit(data, kwargs, actor)
-    actions = decoding(section(data, "action_space"), squash, action_bounds, limit)
+    actions = make_decoder(section(data, "action_space"), squash, action_bounds, limit)
     if actor.discrete not in (None, isinstance(actions, DiscreteActions)):
         raise PolicyFileError(
             f"the action space {actions} is none that {actor.algorithms[0]} can have; {DAMAGED}"
@@ -392,7 +392,9 @@ def read_archive(
     quantiles = quantile_count(kwargs, actor)
     sizes = (inputs, *shared, *own, quantiles * actions.size)
     layers = layers_of(tensors, dict(zip(names, pairwise(sizes), strict=True)), actor.unused)
-    return MlpPolicy(averaged(layers, quantiles), activation, actions, statistics, policy_id)
+    return MlpPolicy(
+        average_quantiles(layers, quantiles), activation, actions, statistics, policy_id
+    )
 
 
 def _read_members(file: Path | BinaryIO) -> tuple[Json, bytes]:

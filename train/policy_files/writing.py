@@ -111,7 +111,7 @@ def write_sidecar(
             "seed": seed,
             "action_bounds": None if action_bounds is None else _bounds(action_bounds),
             "network": network,
-            **_training(env_id, home, environment),
+            **_describe_training(env_id, home, environment),
         }
     )
     card["content_hash"] = read_weights(file, card).content_hash
@@ -162,7 +162,7 @@ def _bounds(given: Any) -> list[list[float]]:
 def _plain(card: Mapping[str, Any]) -> dict[str, Any]:
     """The same as JSON, NumPy's numbers and arrays as Python's."""
 
-    def converted(value: Any) -> Any:
+    def convert(value: Any) -> Any:
         if isinstance(value, np.generic | np.ndarray):
             return value.tolist()
         raise InputTypeError(
@@ -170,7 +170,7 @@ def _plain(card: Mapping[str, Any]) -> dict[str, Any]:
             "`environment`, `home` and `seed` as such"
         )
 
-    plain: dict[str, Any] = json.loads(json.dumps(card, default=converted))
+    plain: dict[str, Any] = json.loads(json.dumps(card, default=convert))
     return plain
 
 
@@ -211,7 +211,7 @@ def save_policy(
     if file.suffix not in (ONNX_ENDING, SAFETENSORS_ENDING):
         raise InputError(f"a policy is saved as .onnx or .safetensors, got {file.name!r}")
     own = _feed_forward(policy, name, obs_stats)
-    training = _training(env_id, home, environment)
+    training = _describe_training(env_id, home, environment)
     if file.suffix == SAFETENSORS_ENDING:
         sidecar = file.with_suffix(".json")
         others = [p for p in file.parent.glob(f"{file.stem}.*") if p not in (file, sidecar)]
@@ -261,7 +261,9 @@ def _feed_forward(policy: Any, name: str, obs_stats: GivenStatistics) -> MlpPoli
     return own
 
 
-def _training(env_id: str, home: Stated, environment: Mapping[str, Any] | None) -> dict[str, Any]:
+def _describe_training(
+    env_id: str, home: Stated, environment: Mapping[str, Any] | None
+) -> dict[str, Any]:
     """What a card says of the training."""
     for name in (*DISCRETIZATION, "mixture"):
         if name in (environment or {}):

@@ -26,7 +26,7 @@ class _Nothing:
 _NOTHING: Final = _Nothing()
 
 
-def differing(
+def find_differences(
     place: str, said: Any, made: Any, tolerance: float = 1e-12, least: float = 0.0
 ) -> Iterator[tuple[str, Any, Any]]:
     """Places at which plain data differ, with what is there and what should be.
@@ -43,7 +43,7 @@ def differing(
             name = f"{place}.{key}".removeprefix(".")
             one, other = said.get(key, _NOTHING), made.get(key, _NOTHING)
             if key in said and key in made:
-                yield from differing(name, one, other, tolerance, least)
+                yield from find_differences(name, one, other, tolerance, least)
             else:
                 yield name, one, other
     elif isinstance(said, list | tuple) and isinstance(made, list | tuple):
@@ -53,7 +53,7 @@ def differing(
         for k, (one, other) in enumerate(zip(said, made, strict=True)):
             told = one if isinstance(one, Mapping) else {}
             words = ", ".join(str(told[name]) for name in _NAMES if told.get(name) is not None)
-            yield from differing(f"{place}[{words or k}]", one, other, tolerance, least)
+            yield from find_differences(f"{place}[{words or k}]", one, other, tolerance, least)
     elif not _is_same(said, made, tolerance, least):
         yield place, said, made
 
@@ -82,7 +82,7 @@ def deny(
     Args:
         file: see :class:`Finding`.
         record_id: likewise.
-        place: as of :func:`differing`.
+        place: as of :func:`find_differences`.
         said: likewise.
         made: likewise.
         how: what the computed is called.
@@ -90,7 +90,7 @@ def deny(
         tolerance: of numbers.
     """
     least = ROUNDING if tolerance == ROUNDING else 0.0
-    for found in differing(place, said, made, tolerance, least):
+    for found in find_differences(place, said, made, tolerance, least):
         yield denial(file, record_id, *found, how=how, where=where)
 
 

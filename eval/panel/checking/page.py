@@ -10,15 +10,15 @@ from pathlib import Path
 import msgspec
 
 from integ_gym.evidence.schema import Finding
-from integ_gym.evidence.sealing import broken_seals
+from integ_gym.evidence.sealing import find_broken_seals
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.support.errors import InputError
 from integ_gym.support.terminal import plural
 
 from ..artefact import differences
-from ..existing import given_panel, other_facts
-from ..outputs import panel_of, read_call, seen_now
-from ..plan import names_code, planned_spec
+from ..existing import build_given_panel, other_facts
+from ..outputs import describe_look, panel_of, read_call
+from ..plan import names_code, read_planned_spec
 from ..result import FILE_NAME, OtherVersionError, Panel, read_panel
 from ..run_directory import MANIFEST, RunDirectory, RunDirectoryError
 from ..spec import PanelSpec
@@ -46,7 +46,7 @@ def deviations(
     if "policy" in directory.manifest()["specification"]:
         for name, *both in other_facts(spec, directory, own_code):
             yield denial(MANIFEST, None, f"given.{name}", *both, how="comes out")
-        made = given_panel(spec, directory, called)
+        made = build_given_panel(spec, directory, called)
     else:
         part = _part(directory, spec, said)
         made = panel_of(part, directory, called, None if part is spec else spec)
@@ -61,7 +61,7 @@ def _part(directory: RunDirectory, spec: PanelSpec, said: Panel) -> PanelSpec:
     Raises:
         ValueError: for one that reports fewer seeds than were judged.
     """
-    if seen_now(spec) in directory.looks():
+    if describe_look(spec) in directory.looks():
         return spec
     seeds = max((len(row.policies) for row in said.rows if row.kind == "trained"), default=0)
     if not 0 < seeds < len(spec.seeds):
@@ -88,7 +88,7 @@ def check_finished(path: Path) -> None:
     except InputError:
         pass  # the plan's check says what is damaged
     directory = RunDirectory(path, {})
-    refuse_first(path, against_plan(path), broken_seals(path), of_sample(directory))
+    refuse_first(path, against_plan(path), find_broken_seals(path), of_sample(directory))
 
 
 def against_plan(
@@ -123,7 +123,7 @@ def against_plan(
         yield from _count(directory, panel)
         return
     try:
-        yield from deviations(directory, planned_spec(plan), panel, own_code)
+        yield from deviations(directory, read_planned_spec(plan), panel, own_code)
     except UNFIT as error:
         message = f"cannot be made again from plan and records: {error}"
         yield Finding(FILE_NAME, None, f"{message}; run the panel's command again")

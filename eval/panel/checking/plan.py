@@ -29,7 +29,7 @@ from integ_gym.train.policy_files.sidecar import (
 from ..achieve import unit_of_cell
 from ..cells import SpecError
 from ..evaluate import Evaluated, evaluated
-from ..plan import inputs, names_code, planned_home, planned_spec
+from ..plan import inputs, names_code, read_planned_home, read_planned_spec
 from ..policies import ActingIn, hashes_of
 from ..result import FILE_NAME, read_panel
 from ..run_directory import (
@@ -82,7 +82,7 @@ def planned(path: Path, own_code: bool, all_searches: bool = False) -> Iterator[
     try:
         manifest = read_manifest(path / MANIFEST)
         plan = manifest["specification"]
-        spec = planned_spec(plan)
+        spec = read_planned_spec(plan)
         policies = setups.planned_policies(plan, spec)
         units = {unit.policy: unit for unit in trained_units(spec)}
         can_load = own_code or not names_code(plan)
@@ -104,7 +104,7 @@ def planned(path: Path, own_code: bool, all_searches: bool = False) -> Iterator[
         of_files(directory),
         _of_looks(directory, spec, is_present),
         _of_schema(store) if is_present else iter(()),
-        _missing(directory, found, spec, policies) if can_load else iter(()),
+        _find_missing_units(directory, found, spec, policies) if can_load else iter(()),
         _of_policies(directory, found, policies, units, training),
         _of_records(directory, found, spec),
         _of_evaluations(directory, spec, plan, versions, can_load),
@@ -187,7 +187,7 @@ def is_finished(directory: RunDirectory, spec: PanelSpec) -> bool:
     return (directory.path / SEAL_FILE).exists() or (len(spec.seeds), spec.episodes) in seen
 
 
-def _missing(
+def _find_missing_units(
     directory: RunDirectory,
     found: Mapping[str, Evaluated],
     spec: PanelSpec,
@@ -257,7 +257,7 @@ def _of_evaluations(
     can_load: bool,
 ) -> Iterator[Finding]:
     """Units that began with other episodes or inputs than the plan has."""
-    homes = (*spec.train, None, *((planned_home(plan),) if "policy" in plan else ()))
+    homes = (*spec.train, None, *((read_planned_home(plan),) if "policy" in plan else ()))
     own = [cell for home in homes for cell in spec.cells_of(home)] if can_load else []
     cells = {cell.name: cell for cell in own}
     parts = {part.latest.start: part for part in spec.parts()}

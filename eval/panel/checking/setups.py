@@ -26,12 +26,12 @@ from integ_gym.train.policy_files.sb3_published import zip_faults
 from integ_gym.train.policy_files.sidecar import POLICY_FILE, WEIGHTS_FILE
 
 from ..cells import Cell, Home, setup_of
-from ..plan import planned_home
+from ..plan import read_planned_home
 from ..run_directory import PACKAGES as OF_EVERY_RUN
 from ..run_directory import key_of
 from ..spec import TRAINERS, PanelSpec
 from ..units import Unit, trained_units, training_config
-from .comparing import deny, differing
+from .comparing import deny, find_differences
 
 _SETUPS = """
 SELECT policy_id, cell, env_id, engine, integrator, dt, control_period, perturbation, arguments,
@@ -88,7 +88,7 @@ def planned_policies(plan: Mapping[str, Any], spec: PanelSpec) -> dict[str, Plan
     found = {name: PlannedPolicy(None, None, spec.start_sets[0]) for name in spec.baselines}
     if "policy" in plan:
         name = spec.name.removeprefix("evaluate ")
-        return {name: PlannedPolicy(planned_home(plan), None, 0), **found}
+        return {name: PlannedPolicy(read_planned_home(plan), None, 0), **found}
     units = trained_units(spec)
     trained = {unit.policy: PlannedPolicy(unit.home, unit.seed, unit.seed or 0) for unit in units}
     return {**found, **trained}
@@ -113,7 +113,7 @@ def of_setups(
         expected: dict[str, Any] = {"trace_every": spec.trace_every, "traceless": False}
         cell = cells.get(row["cell"])
         if cell is not None:
-            expected |= _planned(spec, policies[row["policy_id"]], cell)
+            expected |= _plan_arguments(spec, policies[row["policy_id"]], cell)
         if cell is not None and row["engine"] == NATIVE and is_integ_environment(spec.env_id):
             if cell.name not in made:
                 made[cell.name] = _arguments(spec, cell)
@@ -157,7 +157,7 @@ def of_training(
             told: Any = None
             with suppress(EvidenceError):
                 told = argument_values(row["arguments"])
-            nearest = min(made[policy], key=lambda one: len([*differing("", told, one)]))
+            nearest = min(made[policy], key=lambda one: len([*find_differences("", told, one)]))
             expected |= {"arguments": nearest, "float_width": 32 if spec.trainer == "fleet" else 64}
         yield from _check_fields(row, expected, where)
     yield from _of_lanes(spec, units, store)
@@ -244,7 +244,7 @@ def _cells(spec: PanelSpec, policies: Mapping[str, PlannedPolicy]) -> dict[str, 
     return {cell.name: cell for home in homes for cell in spec.cells_of(home)}
 
 
-def _planned(spec: PanelSpec, policy: PlannedPolicy, cell: Cell) -> dict[str, Any]:
+def _plan_arguments(spec: PanelSpec, policy: PlannedPolicy, cell: Cell) -> dict[str, Any]:
     given = cell.arguments(spec.environment)
     return {
         "env_id": spec.env_id,

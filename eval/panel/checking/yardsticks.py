@@ -21,7 +21,7 @@ from integ_gym.evidence.fields import ATTEMPT, LATER_ATTEMPT, SECOND_HORIZON
 from integ_gym.evidence.schema import Finding, argument_values
 from integ_gym.evidence.store import EvidenceStore
 
-from ..achieve import search_of, tried_in, unit_of_cell
+from ..achieve import read_tried, search_of, unit_of_cell
 from ..cells import Cell, Home
 from ..contracts import PREFIX as COMPARED
 from ..contracts import (
@@ -208,7 +208,7 @@ def of_attempts(directory: RunDirectory, spec: PanelSpec, all_searches: bool) ->
             marker = directory.marker(unit)
             if marker is None:
                 continue
-            file, told = f"units/{unit}.json", tried_in(marker)
+            file, told = f"units/{unit}.json", read_tried(marker)
             if told.search is not None:
                 searched.append((part, cell, file, marker["search"]))
                 if told.solved:

@@ -137,7 +137,7 @@ def _held(setup, name, q, v, control):
     """(q, v) after one step of a map, with the force of stops and friction held during it."""
     system = setup.system
     resisting, _ = system.resistance(SCALAR, q, v)
-    drive = system.generalized((control,))
+    drive = system.to_generalized_force((control,))
     force = tuple(a + b for a, b in zip(drive, resisting, strict=True))
     held = HeldForce(system.plant, force)
     end = one_step_map(name).step(SCALAR, held, q, v, (0.0,), (control,), setup.timing.dt)

@@ -65,7 +65,7 @@ RK4_FAULTS = [
     mutants.reference(fault)
     for fault in (
         *mutants.wrong_numbers(RK4, "step"),
-        *mutants.wrong_helper(RK4, "step", "_weighted"),
+        *mutants.wrong_helper(RK4, "step", "_weight_stages"),
     )
 ]
 

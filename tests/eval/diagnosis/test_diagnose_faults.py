@@ -17,7 +17,7 @@ from integ_gym.envs.plants.contact import Stops
 from integ_gym.envs.registries import PLANTS
 from integ_gym.envs.settings import Timing
 from integ_gym.envs.tasks import interface as _box
-from integ_gym.eval.diagnosis import bench as open_loop
+from integ_gym.eval.diagnosis import bench as run_open_loop
 from integ_gym.eval.diagnosis import control, identity
 from integ_gym.eval.diagnosis.subject import subjects
 
@@ -154,8 +154,8 @@ def test_commands_that_are_not_cut(tmp_path, monkeypatch):
     def uncut(self, ops, action):
         return command(self, ops, action)._replace(controls=action)
 
-    command = open_loop.OpenLoop.command
-    monkeypatch.setattr(open_loop.OpenLoop, "command", uncut)
+    command = run_open_loop.OpenLoop.command
+    monkeypatch.setattr(run_open_loop.OpenLoop, "command", uncut)
     findings = examine("actuation", "pendulum", "rk4", store=tmp_path)
     assert verdicts(findings, "|control − command|") == {False}
     assert verdicts(findings, "IntegPendulum-v0, decisions") == {True}

@@ -22,7 +22,7 @@ from integ_gym.eval.panel.conclusions import answer_lines, finding_of, limit_wor
 from integ_gym.eval.panel.extrapolation import extrapolate
 from integ_gym.eval.panel.limit import PARTS, order_of, steps_of_limit
 from integ_gym.eval.panel.matrix import PanelLayout
-from integ_gym.eval.panel.plan import planned_spec
+from integ_gym.eval.panel.plan import read_planned_spec
 from integ_gym.eval.panel.result import Panel, Policy, Row, read_panel
 from integ_gym.eval.panel.spec import parse_spec
 from integ_gym.eval.report.matrices import success_matrix
@@ -92,7 +92,7 @@ def test_steps_that_the_grid_has_are_its_cells_and_nothing_is_run_twice():
 
 def test_a_plan_holds_the_steps_and_a_specification_without_a_limit_has_none():
     spec = parse_spec(SPEC, "test")
-    assert planned_spec(spec.to_json()).limit == spec.limit
+    assert read_planned_spec(spec.to_json()).limit == spec.limit
     without = parse_spec({**SPEC, "limit": False}, "test")
     assert not without.limit
     assert "limit" not in without.to_json()
@@ -248,8 +248,8 @@ def test_the_finest_step_is_told_as_it_is_where_it_is_not_called_a_limit(rate):
 
 def test_no_claim_is_shown_in_the_coarser_steps_of_a_limit():
     panel = judged(at(1.0, 0.2, 1.0, 1.0))
-    assert parse_claim("success < 0.5").shown_in(panel) is None
-    assert parse_claim("success < 0.5").shown_in(judged(at(1.0, 0.2, 0.2, 0.2))) is not None
+    assert parse_claim("success < 0.5").find_support(panel) is None
+    assert parse_claim("success < 0.5").find_support(judged(at(1.0, 0.2, 0.2, 0.2))) is not None
 
 
 def test_of_several_limits_the_one_that_converges_least_is_told():

@@ -14,7 +14,7 @@ from integ_gym.cli import main
 from integ_gym.eval.panel.cells import SpecError, axes_between
 from integ_gym.eval.panel.checking.setups import of_versions
 from integ_gym.eval.panel.episodes import Subject, evaluate
-from integ_gym.eval.panel.plan import planned_spec
+from integ_gym.eval.panel.plan import read_planned_spec
 from integ_gym.eval.panel.result import read_panel
 from integ_gym.eval.panel.run_directory import read_manifest
 from integ_gym.eval.panel.spec import parse_spec
@@ -46,7 +46,7 @@ def test_a_list_of_packages_is_one_value(value, lists):
     for cell in cells:
         assert set(axes_between(spec.train[0], cell)) == {"version"}
         assert "packages" not in cell.arguments({})
-    again = planned_spec(json.loads(json.dumps(spec.to_json())))
+    again = read_planned_spec(json.loads(json.dumps(spec.to_json())))
     assert again.cells_of(again.train[0]) == spec.cells_of(spec.train[0])
 
 

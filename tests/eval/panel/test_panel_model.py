@@ -16,7 +16,7 @@ import pytest
 from report_pages import every_panel, panel_of, raw_of
 
 from integ_gym.eval.panel.checking.page import check_finished
-from integ_gym.eval.panel.matrix import applied_in
+from integ_gym.eval.panel.matrix import read_applied
 from integ_gym.eval.panel.result import (
     FILE_NAME,
     SCHEMA_PATH,
@@ -157,4 +157,4 @@ def test_every_cell_of_a_panel_says_what_its_environments_did(panel_directory):
 
 def test_records_of_a_cell_that_disagree_are_refused():
     with pytest.raises(ValueError, match="records of cell 'a' do not agree on engine, "):
-        applied_in(Store([ROUNDED, {**ROUNDED, "substeps": 2}]))
+        read_applied(Store([ROUNDED, {**ROUNDED, "substeps": 2}]))

@@ -15,7 +15,7 @@ from integ_gym.eval.panel.plan import (
     additions,
     contradictions,
     inputs,
-    planned_spec,
+    read_planned_spec,
     stages,
     with_episode_parts,
     with_seed_count,
@@ -148,9 +148,9 @@ def test_parts_of_the_episodes_are_the_panel_as_it_was_with_each():
     assert first.to_json() == once.to_json()
     assert "episode_parts" not in once.to_json()
     assert once.parts() == (once,)
-    assert planned_spec(json.loads(json.dumps(whole.to_json()))).to_json() == whole.to_json()
+    assert read_planned_spec(json.loads(json.dumps(whole.to_json()))).to_json() == whole.to_json()
     with pytest.raises(SpecError, match="`episode_parts` do not add up"):
-        planned_spec({**whole.to_json(), "episodes": 8})
+        read_planned_spec({**whole.to_json(), "episodes": 8})
 
 
 @pytest.mark.parametrize("episodes", [[3, 0], []])

@@ -12,7 +12,7 @@ from small_panel import small_data
 import integ_gym.eval
 from integ_gym.envs.engines.stepping import NativeEngine
 from integ_gym.eval.panel.cells import SpecError
-from integ_gym.eval.panel.plan import inputs, planned_spec
+from integ_gym.eval.panel.plan import inputs, read_planned_spec
 from integ_gym.eval.panel.run import check_spec
 from integ_gym.eval.panel.spec import parse_spec, read_spec
 from integ_gym.eval.panel.units import units_of
@@ -274,7 +274,7 @@ def test_what_nobody_could_wait_for_is_refused_at_once(changes, message):
 def test_planned_looks_are_kept_and_records_do_not_depend_on_them():
     planned = parse_spec(small_data(looks=[5, 42]), "test")
     assert planned.looks == (5, 42)
-    assert planned_spec(planned.to_json()) == replace(planned, memory_gib=None)
+    assert read_planned_spec(planned.to_json()) == replace(planned, memory_gib=None)
     without = replace(planned, looks=())
     assert "looks" not in without.to_json()
     assert inputs(planned, planned.columns()) == inputs(without, planned.columns())

@@ -16,7 +16,7 @@ from integ_gym.cli import main
 from integ_gym.eval.panel.cells import SpecError, axes_between
 from integ_gym.eval.panel.checking.page import against_plan
 from integ_gym.eval.panel.claims import parse_claim
-from integ_gym.eval.panel.plan import planned_spec
+from integ_gym.eval.panel.plan import read_planned_spec
 from integ_gym.eval.panel.result import read_panel
 from integ_gym.eval.panel.spec import SCHEMA_PATH, parse_spec, schema_text
 from integ_gym.evidence.store import EvidenceStore
@@ -127,7 +127,7 @@ def test_cells_of_single_differences_are_added():
 
 def test_a_plan_is_read_as_it_was_written():
     spec = _spec({"at": [{**HOME, "dt": 0.025}], "action_latency": [0.0, 0.05]}, {"mass": 1.2})
-    again = planned_spec(json.loads(json.dumps(spec.to_json())))
+    again = read_planned_spec(json.loads(json.dumps(spec.to_json())))
     assert again.cells_of(again.train[0]) == spec.cells_of(spec.train[0])
 
 
@@ -212,12 +212,12 @@ def test_the_run_is_verified_to_the_last_bit(varied_run):
 def test_a_claim_is_shown_by_the_end_of_the_interval_against_it(varied_run):
     panel = read_panel(varied_run / "panel.json")
     late = "explicit_euler dt=0.02, action_latency=0.2"
-    assert late in str(parse_claim(f"loss > 0.3 in {late}").shown_in(panel))
-    assert parse_claim("loss > 0.99").shown_in(panel) is None
-    assert parse_claim("success < 0.5").shown_in(panel)
-    assert parse_claim("success > 0.5 in rk4 dt=0.02").shown_in(panel)
+    assert late in str(parse_claim(f"loss > 0.3 in {late}").find_support(panel))
+    assert parse_claim("loss > 0.99").find_support(panel) is None
+    assert parse_claim("success < 0.5").find_support(panel)
+    assert parse_claim("success > 0.5 in rk4 dt=0.02").find_support(panel)
     with pytest.raises(ValueError, match=r"rk4 dt=0\.02"):
-        parse_claim("loss > 0.1 in rk4").shown_in(panel)
+        parse_claim("loss > 0.1 in rk4").find_support(panel)
     for wrong in ("loss >", "regret > 0.1", "loss = 0.1"):
         with pytest.raises(ValueError, match="--fail-if"):
             parse_claim(wrong)

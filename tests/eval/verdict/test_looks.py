@@ -14,10 +14,10 @@ from integ_gym.eval.power import (
     WORLDS,
     Comparison,
     Verdict,
+    draw_measured_rates,
     fewest_seeds,
     judge_family,
-    measured,
-    postponed,
+    postpone,
     seeds_wanted,
     verdict_chances,
 )
@@ -208,7 +208,7 @@ def test_wanted_seeds_decide_what_fewer_do_not():
 @pytest.mark.parametrize("draw", WORLDS.values(), ids=WORLDS)
 @pytest.mark.parametrize("mean", [0.0, 0.3, 0.9, 1.0])
 def test_worlds_have_the_mean_that_is_asked(draw, mean):
-    rates = measured(np.random.default_rng(0), draw, mean, 4000, 20)
+    rates = draw_measured_rates(np.random.default_rng(0), draw, mean, 4000, 20)
     assert rates.shape == (4000,)
     assert rates.mean() == pytest.approx(mean, abs=0.03)
 
@@ -216,12 +216,12 @@ def test_worlds_have_the_mean_that_is_asked(draw, mean):
 def test_a_postponed_verdict_tells_no_p_value():
     rates = Rates(*(np.ones(40),) * 3)
     (judged,) = judge_family([Comparison("x", "j", rates, SOLVED)])
-    later = postponed(judged)
+    later = postpone(judged)
     assert (judged.verdict, later.verdict) == ("transfers", "inconclusive")
     assert (later.p_exceeds, later.p_equivalent, later.p_equivalent_adjusted) == (None, None, None)
     assert later.overfitting == judged.overfitting
     (mark,) = judge_family([Comparison("x", "j", rates, Achieved("too_slow"))])
-    assert postponed(mark) == mark
+    assert postpone(mark) == mark
 
 
 SCRIPT = Path(__file__).parents[3] / "benchmarks" / "recomputed.py"

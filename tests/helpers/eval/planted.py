@@ -113,7 +113,7 @@ class Heun(RK4):
         )
 
 
-WrongWeight, *_ = mutants.wrong_helper(RK4, "step", "_weighted")
+WrongWeight, *_ = mutants.wrong_helper(RK4, "step", "_weight_stages")
 
 
 class NoPlant:

@@ -47,9 +47,9 @@ from victim import PICTURES, Task, write_spec
 
 from integ_gym.eval.panel.artefact import differences
 from integ_gym.eval.panel.checking.page import against_plan
-from integ_gym.eval.panel.existing import given_panel
+from integ_gym.eval.panel.existing import build_given_panel
 from integ_gym.eval.panel.outputs import panel_of, read_call
-from integ_gym.eval.panel.plan import planned_spec
+from integ_gym.eval.panel.plan import read_planned_spec
 from integ_gym.eval.panel.policies import ActingIn
 from integ_gym.eval.panel.result import FILE_NAME, Panel, read_panel, write_panel
 from integ_gym.eval.panel.run_directory import MANIFEST, RunDirectory
@@ -58,7 +58,7 @@ from integ_gym.evidence.recomputing import recompute
 from integ_gym.evidence.record import EvidenceRecord, records_of
 from integ_gym.evidence.replaying import missing_episodes, other_columns, replay, replay_some
 from integ_gym.evidence.schema import Finding
-from integ_gym.evidence.sealing import broken_seals, seal
+from integ_gym.evidence.sealing import find_broken_seals, seal
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.support.processes import cores
 
@@ -425,7 +425,7 @@ class Sweep:
         """What `evidence verify --all` looks at, the quickest first; an exception is let out."""
         store = EvidenceStore(run / "evidence")
         checks: tuple[Callable[[], Iterator[Finding]], ...] = (
-            lambda: broken_seals(run),
+            lambda: find_broken_seals(run),
             lambda: other_columns(store),
             lambda: against_plan(run, all_searches=True),
             lambda: iter(store.verify()),
@@ -470,8 +470,8 @@ def remade(run: Path) -> Panel:
     """What ``panel.json`` has to say of plan and records as they are."""
     directory = RunDirectory(run, {})
     plan = directory.manifest()["specification"]
-    spec, called = planned_spec(plan), read_call(directory)
-    return (given_panel if "policy" in plan else panel_of)(spec, directory, called)
+    spec, called = read_planned_spec(plan), read_call(directory)
+    return (build_given_panel if "policy" in plan else panel_of)(spec, directory, called)
 
 
 def silent_of(run: Path, leaves: Sequence[Leaf], every: bool) -> tuple[list[Leaf], float]:

@@ -502,7 +502,7 @@ def every_verdict_panel() -> dict[str, Any]:
     return panel
 
 
-def given_panel() -> dict[str, Any]:
+def build_given_panel() -> dict[str, Any]:
     """One given policy of one seed: no verdicts, no gaps; every fifth return is not finite."""
     rows = [row("my_policy.zip", "given", None, 1)]
     rows[0]["integrator"], rows[0]["dt"] = "explicit_euler", STEPS[0]

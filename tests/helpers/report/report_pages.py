@@ -33,7 +33,7 @@ from integ_gym.train.policy import BoxActions, MlpPolicy
 PANELS: dict[str, Callable[[], dict[str, Any]]] = {
     "full": example.full_panel,
     "every verdict": example.every_verdict_panel,
-    "given": example.given_panel,
+    "given": example.build_given_panel,
     "nothing learned": example.nothing_learned_panel,
     "none": example.none_panel,
     "hostile": example.hostile_panel,

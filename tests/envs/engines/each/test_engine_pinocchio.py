@@ -27,7 +27,7 @@ def test_its_jacobian_is_that_of_its_accelerations(env_id):
     setup = setup_of("pinocchio", "implicit_midpoint", env_id, **DAMPING[env_id])
     plant, n = setup.engine.system.plant, len(setup.plant.coordinates)
     for q, v, control in states(setup, 5):
-        force = setup.system.generalized((control,))
+        force = setup.system.to_generalized_force((control,))
         by_q, by_v = plant.jacobian(SCALAR, q, v, force)
         for j in range(n):
             for part, found in ((0, by_q), (1, by_v)):

@@ -231,7 +231,9 @@ def test_a_panel_looks_whether_its_plant_has_stops(env_id, twin):
 def test_a_force_held_is_the_force_itself_where_it_is_evaluated_once(name):
     setup = setup_of("native", name, "IntegCartPoleSwingUp-v0", dt=0.01)
     q, v = (2.43, 3.0), (0.5, 2.0)
-    force = along(setup.system.generalized((1.0,)), 1.0, setup.system.resistance(SCALAR, q, v)[0])
+    force = along(
+        setup.system.to_generalized_force((1.0,)), 1.0, setup.system.resistance(SCALAR, q, v)[0]
+    )
     integrator, held = INTEGRATORS.load(name)(), HeldForce(setup.plant, force)
     mine = integrator.step(SCALAR, setup.system, q, v, (0.0, 0.0), (1.0,), 0.01)
     other = integrator.step(SCALAR, held, q, v, (0.0,), (1.0,), 0.01)
