@@ -165,15 +165,15 @@ def compare_contracts(
     """
     if states < 1:
         raise InputError(f"`states` must be 1 or above, got {states}")
-    names, made, opened = [], list[Boundaries](), list[DiscretizedVectorEnv]()
+    names, boundaries, opened = [], list[Boundaries](), list[DiscretizedVectorEnv]()
     try:
         for side in (first, second):
             name, testbed, place = _resolve_side(side, env_id, environment or {})
             names.append(name)
             environments = make_checked(testbed, place, 1, **without_delays(testbed))
             opened.append(environments)
-            made.append(boundaries_of(testbed, environments))
-        return compare_boundaries(names, made, states, seed)
+            boundaries.append(boundaries_of(testbed, environments))
+        return compare_boundaries(names, boundaries, states, seed)
     finally:
         for environments in opened:
             environments.close()
@@ -201,25 +201,25 @@ def boundaries_of(testbed: Testbed, environments: DiscretizedVectorEnv) -> Bound
 
 
 def compare_boundaries(
-    names: Sequence[str], made: Sequence[Boundaries], states: int = STATES, seed: int = 0
+    names: Sequence[str], boundaries: Sequence[Boundaries], states: int = STATES, seed: int = 0
 ) -> Contract:
     """Compare two environments that are made.
 
     Args:
         names: of both.
-        made: what they say.
+        boundaries: what they say.
         states: how many.
         seed: of states and actions.
 
     Raises:
         ValueError: for two whose states or actions do not correspond.
     """
-    first, second = made
+    first, second = boundaries
     starts_alone = not (first.coordinates and second.coordinates)
     _check_correspondence(names, first, second)
     rng = np.random.default_rng(seed)
     places, actions = _draw_states(first, states, seed, rng, starts_alone)
-    for one in made:
+    for one in boundaries:
         one.start(seed)
     width = min(first.width, second.width)
     tolerance = TOLERANCE[32 if width < 64 else 64]
@@ -231,7 +231,7 @@ def compare_boundaries(
 
         A boundary without its input is unknown.
         """
-        sides = [_evaluate_boundary(getattr(one, name), places, inputs) for one in made]
+        sides = [_evaluate_boundary(getattr(one, name), places, inputs) for one in boundaries]
         silent = tuple(
             side for side, own in zip(SIDES, sides, strict=True) if own is None or not comparable
         )

@@ -324,11 +324,11 @@ def verdict_chances(
     rng, shares = np.random.default_rng(0), looks.shares(seeds)
 
     def chances(draw: Draw, lost: float) -> tuple[float, float]:
-        told = [
+        outcomes = [
             _verdicts(_simulate_rates(rng, draw, lost, seeds, natives, starts), shares, family)
             for _ in range(repeats)
         ]
-        first, second = np.mean(told, axis=0)
+        first, second = np.mean(outcomes, axis=0)
         return float(first), float(second)
 
     found = []
@@ -381,8 +381,8 @@ def seeds_wanted(
     rng = np.random.default_rng(0)
     for seeds in _more_seeds(len(rates.home), looks.planned):
         shares = looks.shares(seeds)
-        told = [_verdicts(_resample(rng, rates, seeds), shares, family) for _ in range(repeats)]
-        if np.mean([any(one) for one in told]) >= WANTED:
+        outcomes = [_verdicts(_resample(rng, rates, seeds), shares, family) for _ in range(repeats)]
+        if np.mean([any(one) for one in outcomes]) >= WANTED:
             return seeds
     return None
 

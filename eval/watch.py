@@ -224,8 +224,8 @@ def _watch_robot(
         if name.startswith(COMMANDED)
     ]
     changed = parse_field("perturbation", record["perturbation"]) or {}
-    told = [f"start {record['episode_index']}", *(f"{k} {value}" for k, value in flatten(changed))]
-    return Film(episodes, homes, ", ".join([title, *told, *command]))
+    words = [f"start {record['episode_index']}", *(f"{k} {value}" for k, value in flatten(changed))]
+    return Film(episodes, homes, ", ".join([title, *words, *command]))
 
 
 _CANDIDATES = """

@@ -504,10 +504,10 @@ def control_fields(plant: Any) -> Iterator[Field]:
     for (name, unit), (commanded, applied) in zip(plant.controls, columns, strict=True):
         yield _column(f"{name}_commanded", "float64", unit, asked, "step", commanded, plant.frame)
         yield _column(f"{name}_applied", "float64", unit, given, "step", applied, plant.frame)
-    told = "effort of the servo at the end of the control step"
+    meaning = "effort of the servo at the end of the control step"
     for name, place in effort_columns(plant):
         unit = _FORCE_UNITS[plant.coordinate_units[place]]
-        yield _column(name, "float64", unit, told, "step", frame=plant.frame)
+        yield _column(name, "float64", unit, meaning, "step", frame=plant.frame)
 
 
 def contact_units(plant: Any) -> dict[str, str]:
@@ -572,8 +572,8 @@ def trace_fields(plant: Any, task: Any) -> tuple[Field, ...]:
         ),
         *contact_fields(plant),
         *(
-            _column(told.name, "float64", told.unit, told.meaning, "step")
-            for told in further_of(plant)
+            _column(further.name, "float64", further.unit, further.meaning, "step")
+            for further in further_of(plant)
         ),
     )
 

@@ -77,8 +77,8 @@ class Served:
             self._sim.step(render=False)
             self._scene.update(self._dt)
         ends = (robot.data.joint_pos.torch[:, ids], robot.data.joint_vel.torch[:, ids])
-        told: list[list[float]] = torch.cat(ends, dim=1)[: len(starts)].tolist()
-        return told
+        rows: list[list[float]] = torch.cat(ends, dim=1)[: len(starts)].tolist()
+        return rows
 
     def at_rest(self, q: list[float]) -> tuple[list[list[float]], list[float]]:
         """Mass matrix and all of the generalized force of the first lane at rest in ``q``."""

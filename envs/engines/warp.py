@@ -218,10 +218,10 @@ class MujocoWarpEngine(MujocoSettings, WarpEngine):
 
     def worlds(self, count: int, mechanism: Mechanism) -> Worlds:
         """One model, with data for ``count`` worlds."""
-        made = self._compile_model(mechanism)
+        compiled = self._compile_model(mechanism)
         with translate_refusal("MuJoCo Warp"):
-            model = self._mjw.put_model(made)
-        data = self._mjw.make_data(made, nworld=count, nconmax=0, njmax=ROWS)
+            model = self._mjw.put_model(compiled)
+        data = self._mjw.make_data(compiled, nworld=count, nconmax=0, njmax=ROWS)
 
         def step() -> None:
             data.qacc_warmstart.zero_()
@@ -229,8 +229,8 @@ class MujocoWarpEngine(MujocoSettings, WarpEngine):
 
         q, v, force = (x.numpy() for x in (data.qpos, data.qvel, data.qfrc_applied))
         solver = constraint_solver(self._mjw, model, data)
-        self.settings = {**self.settings_of(self._mujoco, made), **solver.limits}
-        return Worlds(q, v, force, step, (made, model, data), solver)
+        self.settings = {**self.settings_of(self._mujoco, compiled), **solver.limits}
+        return Worlds(q, v, force, step, (compiled, model, data), solver)
 
     def stop_parameters(self) -> dict[str, Any]:
         """`solref` and `solimp` of the limited joint."""

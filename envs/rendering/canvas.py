@@ -83,11 +83,11 @@ class Canvas:
             size: (width, height) in its own pixels.
             scale: pixels here to one of its own.
         """
-        made = copy.copy(self)
-        made.size, made._scale = size, self._scale * scale
-        area = [*(c * self._scale for c in corner), *(n * made._scale for n in size)]
-        made._surface = self._surface.subsurface([round(x) for x in area])
-        return made
+        part = copy.copy(self)
+        part.size, part._scale = size, self._scale * scale
+        area = [*(c * self._scale for c in corner), *(n * part._scale for n in size)]
+        part._surface = self._surface.subsurface([round(x) for x in area])
+        return part
 
     def frame(self) -> Any:
         """The finished ``pygame.Surface``, overwritten by the next call."""

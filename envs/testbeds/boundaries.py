@@ -244,14 +244,14 @@ class MujocoBoundaries(Boundaries):
     def command(self, state: Array, action: Any) -> Named | None:
         """The task's command to the actuators, within their limits."""
         self._place(state)
-        told = intercept(lambda: self.env.step(action), self._inner, "do_simulation")
-        if told is None or np.size(told) != self._model.nu:
+        passed = intercept(lambda: self.env.step(action), self._inner, "do_simulation")
+        if passed is None or np.size(passed) != self._model.nu:
             return None
         model, disabled = self._model, self._mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL
         limited = model.actuator_ctrllimited.astype(bool)
         limited &= not model.opt.disableflags & int(disabled)
-        bounded = np.clip(np.ravel(told), *model.actuator_ctrlrange.T)
-        return name_components(self._actuators, np.where(limited, bounded, np.ravel(told)))
+        bounded = np.clip(np.ravel(passed), *model.actuator_ctrlrange.T)
+        return name_components(self._actuators, np.where(limited, bounded, np.ravel(passed)))
 
     def force(self, state: Array, command: Array) -> Named | None:
         """`qfrc_actuator`."""

@@ -236,13 +236,13 @@ class PlaygroundBoundaries(Boundaries):
         """What the task gives its physics, within the actuators' limits."""
         module: Any = import_module("mujoco_playground._src.mjx_env")
         before = self._lane._state.replace(data=self._place(state))
-        told = intercept(lambda: self._task.step(before, action), module, "step", argument=2)
+        passed = intercept(lambda: self._task.step(before, action), module, "step", argument=2)
         model = self._task.mj_model
-        if told is None or np.size(told) != model.nu:
+        if passed is None or np.size(passed) != model.nu:
             return None
-        bounded = np.clip(np.ravel(told), *model.actuator_ctrlrange.T)
+        bounded = np.clip(np.ravel(passed), *model.actuator_ctrlrange.T)
         limited = model.actuator_ctrllimited.astype(bool)
-        return name_components(self._actuators, np.where(limited, bounded, np.ravel(told)))
+        return name_components(self._actuators, np.where(limited, bounded, np.ravel(passed)))
 
     def force(self, state: NDArray[np.float64], command: NDArray[np.float64]) -> Named | None:
         """`qfrc_actuator`."""

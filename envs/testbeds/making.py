@@ -370,17 +370,17 @@ def _make_mixed(
     """
     given, shares = parse_mixture(stated, members)
     places = [Discretization(**{**testbed.home.arguments(), **place}) for place in given]
-    made: dict[Discretization, Any] = {}
+    environments_of: dict[Discretization, Any] = {}
     for place in places:
-        environments = made[place] = make_checked(testbed, place, lanes)
+        environments = environments_of[place] = make_checked(testbed, place, lanes)
         if not isinstance(environments, SequentialVectorEnv):
             raise InputError(
                 f"lanes of {type(testbed).__name__} advance together, each in one discretization, "
                 "so it has no `mixture`; train on one"
             )
         environments.closed = True  # another has its lanes
-    mixture = Mixture(tuple(made[place].setup for place in places), shares)
-    rows = zip(*(made[place].envs for place in places), strict=True)
+    mixture = Mixture(tuple(environments_of[place].setup for place in places), shares)
+    rows = zip(*(environments_of[place].envs for place in places), strict=True)
     return SequentialVectorEnv(lambda: MixedEnv(next(rows), mixture), lanes, mode)
 
 

@@ -306,10 +306,10 @@ def engine_of_model(engine: str, model: Any, compiled: CompiledModel) -> ModelEn
     mujoco.mj_saveModel(model, None, content)
     key = engine, hashlib.sha256(content.tobytes()).hexdigest()
     if key not in _MADE:
-        made = MODEL_ENGINES[engine](mujoco, model, compiled)
+        stepped = MODEL_ENGINES[engine](mujoco, model, compiled)
         if len(_MADE) >= KEPT:
             _MADE.pop(next(iter(_MADE)))
-        _MADE[key] = made
+        _MADE[key] = stepped
     return _MADE[key]
 
 

@@ -104,13 +104,13 @@ class Acting:
         measured = self.testbed.measure(self.robot)
         if measured is None:
             return np.zeros((*self.command.shape[:-1], 0))
-        told = np.array(measured, dtype=np.float64)
-        if told.shape != self.command.shape:
+        values = np.array(measured, dtype=np.float64)
+        if values.shape != self.command.shape:
             raise InputError(
                 f"`measure` of {self.testbed.title} must give a number for each of the "
-                f"commands, shape {self.command.shape}, got shape {told.shape}"
+                f"commands, shape {self.command.shape}, got shape {values.shape}"
             )
-        return told
+        return values
 
 
 class MjcfTask(Acting, MujocoEnv):
@@ -290,12 +290,12 @@ class MjcfEnv(RediscretizedEnv):
             ),
         }
 
-    def _info(self, *told: Any) -> dict[str, Any]:
+    def _info(self, *values: Any) -> dict[str, Any]:
         inner = self._inner
         robots, looks = OneOfOne(self._data), [self._figures.look(self._contacts)]
         told_of = inner.command[None], inner.measure()[None]
         (figures,) = self._figures.read(looks, robots, *told_of)
-        return {**super()._info(*told), FURTHER: figures}
+        return {**super()._info(*values), FURTHER: figures}
 
     def _command_bounds(self) -> tuple[Array, Array]:
         space: Any = self.action_space

@@ -112,17 +112,17 @@ class Figures:
         copies = seen["geom"].copy(), seen["pos"].copy(), seen["frame"].copy()
         return Look(residual, count, self._forces[:count].copy(), *copies)
 
-    def read(self, looks: Sequence[Look], robots: Any, *told: Array) -> Array:
+    def read(self, looks: Sequence[Look], robots: Any, *leading: Array) -> Array:
         """The figures of some robots in the order of :attr:`columns`, shape (robots, columns).
 
         Args:
             looks: at each.
             robots: fields of their data, of shape (robots, …).
-            told: command, and what is measured of it, shape (robots, numbers).
+            leading: command, and what is measured of it, shape (robots, numbers).
         """
         residuals = np.array([[look.residual] for look in looks])
         contacts = self._contacts(looks, robots)
-        return np.concatenate([*told, robots.actuator_force, contacts, residuals], axis=1)
+        return np.concatenate([*leading, robots.actuator_force, contacts, residuals], axis=1)
 
     def _contacts(self, looks: Sequence[Look], robots: Any) -> Array:
         """Normal and tangential force, N, and slip, m/s: of all contacts, then of each foot."""

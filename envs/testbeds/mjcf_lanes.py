@@ -213,9 +213,9 @@ class RobotLanes(SequentialVectorEnv):
             if not begun[lane]:
                 continue
             task._np_random, task._np_random_seed = self._random[lane]
-            self._seen[lane], told = self._env.reset(seed=own, options=options or None)
+            self._seen[lane], own_info = self._env.reset(seed=own, options=options or None)
             self._random[lane] = task._np_random, task._np_random_seed
-            info = self._add_info(info, told, lane)
+            info = self._add_info(info, own_info, lane)
             self._goals[lane].begin()
             self._commands[lane] = task.command
             self._energy[lane], self._control[lane] = self._env.start
@@ -254,14 +254,14 @@ class RobotLanes(SequentialVectorEnv):
         low, high = self._env.command_bounds
         self._control = np.minimum(np.maximum(command, low), high)
         residual = self._energy - before - booked.work + booked.dissipated
-        told = {
+        entries = {
             **self._outcomes(live, rewards),
             "fallback_used": ~valid,
             "energy_residual": np.where(booked.constrained, math.nan, residual),
             **self._applied(valid, given),
         }
         ends = self._terminations.copy(), self._truncations.copy()
-        return self._seen.copy(), rewards, *ends, self._info(live, told)
+        return self._seen.copy(), rewards, *ends, self._info(live, entries)
 
     def _simulate(self, live: Array, controls: Array) -> Array:
         """One control period of the lanes that go on; the energy at its end, J."""
@@ -296,8 +296,8 @@ class RobotLanes(SequentialVectorEnv):
         n, time = self.num_envs, self._steps * self._period
         success, since = np.zeros(n, bool), np.zeros(n)
         ended = self._terminations | self._truncations
-        told = (x.tolist() for x in (rewards, self._terminations, self._truncations, time))
-        for lane, (goal, *outcome) in enumerate(zip(self._goals, *told, strict=True)):
+        columns = (x.tolist() for x in (rewards, self._terminations, self._truncations, time))
+        for lane, (goal, *outcome) in enumerate(zip(self._goals, *columns, strict=True)):
             if live[lane]:
                 if ended[lane]:
                     self._hand_over(lane)
@@ -323,10 +323,10 @@ class RobotLanes(SequentialVectorEnv):
         controls = np.concatenate([self._control, applied], axis=1)
         return {"controls": controls, "saturated": valid & at_bounds}
 
-    def _info(self, live: Array, told: dict[str, Array]) -> dict[str, Any]:
+    def _info(self, live: Array, entries: dict[str, Array]) -> dict[str, Any]:
         """`info` of all lanes."""
         n, booked, acting = self.num_envs, self._booked, self._acting
-        told |= {
+        entries |= {
             "energy": self._energy,
             "actuator_work": booked.work,
             "dissipated": booked.dissipated,
@@ -342,15 +342,15 @@ class RobotLanes(SequentialVectorEnv):
             ),
         }
         if not live.all():
-            for name, values in told.items():
+            for name, values in entries.items():
                 own = live[:, None] if values.ndim > 1 else live
-                told[name] = np.where(own, values, self._last[name])
-        self._last = dict(told)
-        told |= zip(self._env.control_entries, told.pop("controls").T, strict=True)
-        masks = dict.fromkeys(mask_names(tuple(told)), np.ones(n, bool))
+                entries[name] = np.where(own, values, self._last[name])
+        self._last = dict(entries)
+        entries |= zip(self._env.control_entries, entries.pop("controls").T, strict=True)
+        masks = dict.fromkeys(mask_names(tuple(entries)), np.ones(n, bool))
         for name in ("dissipated", "energy_residual"):
-            masks[f"_{name}"] = ~np.isnan(told[name])
-        return {**told, **masks}
+            masks[f"_{name}"] = ~np.isnan(entries[name])
+        return {**entries, **masks}
 
 
 def _empty_booking(lanes: int) -> Booked:

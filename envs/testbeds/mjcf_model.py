@@ -149,34 +149,34 @@ def describe_actuators(mujoco: Any, model: Any) -> list[dict[str, Any]]:
 
 def _describe_actuator(mujoco: Any, model: Any, index: int) -> dict[str, Any]:
     own = model.actuator(index)
-    told: dict[str, Any] = {"name": own.name}
+    description: dict[str, Any] = {"name": own.name}
     if int(own.trntype[0]) == int(mujoco.mjtTrn.mjTRN_JOINT):
         joint = model.joint(int(own.trnid[0]))
-        told |= {"joint": joint.name}
+        description |= {"joint": joint.name}
         if getattr(model, "jnt_actfrclimited", [False] * model.njnt)[joint.id]:
-            told |= {"joint_force_range": _floats(model.jnt_actfrcrange[joint.id])}
+            description |= {"joint_force_range": _floats(model.jnt_actfrcrange[joint.id])}
     gain, bias = float(own.gainprm[0]), _floats(own.biasprm[:3])
     stateless = int(own.dyntype[0]) == int(mujoco.mjtDyn.mjDYN_NONE)
     fixed = stateless and int(own.gaintype[0]) == int(mujoco.mjtGain.mjGAIN_FIXED)
     affine = int(own.biastype[0]) == int(mujoco.mjtBias.mjBIAS_AFFINE)
     if fixed and int(own.biastype[0]) == int(mujoco.mjtBias.mjBIAS_NONE):
-        told |= {"kind": "motor"}
+        description |= {"kind": "motor"}
     elif fixed and affine and gain and bias[:2] == [0.0, -gain]:
-        told |= {"kind": "position", "kp": gain, "kv": 0.0 - bias[2]}
+        description |= {"kind": "position", "kp": gain, "kv": 0.0 - bias[2]}
     elif fixed and affine and gain and bias == [0.0, 0.0, -gain]:
-        told |= {"kind": "velocity", "kv": gain}
+        description |= {"kind": "velocity", "kv": gain}
     else:
-        told |= {
+        description |= {
             "kind": "general",
             "gainprm": _floats(own.gainprm),
             "biasprm": _floats(own.biasprm),
         }
     if own.ctrllimited[0]:
-        told |= {"ctrlrange": _floats(own.ctrlrange)}
+        description |= {"ctrlrange": _floats(own.ctrlrange)}
     if own.forcelimited[0]:
-        told |= {"forcerange": _floats(own.forcerange)}
+        description |= {"forcerange": _floats(own.forcerange)}
     gear = _floats(own.gear)
-    return told if gear == [1.0, 0.0, 0.0, 0.0, 0.0, 0.0] else {**told, "gear": gear}
+    return description if gear == [1.0, 0.0, 0.0, 0.0, 0.0, 0.0] else {**description, "gear": gear}
 
 
 def _floats(values: Iterable[Any]) -> list[float]:

@@ -149,8 +149,8 @@ class DmControlBoundaries(Boundaries):
 
     def command(self, state: NDArray[np.float64], action: Any) -> Named:
         """The task's command to the actuators, within their limits."""
-        told = self._ask("command", state=state, action=np.ravel(action).astype(np.float64))
-        return name_components(self._actuators, told)
+        command = self._ask("command", state=state, action=np.ravel(action).astype(np.float64))
+        return name_components(self._actuators, command)
 
     def force(self, state: NDArray[np.float64], command: NDArray[np.float64]) -> Named:
         """`qfrc_actuator`."""

@@ -112,11 +112,11 @@ class Served:
         env = self._lanes[lane]
         model, data = env.physics.model, _place(env.physics, state)
         env.task.before_step(import_module("numpy").array(action), env.physics)
-        told: list[float] = data.ctrl.tolist()
+        control: list[float] = data.ctrl.tolist()
         for k, (low, high) in enumerate(model.actuator_ctrlrange.tolist()):
             if model.actuator_ctrllimited[k]:
-                told[k] = min(max(told[k], low), high)
-        return told
+                control[k] = min(max(control[k], low), high)
+        return control
 
     def force(self, lane: int, state: list[float], command: list[float]) -> list[float]:
         """MuJoCo's generalized force of the actuators."""

@@ -108,9 +108,9 @@ def again(
     few = replace(block, panel=replace(block.panel, seeds=block.panel.seeds[:2]))
     for part in (few, block):
         run_panel(part.panel, run, workers=workers, command="integ-gym atlas --again")
-        made = summaries.summarize(run, atlas.name, part)
-        if not summaries.first_difference(before, made) or summaries.same_processor(before, made):
+        fresh = summaries.summarize(run, atlas.name, part)
+        if not summaries.first_difference(before, fresh) or summaries.same_processor(before, fresh):
             break
-    found = summaries.compare(block.name, before, made)
+    found = summaries.compare(block.name, before, fresh)
     summaries.note(found, folder)
     return found

@@ -173,9 +173,9 @@ def write_summary(summary: Summary, path: Path) -> Path:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    told = msgspec.json.encode(summary.origin)
+    origin = msgspec.json.encode(summary.origin)
     sink = pa.BufferOutputStream()
-    table = summary.rows.replace_schema_metadata({KEY: told})
+    table = summary.rows.replace_schema_metadata({KEY: origin})
     pq.write_table(table, sink, compression="zstd", compression_level=19)
     return replace_file(path, sink.getvalue().to_pybytes())
 

@@ -67,8 +67,8 @@ class Library(ABC):
         **more: Any,
     ) -> Subject:
         """One of its environments; see :class:`Subject`."""
-        told = package_version(self.package) if self.apart is None else self.apart.version()
-        version = told or "unknown"
+        found = package_version(self.package) if self.apart is None else self.apart.version()
+        version = found or "unknown"
         return Subject(self.title, name, version, True, plant, stated, max_control, access, **more)
 
     def pendulum(
@@ -527,8 +527,8 @@ def decision(integrator: str, dt: float, **arguments: Any) -> numerics.OneStep:
 
     def decide(q: Components, v: Components, control: float) -> tuple[Components, Components]:
         worker.call("put", lane=0, position=[q[0], -q[1]], velocity=[v[0], -v[1]])
-        told, *_ = worker.call("step", lane=0, action=[control / FORCE])
-        return (told[0], -told[1]), (told[2], -told[3])
+        observation, *_ = worker.call("step", lane=0, action=[control / FORCE])
+        return (observation[0], -observation[1]), (observation[2], -observation[3])
 
     return decide
 

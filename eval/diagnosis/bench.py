@@ -274,10 +274,10 @@ class Bench:
             self.store.commit_all(f"{section}-{name}", tables)
         self._tables.clear()
 
-    def _lanes(self, cell: str, made: Any, policy: Policy, starts: Array | None) -> Rollout:
-        name = made.spec.id if made.spec else type(made).__name__
-        record = partial(RecordVectorEvidence, episodes=range(made.num_envs))
-        return self._record_episodes(record, name, cell, made, policy, starts)
+    def _lanes(self, cell: str, environments: Any, policy: Policy, starts: Array | None) -> Rollout:
+        name = environments.spec.id if environments.spec else type(environments).__name__
+        record = partial(RecordVectorEvidence, episodes=range(environments.num_envs))
+        return self._record_episodes(record, name, cell, environments, policy, starts)
 
     def _record_episodes(
         self, record: Any, name: str, cell: str, env: Any, policy: Policy, starts: Array | None

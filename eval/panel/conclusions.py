@@ -564,17 +564,17 @@ def limit_words(panel: Panel) -> str:
     steps = ", ".join(f"{cell.dt:g}" for cell in cells[:-1]) + f" and {cells[-1].dt:g} s"
     share = f"{found.not_converged} of {plural(found.episodes, 'episode')}"
     fail = "does not converge" if found.episodes == 1 else "do not converge"
-    told = f"{cells[-1].scheme} at {steps}"
+    scheme = f"{cells[-1].scheme} at {steps}"
     if not panel.given_alone:
         share += f" of {panel.in_words(found.row)}"
     if found.converges:
         most = highest_share(found.not_converged, found.episodes)
         more = f" (of all starts up to {percent(most)} may not)" if most > MOST_CHANGED else ""
-        return f"The limit is extrapolated from {told}; {share} {fail}{more}."
+        return f"The limit is extrapolated from {scheme}; {share} {fail}{more}."
     why = f"more than {percent(MOST_CHANGED)}"
     if found.grows:
         why = "and more change as the step shrinks"
-    return f"No limit: from {told}, {share} {fail}, {why}."
+    return f"No limit: from {scheme}, {share} {fail}, {why}."
 
 
 def _range(panel: Panel, finding: Finding) -> str:

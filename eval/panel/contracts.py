@@ -91,8 +91,8 @@ def contract_of(spec: PanelSpec, pair: Pair) -> Contract | None:
     testbed, prompt = spec.testbed, without_delays(spec.testbed)
     places = [environments_of(testbed, Cell.of(one, "grid"), 1, **prompt) for one in pair]
     try:
-        made = [boundaries_of(testbed, environments) for environments in places]
-        return compare_boundaries([place_name(one, spec.control_period) for one in pair], made)
+        both = [boundaries_of(testbed, environments) for environments in places]
+        return compare_boundaries([place_name(one, spec.control_period) for one in pair], both)
     except InputError:
         return None
     finally:
@@ -102,8 +102,8 @@ def contract_of(spec: PanelSpec, pair: Pair) -> Contract | None:
 
 def describe_comparison(pair: Pair, contract: Contract | None) -> dict[str, Any]:
     """What a unit's marker says of a pair, as plain data."""
-    told = msgspec.to_builtins(contract)
-    return {"home": pair.home.arguments(), "place": pair.place.arguments(), "contract": told}
+    description = msgspec.to_builtins(contract)
+    return {"home": pair.home.arguments(), "place": pair.place.arguments(), "contract": description}
 
 
 def contracts_in(directory: RunDirectory) -> dict[Pair, Contract]:
@@ -124,11 +124,11 @@ def is_kept(contracts: Contracts, homes: Iterable[Discretization], cell: Cell) -
     """
     if cell.packages:
         return None
-    told = [contracts.get(Pair(home, cell.discretization)) for home in homes]
-    known = [not contract.broken for contract in told if contract is not None]
+    own = [contracts.get(Pair(home, cell.discretization)) for home in homes]
+    known = [not contract.broken for contract in own if contract is not None]
     if any(known):
         return True
-    return False if known and len(known) == len(told) else None
+    return False if known and len(known) == len(own) else None
 
 
 def unit_of_pair(spec: PanelSpec, pair: Pair) -> str:

@@ -97,8 +97,8 @@ def _doubt_bounds(existing: Existing) -> Iterator[str]:
 
 def _within(low: NDArray[Any], high: NDArray[Any]) -> str:
     """Bounds in a few words: `±2`, `0 to 1`, or one after another."""
-    told = [f"±{b:g}" if a == -b else f"{a:g} to {b:g}" for a, b in zip(low, high, strict=True)]
-    return ", ".join(told) if len(set(told)) > 1 else told[0]
+    bounds = [f"±{b:g}" if a == -b else f"{a:g} to {b:g}" for a, b in zip(low, high, strict=True)]
+    return ", ".join(bounds) if len(set(bounds)) > 1 else bounds[0]
 
 
 def _not_finite(existing: Existing, spec: PanelSpec, records: EvidenceStore) -> Iterator[str]:
@@ -114,9 +114,9 @@ def _not_finite(existing: Existing, spec: PanelSpec, records: EvidenceStore) -> 
     )
     share = counted.to_pylist()[0]["share"]
     if share:
-        told = "less than 1 %" if share < 0.005 else percent(share)
+        amount = "less than 1 %" if share < 0.005 else percent(share)
         yield (
-            f"in {told} of control periods the fallback acted, because {name} gave no finite "
+            f"in {amount} of control periods the fallback acted, because {name} gave no finite "
             "action. So results are not of the policy alone; find the observations at which this "
             "happens, and mend the policy"
         )

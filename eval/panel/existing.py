@@ -162,14 +162,14 @@ def other_facts(
     if card is not None and existing.provenance.origin.startswith("the side-car"):
         given = {name: x for name, x in spec.environment.items() if name not in VARIED}
         overridden = dict(provenance(spec.env_id, card, None, given, own_code)[0].overridden)
-    made = Facts(
+    facts = Facts(
         None if card is None else card.get("seed"),
         path.name,
         statistics is None and unscaled(path, card),
         *_of_actions(policy),
         overridden,
     )
-    one, other = msgspec.to_builtins(said), msgspec.to_builtins(made)
+    one, other = msgspec.to_builtins(said), msgspec.to_builtins(facts)
     yield from ((name, one[name], other[name]) for name in one if one[name] != other[name])
 
 

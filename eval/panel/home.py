@@ -159,10 +159,10 @@ def provenance(
     return Provenance(home, period, environment, origin, trained_with, overridden), environments
 
 
-def _check_period_of(stated: Stated, told: Mapping[str, Any], home: Home, origin: str) -> None:
+def _check_period_of(stated: Stated, arguments: Mapping[str, Any], home: Home, origin: str) -> None:
     """Refuse to state less than a side-car says, unless it is the same."""
     periods = {member.control_period for member in home.shares}
-    said = told.get("control_period")
+    said = arguments.get("control_period")
     if stated == UNKNOWN or not all(said is None or math.isclose(said, p) for p in periods):
         says = "the home is unknown" if said is None else f"control period {said:g} s"
         raise InputError(
@@ -171,9 +171,9 @@ def _check_period_of(stated: Stated, told: Mapping[str, Any], home: Home, origin
         )
 
 
-def _check_same(told: Mapping[str, Any], carried: Mapping[str, Any]) -> None:
+def _check_same(arguments: Mapping[str, Any], carried: Mapping[str, Any]) -> None:
     """Refuse a statement that contradicts what a side-car says of the same argument."""
-    for name, value in told.items():
+    for name, value in arguments.items():
         if name not in ("engine", "integrator", "dt") and carried.get(name, value) != value:
             raise InputError(
                 f"--home says {name}={value} and the side-car {name}={carried[name]}; leave out "
@@ -218,10 +218,10 @@ def _defaults(env_id: str, arguments: Mapping[str, Any]) -> dict[str, Any]:
     return {name: x for name, x in setup.arguments().items() if name not in _OF_THE_EPISODE}
 
 
-def _origin(stated: Stated, told: Mapping[str, Any], env_id: str) -> str:
+def _origin(stated: Stated, arguments: Mapping[str, Any], env_id: str) -> str:
     if stated == STOCK:
         return "stated: the environment as its library makes it"
-    if "integrator" in told:
+    if "integrator" in arguments:
         return "stated"
     return f"no side-car says it, and none was stated; {how_to_state(env_id)}"
 

@@ -92,8 +92,8 @@ def write_artefact(
     if of is None:
         directory.record_look(describe_look(spec))
     called = Call(command, workers, display_path(str(directory.storage)))
-    made = panel_of(spec, directory, called, of)
-    return write_outputs(directory, made, called, begin, decided=of is None)
+    panel = panel_of(spec, directory, called, of)
+    return write_outputs(directory, panel, called, begin, decided=of is None)
 
 
 def panel_of(

@@ -46,8 +46,8 @@ def read_planned_spec(plan: Mapping[str, Any]) -> PanelSpec:
     try:
         kinds = get_type_hints(PanelSpec, include_extras=True)
         kinds |= {"trainer": dict[str, str | None], "train": list[dict[str, Any]]}
-        told = [n for n in kinds if n not in NO_RESULT and (n in plan or n not in LATER)]
-        known = {name: convert(name, plan[name], kinds[name]) for name in told}
+        fields = [n for n in kinds if n not in NO_RESULT and (n in plan or n not in LATER)]
+        known = {name: convert(name, plan[name], kinds[name]) for name in fields}
         period = known["control_period"]
         known["train"] = training_homes(known["train"], Discretization(TRUTH, period, period))
         known["trainer"] = known["trainer"].get("name")
@@ -138,9 +138,9 @@ def with_episode_parts(spec: PanelSpec, held: Mapping[str, Any]) -> PanelSpec:
 
 def _episode_parts(plan: Mapping[str, Any]) -> tuple[int, ...]:
     """How many episodes a plan has, in parts; none of one that is damaged."""
-    told = plan.get("episode_parts") or [plan.get("episodes")]
-    whole = isinstance(told, list) and all(type(part) is int for part in told)
-    return tuple(told) if whole else ()
+    parts = plan.get("episode_parts") or [plan.get("episodes")]
+    whole = isinstance(parts, list) and all(type(part) is int for part in parts)
+    return tuple(parts) if whole else ()
 
 
 def _sum_words(parts: Sequence[int]) -> str:
@@ -231,11 +231,11 @@ def inputs(spec: PanelSpec, cells: Iterable[Cell]) -> dict[str, Any]:
         spec: the panel.
         cells: of the records.
     """
-    told = spec.to_json()
+    values = spec.to_json()
     places = [(cell.name, cell.discretization.arguments(), cell.environment) for cell in cells]
     used = {place["integrator"] for _, place, _ in places}
-    sources = {name: source for name, source in told["sources"].items() if name in used}
-    shared = {name: value for name, value in told.items() if name not in FREE}
+    sources = {name: source for name, source in values["sources"].items() if name in used}
+    shared = {name: value for name, value in values.items() if name not in FREE}
     shared |= {"start_sets": list(spec.start_sets), "cells": sorted(places)}
     return {**shared, "sources": sources}
 

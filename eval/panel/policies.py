@@ -68,8 +68,8 @@ class Existing:
         """What a panel's specification says of its home; null where that is unknown."""
         shares = {} if self.home is None else self.home.shares
         members = [one.arguments() for one in shares] or None
-        told = {"discretizations": members, "origin": self.provenance.origin}
-        return {**told, "shares": list(shares.values())} if len(shares) > 1 else told
+        home = {"discretizations": members, "origin": self.provenance.origin}
+        return {**home, "shares": list(shares.values())} if len(shares) > 1 else home
 
 
 def read_existing(
@@ -352,8 +352,8 @@ def _read_stated_hash(path: Path) -> str | None:
     if any(path.parent.glob("obs_stats.*")):
         return None
     with suppress(ValueError):
-        told = read_object(path.with_suffix(".json"), {"content_hash": str}, "")
-        return str(told["content_hash"])
+        sidecar = read_object(path.with_suffix(".json"), {"content_hash": str}, "")
+        return str(sidecar["content_hash"])
     return None
 
 

@@ -666,8 +666,8 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
             return None
         place = place_name(there.discretization, float(self.spec["control_period"]))
         found = {one.first: one for one in self.contracts if one.second == place}
-        told = [found.get(home) for home in shares]
-        return told[0] if all(one is not None and one.broken for one in told) else None
+        contracts = [found.get(home) for home in shares]
+        return contracts[0] if all(one is not None and one.broken for one in contracts) else None
 
     def anchor(self, row: str, cell: str) -> str | None:
         """Name of an entry's place in the report; None where there is none."""

@@ -311,11 +311,11 @@ class RunDirectory:
         """
         return read_manifest(self.path / MANIFEST)
 
-    def note(self, **told: Any) -> None:
+    def note(self, **entries: Any) -> None:
         """Note something in ``run.json``, unless it is there already."""
         manifest = self.manifest()
-        if {**manifest, **told} != manifest:
-            write_json(self.path / MANIFEST, {**manifest, **told})
+        if {**manifest, **entries} != manifest:
+            write_json(self.path / MANIFEST, {**manifest, **entries})
 
     def _write_manifest(self) -> None:
         manifest = self.path / MANIFEST
@@ -359,9 +359,9 @@ class RunDirectory:
         other = list(contradictions(before, self._specification))
         if other:
             more = [f"and {len(other) - 3} more differences"] if len(other) > 4 else []
-            told = ", ".join((other[:3] if more else other) + more)
+            differences = ", ".join((other[:3] if more else other) + more)
             raise RunDirectoryError(
-                f"{self.storage} holds another panel: {told}; give another directory with "
+                f"{self.storage} holds another panel: {differences}; give another directory with "
                 f"--out{self._policies_words(before)}, or the specification that it was started "
                 "with"
             )

@@ -314,9 +314,9 @@ class PanelSpec(Stated):
             return None
         named = variation.name != changes_name(variation.changes)
         name = variation.name if named else changes_name(changes)
-        told = self.name_of(there) + (f", {name}" if changes else "")
+        label = self.name_of(there) + (f", {name}" if changes else "")
         varied = {"environment": changes, "variation": variation.name, "at": self.name_of(place)}
-        return self._cell(there, "varied", name=told, **varied)
+        return self._cell(there, "varied", name=label, **varied)
 
     def _separated(self, home: Discretization, varied: Sequence[Cell]) -> Iterator[Cell]:
         """Cells that tell what each axis in which others differ from home costs alone."""

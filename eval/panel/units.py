@@ -89,12 +89,12 @@ def has_controller(spec: PanelSpec) -> bool:
 def training_config(spec: PanelSpec, unit: Unit) -> TrainingConfig:
     """Hyperparameters of one training run."""
     assert unit.home is not None
-    told = {name: value for name, value in spec.training.items() if name != ALGORITHM}
+    settings = {name: value for name, value in spec.training.items() if name != ALGORITHM}
     return spec.algorithm.config.of(
         spec.env_id,
         env_arguments=training_arguments(unit.home, spec.environment),
         seed=unit.seed,
-        **told,
+        **settings,
     )
 
 
@@ -201,8 +201,8 @@ class Work:
             for name, future in self.pool.run(tasks, discard):
                 error = future.exception()
                 if isinstance(error, Exception):
-                    told = f"{phase} {name} failed: {_format_error(error)}"
-                    raise PanelError(f"{told}; the rest is kept") from error
+                    message = f"{phase} {name} failed: {_format_error(error)}"
+                    raise PanelError(f"{message}; the rest is kept") from error
                 yield name, future.result()
         except BrokenExecutor as error:
             raise PanelError(

@@ -393,8 +393,8 @@ class _Trainer:
         layout = None if evidence is None else _layout(envs[0], lanes)
         self._program = _program(kind, envs[0], layout)
         self._assemblers = [
-            EpisodeAssembler(told, config.env_id, env.setups, layout, config.seed, lanes)
-            for told, config, env in zip(evidence or (), configs, envs, strict=False)
+            EpisodeAssembler(recorder, config.env_id, env.setups, layout, config.seed, lanes)
+            for recorder, config, env in zip(evidence or (), configs, envs, strict=False)
             if layout is not None
         ]
 
@@ -494,7 +494,7 @@ def _run(
     runs: Sequence[Run[PPOConfig]], on_steps: Callable[[int], None] = report_work
 ) -> list[Outcome]:
     """One chunk, in a worker process."""
-    evidence = [told for _, _, told in runs if told is not None]
+    evidence = [recorder for _, _, recorder in runs if recorder is not None]
     return train_chunk([config for config, _, _ in runs], evidence or None, on_steps)
 
 

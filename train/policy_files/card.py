@@ -52,9 +52,9 @@ def card_hash(card: Mapping[str, Any]) -> str:
     Raises:
         ValueError: for what is no JSON.
     """
-    told = json.loads(json.dumps({k: x for k, x in card.items() if k != HASH_KEY}))
+    content = json.loads(json.dumps({k: x for k, x in card.items() if k != HASH_KEY}))
     text = json.dumps(
-        told, sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False
+        content, sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False
     )
     return hashlib.sha256(text.encode()).hexdigest()
 

@@ -81,9 +81,9 @@ class StandIn:
     entries: dict[str | int, Any]
 
     def __new__(cls, *arguments: Any, **named: Any) -> Self:
-        made = super().__new__(cls)
-        made.arguments, made.state, made.entries = arguments, None, {}
-        return made
+        instance = super().__new__(cls)
+        instance.arguments, instance.state, instance.entries = arguments, None, {}
+        return instance
 
     def __setstate__(self, state: Any) -> None:
         self.state = state

@@ -171,9 +171,9 @@ def read_weights(
         PolicyFileError: in one sentence, for a file that cannot be read without executing
             something, with the way that works.
     """
-    told = card or {}
-    network = told.get("network") or {}
-    policy = _read(path, network, told.get("action_bounds"))
+    facts = card or {}
+    network = facts.get("network") or {}
+    policy = _read(path, network, facts.get("action_bounds"))
     statistics = _statistics(network) if obs_stats is None else observation_statistics_of(obs_stats)
     if statistics is None:
         if obs_stats is False and getattr(policy, "statistics", None) is not None:

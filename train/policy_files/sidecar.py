@@ -287,10 +287,10 @@ def readable_file(folder: Path) -> Path:
     them.
     """
     file, weights = policy_file(folder), folder / WEIGHTS_FILE
-    told = _read_sidecar(folder).get(_ZIP_HASH)
-    if file == weights or told is None or not (weights.exists() and file.exists()):
+    stated = _read_sidecar(folder).get(_ZIP_HASH)
+    if file == weights or stated is None or not (weights.exists() and file.exists()):
         return file
-    return weights if _sha256(file.read_bytes()) == told else file
+    return weights if _sha256(file.read_bytes()) == stated else file
 
 
 def _read_sidecar(folder: Path) -> dict[str, Any]:

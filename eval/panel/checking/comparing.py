@@ -27,44 +27,44 @@ _NOTHING: Final = _Nothing()
 
 
 def find_differences(
-    place: str, said: Any, made: Any, tolerance: float = 1e-12, least: float = 0.0
+    place: str, said: Any, expected: Any, tolerance: float = 1e-12, least: float = 0.0
 ) -> Iterator[tuple[str, Any, Any]]:
     """Places at which plain data differ, with what is there and what should be.
 
     Args:
         place: of both, keys joined by dots.
         said: as it was read.
-        made: the same, computed.
+        expected: the same, computed.
         tolerance: of numbers, relative.
         least: of numbers, absolute.
     """
-    if isinstance(said, Mapping) and isinstance(made, Mapping):
-        for key in {**said, **made}:
+    if isinstance(said, Mapping) and isinstance(expected, Mapping):
+        for key in {**said, **expected}:
             name = f"{place}.{key}".removeprefix(".")
-            one, other = said.get(key, _NOTHING), made.get(key, _NOTHING)
-            if key in said and key in made:
+            one, other = said.get(key, _NOTHING), expected.get(key, _NOTHING)
+            if key in said and key in expected:
                 yield from find_differences(name, one, other, tolerance, least)
             else:
                 yield name, one, other
-    elif isinstance(said, list | tuple) and isinstance(made, list | tuple):
-        if len(said) != len(made):
-            yield f"len({place})", len(said), len(made)
+    elif isinstance(said, list | tuple) and isinstance(expected, list | tuple):
+        if len(said) != len(expected):
+            yield f"len({place})", len(said), len(expected)
             return
-        for k, (one, other) in enumerate(zip(said, made, strict=True)):
-            told = one if isinstance(one, Mapping) else {}
-            words = ", ".join(str(told[name]) for name in _NAMES if told.get(name) is not None)
+        for k, (one, other) in enumerate(zip(said, expected, strict=True)):
+            entry = one if isinstance(one, Mapping) else {}
+            words = ", ".join(str(entry[name]) for name in _NAMES if entry.get(name) is not None)
             yield from find_differences(f"{place}[{words or k}]", one, other, tolerance, least)
-    elif not _is_same(said, made, tolerance, least):
-        yield place, said, made
+    elif not _is_same(said, expected, tolerance, least):
+        yield place, said, expected
 
 
-def _is_same(said: Any, made: Any, tolerance: float, least: float) -> bool:
-    if isinstance(said, bool) or isinstance(made, bool):
-        return said is made
-    numbers = isinstance(said, float | int) and isinstance(made, float | int)
-    if numbers and float in (type(said), type(made)):
-        return math.isclose(said, made, rel_tol=tolerance, abs_tol=least)
-    return bool(said == made)
+def _is_same(said: Any, expected: Any, tolerance: float, least: float) -> bool:
+    if isinstance(said, bool) or isinstance(expected, bool):
+        return said is expected
+    numbers = isinstance(said, float | int) and isinstance(expected, float | int)
+    if numbers and float in (type(said), type(expected)):
+        return math.isclose(said, expected, rel_tol=tolerance, abs_tol=least)
+    return bool(said == expected)
 
 
 def deny(
@@ -72,7 +72,7 @@ def deny(
     record_id: str | None,
     place: str,
     said: Any,
-    made: Any,
+    expected: Any,
     how: str = "planned",
     where: str = "",
     tolerance: float = 1e-12,
@@ -84,19 +84,26 @@ def deny(
         record_id: likewise.
         place: as of :func:`find_differences`.
         said: likewise.
-        made: likewise.
+        expected: likewise.
         how: what the computed is called.
         where: what is meant, before the rest.
         tolerance: of numbers.
     """
     least = ROUNDING if tolerance == ROUNDING else 0.0
-    for found in find_differences(place, said, made, tolerance, least):
+    for found in find_differences(place, said, expected, tolerance, least):
         yield denial(file, record_id, *found, how=how, where=where)
 
 
 def denial(
-    file: str, record_id: str | None, place: str, said: Any, made: Any, *, how: str, where: str = ""
+    file: str,
+    record_id: str | None,
+    place: str,
+    said: Any,
+    expected: Any,
+    *,
+    how: str,
+    where: str = "",
 ) -> Finding:
     """One of these."""
-    message = f"`{place}` is recorded as {said!r:.80}, and {how} as {made!r:.80}"
+    message = f"`{place}` is recorded as {said!r:.80}, and {how} as {expected!r:.80}"
     return Finding(file, record_id, f"{where}: {message}" if where else message)

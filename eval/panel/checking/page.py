@@ -46,12 +46,12 @@ def deviations(
     if "policy" in directory.manifest()["specification"]:
         for name, *both in other_facts(spec, directory, own_code):
             yield denial(MANIFEST, None, f"given.{name}", *both, how="comes out")
-        made = build_given_panel(spec, directory, called)
+        panel = build_given_panel(spec, directory, called)
     else:
         part = _part(directory, spec, said)
-        made = panel_of(part, directory, called, None if part is spec else spec)
+        panel = panel_of(part, directory, called, None if part is spec else spec)
     written = msgspec.json.decode((directory.path / FILE_NAME).read_bytes())
-    for place, *both in differences(written, made):
+    for place, *both in differences(written, panel):
         yield denial(FILE_NAME, None, place, *both, how="comes out")
 
 
@@ -136,11 +136,11 @@ def _count(directory: RunDirectory, panel: Panel) -> Iterator[Finding]:
         found[row["policy_id"], row["cell"]][row["failure_label"]] = row["records"]
     for entry in panel.matrix:
         own = [found[policy, entry.cell] for policy in panel.row(entry.row).policy_ids]
-        made = {
+        counts = {
             "episodes": sum(one.total() for one in own),
             "labels": dict(sum(own, Counter())),
             "success_by_seed": [one["none"] / max(1, one.total()) for one in own],
         }
-        said = {name: getattr(entry, name) for name in made}
+        said = {name: getattr(entry, name) for name in counts}
         place = f"matrix[{entry.row}, {entry.cell}]"
-        yield from deny(FILE_NAME, None, place, said, made, "comes out", tolerance=ROUNDING)
+        yield from deny(FILE_NAME, None, place, said, counts, "comes out", tolerance=ROUNDING)

@@ -107,7 +107,7 @@ def of_setups(
     """
     rows = [row for row in store.query(_SETUPS).to_pylist() if row["policy_id"] in policies]
     cells = _cells(spec, policies) if own_code else {}
-    made: dict[str, dict[str, Any] | None] = {}
+    setups: dict[str, dict[str, Any] | None] = {}
     for row in rows:
         where = f"{row['records']} records of policy {row['policy_id']!r} in cell {row['cell']!r}"
         expected: dict[str, Any] = {"trace_every": spec.trace_every, "traceless": False}
@@ -115,9 +115,9 @@ def of_setups(
         if cell is not None:
             expected |= _plan_arguments(spec, policies[row["policy_id"]], cell)
         if cell is not None and row["engine"] == NATIVE and is_integ_environment(spec.env_id):
-            if cell.name not in made:
-                made[cell.name] = _arguments(spec, cell)
-            expected |= {"arguments": made[cell.name], "float_width": 64, "first_of_seed": True}
+            if cell.name not in setups:
+                setups[cell.name] = _arguments(spec, cell)
+            expected |= {"arguments": setups[cell.name], "float_width": 64, "first_of_seed": True}
         yield from _check_fields(row, expected, where)
 
 
@@ -207,36 +207,36 @@ def of_versions(versions: Mapping[str, str], store: EvidenceStore) -> Iterator[F
     named: dict[tuple[bool, str | None], set[str]] = {}
     for row in store.query(_VERSIONS).to_pylist():
         try:
-            told = parse_field("package_versions", row["package_versions"])
+            recorded = parse_field("package_versions", row["package_versions"])
             changes = parse_field("perturbation", row["perturbation"]) or {}
             changed = versions_of(parse_packages(changes[PACKAGES])) if PACKAGES in changes else {}
         except ValueError as error:
             yield Finding("evidence", None, f"{row['records']} records: {error}")
             continue
-        read.append((row, told, changed))
+        read.append((row, recorded, changed))
         own = named.setdefault((row["trained"], row["perturbation"]), {*BASE, *changed})
-        own.update(told)
-    for row, told, changed in read:
+        own.update(recorded)
+    for row, recorded, changed in read:
         there = {**versions, **changed}
         names = sorted(named[row["trained"], row["perturbation"]])
         expected: dict[str, Any] = {"package_versions": {name: there.get(name) for name in names}}
         if changed and row["engine"] in changed:
             expected["engine_version"] = changed[row["engine"]]
-        yield from _check_fields({**row, "package_versions": told}, expected, None)
+        yield from _check_fields({**row, "package_versions": recorded}, expected, None)
 
 
 def _check_fields(
     row: Mapping[str, Any], expected: Mapping[str, Any], where: str | None
 ) -> Iterator[Finding]:
     """What records alike say, and the plan does not."""
-    told = f"{row['records']} records" if where is None else where
+    place = f"{row['records']} records" if where is None else where
     for name, wanted in expected.items():
         try:
             recorded = _read(name, row)
         except EvidenceError as error:
-            yield Finding("evidence", None, f"{told}: {error}")
+            yield Finding("evidence", None, f"{place}: {error}")
             continue
-        yield from deny("evidence", None, name, recorded, wanted, where=told)
+        yield from deny("evidence", None, name, recorded, wanted, where=place)
 
 
 def _cells(spec: PanelSpec, policies: Mapping[str, PlannedPolicy]) -> dict[str, Cell]:
@@ -315,18 +315,18 @@ class Trained:
             marker: of that unit.
         """
         expected = self._card(unit, float(marker["seconds"])) | _of_files(folder)
-        told: Any = {name: x for name, x in card.items() if name not in _ELSEWHERE}
+        stated: Any = {name: x for name, x in card.items() if name not in _ELSEWHERE}
         if "units" not in expected:
-            told = _common(told, expected)
+            stated = _common(stated, expected)
         name = f"policies/{folder.name}"
         file = f"{name}/policy.json"
-        yield from deny(file, None, "", told, expected)
+        yield from deny(file, None, "", stated, expected)
         versions = card.get("versions")
         yield from deny(file, None, "versions", versions, self._versions_beside(versions))
         last = self._last_episodes(unit.policy)
         if last is not None:
-            told = card.get("last_episodes")
-            yield from deny(file, None, "last_episodes", told, last, tolerance=_SINGLE)
+            stated = card.get("last_episodes")
+            yield from deny(file, None, "last_episodes", stated, last, tolerance=_SINGLE)
         if (folder / POLICY_FILE).exists() and (folder / WEIGHTS_FILE).exists():
             for words in zip_faults(folder / POLICY_FILE, folder / WEIGHTS_FILE):
                 yield Finding(f"{name}/{POLICY_FILE}", None, words)
@@ -364,9 +364,9 @@ class Trained:
                 made["discretization"] = {name: given[name] for name in DISCRETIZATION}
         return {name: x for name, x in made.items() if name not in _ELSEWHERE}
 
-    def _versions_beside(self, told: Any) -> dict[str, Any]:
+    def _versions_beside(self, stated: Any) -> dict[str, Any]:
         """Versions that a side-car must tell; where they decide no result, those that it tells."""
-        known = told if isinstance(told, Mapping) else {}
+        known = stated if isinstance(stated, Mapping) else {}
         free = {n: x for n, x in known.items() if n in _WRITERS and n not in self.versions}
         needed = (*known, *BASE, *TRAINERS[self.spec.trainer])
         return {**{n: self.versions.get(n) for n in needed}, **free}
@@ -403,21 +403,21 @@ def planned_key(versions: Mapping[str, str], engines: Iterable[str], **parts: An
 def _of_files(folder: Path) -> dict[str, Any]:
     """What a side-car says of the files beside it."""
     file = folder / POLICY_FILE
-    told = {
+    recorded = {
         "policy_file": POLICY_FILE if file.exists() else WEIGHTS_FILE,
         "weights_file": WEIGHTS_FILE,
     }
     if file.exists():
-        told["zip_hash"] = hashlib.sha256(file.read_bytes()).hexdigest()
-    return told
+        recorded["zip_hash"] = hashlib.sha256(file.read_bytes()).hexdigest()
+    return recorded
 
 
 def _bounds(space: Any) -> Any:
     return [space.low.tolist(), space.high.tolist()] if isinstance(space, spaces.Box) else None
 
 
-def _common(told: Any, expected: Any) -> Any:
+def _common(stated: Any, expected: Any) -> Any:
     """What is told under keys that are expected."""
-    if not (isinstance(told, Mapping) and isinstance(expected, Mapping)):
-        return told
-    return {name: _common(told.get(name), wanted) for name, wanted in expected.items()}
+    if not (isinstance(stated, Mapping) and isinstance(expected, Mapping)):
+        return stated
+    return {name: _common(stated.get(name), wanted) for name, wanted in expected.items()}

@@ -179,10 +179,10 @@ def _of_labels(
     """What the records of one policy in a cell say of its replays."""
     (replays,) = successes.replays(cell, [0])
     for row in held:
-        made = replays[row["episode_index"]].columns()
+        replayed = replays[row["episode_index"]].columns()
         compared = row["schema_version"] >= COMPARED_SINCE
         for name in _COLUMNS if compared else _COLUMNS[:-1]:
-            both = row[name], made[name]
+            both = row[name], replayed[name]
             yield from deny("evidence", row["record_id"], name, *both, "comes out")
 
 
@@ -208,19 +208,19 @@ def of_attempts(directory: RunDirectory, spec: PanelSpec, all_searches: bool) ->
             marker = directory.marker(unit)
             if marker is None:
                 continue
-            file, told = f"units/{unit}.json", read_tried(marker)
-            if told.search is not None:
+            file, attempts = f"units/{unit}.json", read_tried(marker)
+            if attempts.search is not None:
                 searched.append((part, cell, file, marker["search"]))
-                if told.solved:
+                if attempts.solved:
                     yield from deny(file, None, "search", "made", "not needed", "comes out")
             if "records" not in marker and not recorded:
                 continue  # of before attempts were records
-            made: dict[str, list[float]] = {"success": [], "recovered": []}
+            rates: dict[str, list[float]] = {"success": [], "recovered": []}
             if has_controller(part):
                 yield from _of_rows(part, cell, unit, held[cell.name], setups.get(cell.name))
-                made = _outcomes(part, held[cell.name])
-            said = {name: marker[name] for name in made}
-            yield from deny(file, None, "", said, made, "comes out")
+                rates = _outcomes(part, held[cell.name])
+            said = {name: marker[name] for name in rates}
+            yield from deny(file, None, "", said, rates, "comes out")
     random.shuffle(searched)
     for part, cell, file, search in searched if all_searches else searched[:SEARCHES]:
         again = msgspec.to_builtins(search_of(part, cell))
@@ -253,12 +253,12 @@ def of_contracts(
             if whole:
                 yield Finding("units", None, f"{unit}.json is missing, which the plan has")
             continue
-        made = {"key": planned_key(versions, engines_of(pair), **key_parts(spec, pair))}
+        expected = {"key": planned_key(versions, engines_of(pair), **key_parts(spec, pair))}
         if not any(is_engine(one.engine) and missing_modules(one.engine) for one in pair):
-            made |= describe_comparison(pair, contract_of(spec, pair))
-        said = {name: markers[unit].get(name) for name in made}
+            expected |= describe_comparison(pair, contract_of(spec, pair))
+        said = {name: markers[unit].get(name) for name in expected}
         file = f"units/{unit}.json"
-        yield from deny(file, None, "", said, made, "comes out", tolerance=ROUNDING)
+        yield from deny(file, None, "", said, expected, "comes out", tolerance=ROUNDING)
 
 
 def _outcomes(
