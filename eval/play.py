@@ -202,12 +202,21 @@ def _words(integrator: str) -> str:
     return integrator.rpartition(":")[2].replace("_", " ")
 
 
-HELP = (
-    "Left, Right: push      W, S: lift      Up, Down: coarser, finer step      "
-    "1 to 9, Tab: integrator      Space: pause      R: again      Esc: leave",
+AMOUNTS_HELP = (
     "motor: what you gave.  numerics: what the integrator's error gave (above 0) or took.  "
-    "energy: the sum, with what there was at the start.",
+    "energy: the sum, with what there was at the start."
 )
+
+
+def list_keys(plant: Any) -> str:
+    """The keys that do something on a plant."""
+    second = "W, S: lift      " if len(getattr(plant, "hands", ())) > 1 else ""
+    return (
+        f"Left, Right: push      {second}Up, Down: coarser, finer step      "
+        "1 to 9, Tab: integrator      Space: pause      R: again      Esc: leave"
+    )
+
+
 _FRAMES = 60
 _LARGEST_LAG = 0.25
 """A game further behind than this goes on from where it is, s."""
@@ -242,7 +251,7 @@ class Window:
     def __init__(self, game: Game, clock: Callable[[], float] = perf_counter) -> None:
         self._pygame = load_pygame()
         self._game, self._clock = game, clock
-        self._cockpit = Cockpit(game.setup, HELP)
+        self._cockpit = Cockpit(game.setup, (list_keys(game.setup.plant), AMOUNTS_HELP))
         pygame = self._pygame
         self._hands = (pygame.K_LEFT, pygame.K_RIGHT, pygame.K_w, pygame.K_s)
         self._held: list[int] = []

@@ -8,7 +8,7 @@ import pytest
 
 from integ_gym.cli import main
 from integ_gym.envs.registries import ENVIRONMENTS
-from integ_gym.eval.play import Game, Window
+from integ_gym.eval.play import Game, Window, list_keys
 
 PENDULUM = "IntegPendulum-v0"
 IDS = tuple(ENVIRONMENTS)
@@ -91,6 +91,17 @@ def test_numbers_that_blow_up_are_said_to():
     advance(game, 60.0)
     assert game.ended == "the numbers blew up"
     assert np.isfinite(game.view().moment.state).all()
+
+
+@pytest.mark.parametrize(("env_id", "named"), [(PENDULUM, False), ("IntegQuadrotor-v0", True)])
+def test_keys_are_named_where_they_do_something(env_id, named):
+    controls = []
+    for lift in (0.0, 1.0):
+        game = Game(env_id, {}, seed=0)
+        game.lift = lift
+        game.advance()
+        controls.append(game.view().moment.controls)
+    assert ("W, S" in list_keys(game.setup.plant)) == (controls[0] != controls[1]) == named
 
 
 @pytest.mark.parametrize(
