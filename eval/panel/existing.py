@@ -53,7 +53,7 @@ from .elsewhere import make_interpreters
 from .episodes import Subject
 from .evaluate import all_seconds, evaluate_all
 from .home import VARIED, Provenance, provenance
-from .limit import steps_of_limit
+from .limit import choose_steps
 from .matrix import given_rows
 from .outputs import CHECKING, JUDGING, Call, artefact_of, phases, reduce_records, write_outputs
 from .plan import read_planned_home
@@ -280,14 +280,8 @@ def plan(
         raise InputError("the home is unknown, so nothing can be varied there; give --home")
     if "truth" in at and testbed.truth(period) is None:
         raise InputError(f"{env_id} has no truth, so nothing can be varied there; give `home`")
-    steps: tuple[dict[str, Any], ...] = ()
-    if limit or (limit is None and testbed.truth(period) is None):
-        try:
-            steps = steps_of_limit(testbed, [existing.home] if existing.home else [], around)
-        except SpecError as error:
-            if limit:
-                raise
-            unmade = (*unmade, f"No limit is extrapolated: {error}.")
+    homes = [existing.home] if existing.home else []
+    steps, no_limit = choose_steps(testbed, homes, around, limit)
     spec = PanelSpec(
         name=f"evaluate {name}",
         env_id=env_id,
@@ -301,7 +295,7 @@ def plan(
         episodes=episodes or form.episodes,
         episode_seed=form.episode_seed,
         question=form.question or f"Does {name} survive another integrator or timestep?",
-        unmade=unmade,
+        unmade=(*unmade, *no_limit),
     )
     whole = replace(
         spec,

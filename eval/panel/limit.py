@@ -72,6 +72,31 @@ def steps_of_limit(
     return tuple(step for home in by_period.values() for step in _find_steps(testbed, home))
 
 
+def choose_steps(
+    testbed: Testbed, homes: Sequence[Home], around: Discretization, wanted: bool | None
+) -> tuple[tuple[dict[str, Any], ...], tuple[str, ...]]:
+    """Steps of a limit, and why there is none, as a sentence where it was left open.
+
+    Args:
+        testbed: what makes the environments.
+        homes: of the policies.
+        around: taken where there is no home.
+        wanted: whether there is a limit; None: where there is no truth and its steps fit.
+
+    Raises:
+        SpecError: for a limit that is wanted, and whose steps the testbed does not make.
+    """
+    has_truth = testbed.truth(around.control_period) is not None
+    if wanted is False or (wanted is None and has_truth):
+        return (), ()
+    try:
+        return steps_of_limit(testbed, homes, around), ()
+    except SpecError as error:
+        if wanted:
+            raise
+        return (), (f"No limit is extrapolated: {error}.",)
+
+
 def _find_steps(testbed: Testbed, home: Discretization) -> tuple[dict[str, Any], ...]:
     """The steps of one home.
 

@@ -53,7 +53,7 @@ from .cells import (
     timing_fault,
     training_homes,
 )
-from .limit import PARTS, steps_of_limit
+from .limit import PARTS, choose_steps
 
 TRAINERS = {"fleet": ("jax",), "sb3": ("stable-baselines3", "torch")}
 """What trains policies, with the packages that these depend on beside those of every run."""
@@ -543,7 +543,7 @@ class Specification(Stated):
     sweep: list[SweepTable] = field(default_factory=list)
     baselines: tuple[Name, ...] | None = None
     episodes: Several | Annotated[list[Several], msgspec.Meta(min_length=1)] = PanelSpec.episodes
-    limit: bool = False
+    limit: bool | None = None
 
 
 SCHEMA_PATH = Path(__file__).with_name("specification.schema.json")
@@ -618,16 +618,17 @@ def _parse(data: Mapping[str, Any]) -> PanelSpec:
     train, parts = training_homes(stated.train, home), tuple(many(stated.episodes))
     standard = standard_variations(nominal) if stated.perturbations is None else ()
     possible = possible_baselines(nominal, testbed.controller)
+    limit, no_limit = choose_steps(testbed, train, home, stated.limit)
     spec = PanelSpec(
         **{one.name: getattr(stated, one.name) for one in fields(Stated)},
         train=train,
         grid=grid,
         baselines=possible if stated.baselines is None else stated.baselines,
         variations=(*standard, *variations),
-        limit=steps_of_limit(testbed, train, home) if stated.limit else (),
+        limit=limit,
         episodes=sum(parts),
         episode_parts=parts if len(parts) > 1 else (),
-        unmade=unmade,
+        unmade=(*unmade, *no_limit),
     )
     check_parts(spec)
     return spec

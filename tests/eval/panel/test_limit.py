@@ -113,6 +113,20 @@ class Coarse(integ_gym.GymTestbed):
         return self.as_applied("symplectic_euler", env.unwrapped.dt, env)
 
 
+def test_by_default_there_is_a_limit_where_there_is_no_truth_and_its_steps_fit():
+    spec = {name: value for name, value in SPEC.items() if name != "limit"}
+    assert not parse_spec(spec, "test").limit
+    home = [{"integrator": "symplectic_euler", "dt": 0.05}]
+    foreign = {"train": home, "evaluate": home, "trainer": "sb3"}
+    made = parse_spec({**spec, **foreign, "env_id": "Pendulum-v1"}, "test")
+    assert [one["dt"] for one in made.limit] == [0.05 / part for part in PARTS]
+    alone = parse_spec({**spec, **foreign, "env_id": f"{__name__}:Coarse"}, "test")
+    assert not alone.limit
+    assert any(
+        "No limit is extrapolated" in told and "no other step" in told for told in alone.gaps()
+    )
+
+
 def test_a_limit_whose_steps_cannot_be_made_is_refused():
     with pytest.raises(SpecError, match="no other step"):
         parse_spec({**SPEC, "limit": True, "env_id": f"{__name__}:Coarse"}, "test")

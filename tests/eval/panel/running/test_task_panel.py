@@ -53,6 +53,8 @@ integrator = ["Euler", "RK4"]
 dt = [0.02, 0.01]
 """
 CELLS = [f"mujoco {name} dt={dt}" for name in ("Euler", "RK4") for dt in ("0.02", "0.01")]
+LIMIT = [f"mujoco RK4 dt={dt}, tight solver" for dt in ("0.005", "0.0025", "0.00125")]
+"""Its steps, of which the last is the column."""
 
 
 @pytest.fixture(autouse=True)
@@ -69,11 +71,12 @@ def _spec(**changes):
 def test_a_specification_is_filled_in_from_the_task():
     spec = _spec()
     check_spec(spec)
-    assert [cell.name for cell in spec.columns()] == CELLS
+    assert [cell.name for cell in spec.columns()] == [*CELLS, LIMIT[-1]]
     assert spec.reference is None
     assert spec.baselines == ("random", "zero")
     assert spec.variations == ()
-    assert {cell.kind for cell in spec.cells_of(spec.train[0])} == {"grid"}
+    kinds = {cell.name: cell.kind for cell in spec.cells_of(spec.train[0])}
+    assert kinds == dict.fromkeys(CELLS, "grid") | dict.fromkeys(LIMIT, "limit")
     assert "no reference solution" in spec.gaps()[0]
     assert list(spec.engine_versions()) == ["mujoco"]
 
@@ -114,7 +117,8 @@ def test_a_task_goes_from_training_to_the_page(tmp_path):
     assert main(command) == 0
     panel = json.loads((out / "panel.json").read_text(encoding="utf-8"))
     assert [row["name"] for row in panel["rows"]] == [CELLS[0], CELLS[2], "both", "random", "zero"]
-    assert [cell["name"] for cell in panel["cells"]] == CELLS
+    assert {cell["name"] for cell in panel["cells"]} == {*CELLS, *LIMIT}
+    assert {one["row"] for one in panel["limits"]} == {row["name"] for row in panel["rows"]}
     assert [verdict["verdict"] for verdict in panel["verdicts"]]
     store = EvidenceStore(out / "evidence")
     assert store.verify() == []
@@ -122,7 +126,7 @@ def test_a_task_goes_from_training_to_the_page(tmp_path):
         "SELECT phase, cell, count(DISTINCT policy_id) AS policies FROM records "
         "WHERE phase = 'evaluation' GROUP BY ALL ORDER BY cell"
     ).to_pylist()
-    assert {c["cell"]: c["policies"] for c in counts} == dict.fromkeys(CELLS, 8)
+    assert {c["cell"]: c["policies"] for c in counts} == dict.fromkeys([*CELLS, *LIMIT], 8)
     ran = store.query(
         "SELECT DISTINCT integrator, dt, control_period, training_discretization AS home "
         "FROM records WHERE phase = 'training'"
@@ -158,6 +162,7 @@ seeds = [0, 1]
 episodes = 3
 trainer = "sb3"
 baselines = ["random"]
+limit = false
 
 [training]
 total_steps = 512
