@@ -235,6 +235,58 @@ def test_a_comparison_is_made_again_when_a_run_is_verified(judged, tmp_path, cap
     assert marker.name in capsys.readouterr().out
 
 
+FAULTY_PANEL = """
+name = "two hoppers"
+env_id = "faulty_hoppers:TwoHoppers"
+control_period = 0.008
+seeds = [0, 1]
+episodes = 2
+trainer = "sb3"
+limit = false
+family = [["mujoco Euler dt=0.002", "gymnasium Euler dt=0.002"]]
+
+[environment]
+success_return = 1.0
+max_episode_steps = 20
+
+[training]
+total_steps = 64
+n_envs = 2
+n_steps = 32
+batch_size = 64
+
+[[train]]
+engine = "mujoco"
+integrator = "Euler"
+dt = 0.002
+
+[[evaluate]]
+engine = "mujoco"
+integrator = "Euler"
+dt = 0.002
+
+[[evaluate]]
+engine = "gymnasium"
+integrator = "Euler"
+dt = 0.002
+"""
+
+
+@pytest.mark.slow
+def test_a_panel_compares_engines_before_it_judges_what_it_trained(tmp_path) -> None:
+    (tmp_path / "faulty.toml").write_text(FAULTY_PANEL, encoding="utf-8")
+    panel = integ_gym.run_panel(tmp_path / "faulty.toml", tmp_path / "out", workers=1,
+                                progress=False)  # fmt: skip
+    (contract,) = panel.contracts
+    assert [check.boundary for check in contract.broken] == ["force"]
+    (judged,) = panel.verdicts
+    assert (judged.verdict, judged.p_exceeds) == ("contract_error", None)
+    entry = panel.entry(judged.row, judged.cell)
+    assert entry.home_drop is entry.overfitting is entry.reference_class is None
+    assert panel.headline.startswith("Not answered: every declared cell differs from home")
+    assert "force of leg_joint" in panel.answer
+
+
 def test_the_command_fails_where_something_differs(capsys) -> None:
     cells = ["--env", "IntegPendulum-v0", "gravity=9.81", "gravity=9.80665"]
     assert main(["contract", *cells, "--json"]) == 3
