@@ -17,7 +17,7 @@ Networks, optimizer and learning rate go on from stage to stage, so that all dif
 environments alone.
 
 Declared before it was run: these four torques, seeds 2100 to 2131, 20 starts each; at every torque
-`curriculum` is held against each of the others, sixteen one-sided tests of mean success in all,
+`curriculum` is compared with each of the others, sixteen one-sided tests of mean success in all,
 corrected by Holm's method. What has been run is kept in the file and not run again.
 """
 
@@ -114,7 +114,7 @@ def tables(done: Done) -> str:
 
 
 def _tests(done: Done) -> list[str]:
-    lines = ["| torque | held against | curriculum gains | p (Holm) |", "|---|---|---|---|"]
+    lines = ["| torque | compared with | curriculum gains | p (Holm) |", "|---|---|---|---|"]
     gains = list(comparisons(done))
     corrected = holm([difference.p_greater() for _, _, difference in gains])
     for (ratio, arm, difference), p in zip(gains, corrected, strict=True):

@@ -4,10 +4,10 @@
 
 On the pendulum the truth is known. Policies are trained on explicit Euler, which puts energy in:
 they succeed at home, and on the truth not from all starts. Their limit is extrapolated as where
-there is no truth, and held against their success and return on the truth, from as many other starts
-as all repeats have. Three cells: the limit as it is defined, of RK4; the same as if the engine had
-symplectic Euler alone, as Gymnasium's own pendulum has; and explicit Euler alone, which does not
-converge at these steps, so that the limit has to be refused.
+there is no truth, and compared with their success and return on the truth, from as many
+other starts as all repeats have. Three cells: the limit as it is defined, of RK4; the same as if
+the engine had symplectic Euler alone, as Gymnasium's own pendulum has; and explicit Euler alone,
+which does not converge at these steps, so that the limit has to be refused.
 
 Cells, torque and the number of starts were chosen on training seed 0 and start seeds from 0.
 Declared for the test: training seeds 100 to 104, start seeds from 1 000 000.
@@ -112,7 +112,7 @@ def outcomes(policy: Any, seeds: range, **arguments: Any) -> tuple[Array, Array]
 
 
 def repeats_of(policy: Any, repeats: int, first: int) -> Iterator[tuple[Case, Repeat]]:
-    """The limits of a policy from each set of starts, held against the truth from others."""
+    """The limits of a policy from each set of starts, compared with the truth from others."""
     count = repeats * STARTS
     seeds, others = range(first, first + count), range(first + count, first + 2 * count)
     true, random = outcomes(policy, others, integrator=TRUTH, dt=STEP), chance(others[:STARTS])

@@ -333,7 +333,7 @@ class Settings:
     latency_jitter: float = parameter(
         0.0,
         "s",
-        "most by which a command is later than that, drawn for each, a whole multiple of `dt`",
+        "largest further delay of a command, drawn for each, a whole multiple of `dt`",
         nonnegative,
     )
     hold_probability: float = parameter(

@@ -336,6 +336,10 @@ _DRAW_SECONDS, _LOG_SECONDS = 0.5, 15.0
 """Least time between two pictures of a bar on a terminal, and in a file, s."""
 
 
+_LEAST_BAR: Final = 6
+"""Least columns of a bar beside its words."""
+
+
 class WorkBar:
     """A bar on standard error for work that takes long; it starts no thread.
 
@@ -361,6 +365,7 @@ class WorkBar:
             rich = load("rich.progress", "evidence")
             console = load("rich.console", "evidence").Console(file=sys.stderr)
             self._terminal = console.is_terminal and not console.is_dumb_terminal
+            self._width = console.width if self._terminal else math.inf
             columns = ("{task.description}", rich.BarColumn(24), "{task.fields[words]}")
             self._progress = rich.Progress(
                 *columns,
@@ -427,12 +432,17 @@ class WorkBar:
         parts = [f"{self._shown / (self.total or 1.0):.0%}"]
         if self.unit:
             parts.append(f"{self._shown:,.0f} of {self.total:,.0f}{self.unit}")
-        parts.append(f"{seconds(round(task.elapsed or 0.0))} so far")
+        taken = seconds(round(task.elapsed or 0.0))
+        parts.append(taken if self._filled else f"{taken} so far")
         if not self._filled and self.n > MOST_BEFORE_END * self.total:
             parts.append("nearly done")
         elif not self._filled and task.time_remaining is not None:
             parts.append(f"about {seconds(round(task.time_remaining))} left")
-        return ", ".join([*parts, self._phase] if self._phase else parts)
+        if self._phase:
+            parts.append(self._phase)
+        if self.unit and len(", ".join((self.label, *parts))) > self._width - _LEAST_BAR:
+            del parts[1]  # the count, which the share says too
+        return ", ".join(parts)
 
     def _draw(self, at_once: bool = False) -> None:
         now = time.monotonic()

@@ -88,11 +88,11 @@ def _train(given: dict[str, Any]) -> int:
     else:
         (trained,) = algorithm.train([config], [folder], tensorboard=tensorboard, **options)
     card = trained.card
-    print(f"policy: {trained.policy} ({card['steps']} steps in {card['wall_seconds']:.0f} s)")
     print(
-        f"last {card['last_episodes']['episodes']} training episodes, exploration included: "
+        f"Last {card['last_episodes']['episodes']} training episodes, exploration included: "
         f"{format_episode_stats(card['last_episodes'])}"
     )
+    print(f"Policy: {trained.policy} ({card['steps']} steps in {card['wall_seconds']:.0f} s)")
     judge = ("evaluate", trained.policy, "--env", config.env_id, "--out", f"{folder}-judged")
     print(f"Next: judge it\n  {shlex.join(['integ-gym', *map(str, judge)])}")
     return 0
@@ -105,7 +105,8 @@ def _algorithm_parser(default: str) -> argparse.ArgumentParser:
         "--algorithm",
         choices=ALGORITHMS,
         default=default,
-        help=f"what learns; `--help --algorithm NAME` lists its numbers (default: {default})",
+        help="what learns; `--help --algorithm NAME` lists its hyperparameters (default: "
+        f"{default})",
     )
     return arguments
 

@@ -62,7 +62,7 @@ class Unit:
 
 @dataclass(frozen=True)
 class Experiment:
-    """Arms that are held against each other at several values.
+    """Arms that are compared with each other at several values.
 
     Attributes:
         values: of what is varied.

@@ -77,7 +77,7 @@ class IntegCartPoleEnv(IntegEnv, Env[Any, Any]):
     | `solver` | `None` | | settings of the engine's solver, in its own names; `None`: the engine's defaults |
     | `duration` | 10.0 | s | truncation after ceil(duration / control_period) decisions |
     | `action_latency` | 0.0 | s | delay of every command, a whole multiple of `dt` |
-    | `latency_jitter` | 0.0 | s | most by which a command is later than that, drawn for each, a whole multiple of `dt` |
+    | `latency_jitter` | 0.0 | s | largest further delay of a command, drawn for each, a whole multiple of `dt` |
     | `hold_probability` | 0.0 | 1 | probability that a command does not arrive, drawn for each: the one before it holds |
     | `observation_latency` | 0.0 | s | age of every sample that is shown, a whole multiple of `dt` |
     | `sensor_period` | `None` | s | time between two samples, a whole multiple of `dt`; `None`: one per decision |

@@ -32,9 +32,9 @@ def parser() -> argparse.ArgumentParser:
     """The command's arguments."""
     arguments = CommandParser(
         prog="integ-gym census",
-        description="Step one pendulum and one cart-pole of every installed engine, and every "
-        "published environment of that name, and find out from the states alone which one-step map "
-        "it applies, how often and with which step; and what it does to the energy of a free "
+        description="Step every published environment called pendulum or cart-pole, and both "
+        "plants in every installed engine. The states alone show which one-step map each applies, "
+        "how often per decision and with which step, and what that does to the energy of a free "
         "motion. DIR gets census.json and census.html, one page that opens offline. Give "
         f"--published or --engine to look at those alone. {FITS}",
         epilog=EXAMPLES,

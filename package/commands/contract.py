@@ -43,8 +43,8 @@ def parser() -> argparse.ArgumentParser:
         prog="integ-gym contract",
         description="Compare two environments, or two cells of one, from the same states and "
         "actions before anything is integrated: observation, actuator command, generalized force "
-        "and acceleration at once. Each is compared on the same inputs, so that a fault shows "
-        f"where it is. {FITS}",
+        "and acceleration at once. Both sides get the same inputs to each of these four, so that a "
+        f"fault shows where it is. {FITS}",
         epilog=EXAMPLES,
     )
     where = "an environment's id or testbed; with --env a cell, as NAME=VALUE,NAME=VALUE"

@@ -118,9 +118,9 @@ def parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     add(
         "--fail-if", metavar="CLAIM",
-        help='end with exit code 3 if a claim such as "loss > 0.1" or "success < 0.9 in rk4 '
-        'dt=0.01" is shown, which takes the whole interval; of loss, success or return, in the '
-        "worst cell or a named one",
+        help='end with exit code 3 if a claim is shown, such as "loss > 0.1" (in the worst cell) '
+        'or "success < 0.9 in rk4 dt=0.01" (in that one). A claim is about loss, success or '
+        "return, and is shown if the whole interval fulfils it",
     )  # fmt: skip
     add(
         "--success-return", type=float, metavar="R",

@@ -84,8 +84,8 @@ def parser() -> argparse.ArgumentParser:
     add(
         "--memory-gib", type=float, metavar="GIB",
         help="memory that the fleet's worker processes may take together, beside about 0.5 GiB of "
-        "the command itself; default: the specification's, or else a share for each, see "
-        "docs/how-to/fleet.md",
+        "the command itself; default: the specification's, or else what "
+        "docs/how-to/fleet.md says",
     )  # fmt: skip
     add(
         "--policies", type=Path, metavar="DIR",
@@ -94,7 +94,7 @@ def parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     add(
         "--seeds", type=options.whole_number, metavar="N",
-        help="number of training seeds: the specification's first, or all and the numbers that "
+        help="train the first N seeds of the specification, or all of them and the integers that "
         "follow; a finished directory keeps what it has",
     )  # fmt: skip
     add(

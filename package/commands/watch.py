@@ -91,9 +91,11 @@ def _list(run: Path) -> int:
     if not rows:
         print_wrapped(f"No evaluated episode of {run} failed.")
         return 0
-    print_wrapped("Failed episodes, one of each cell and label; first what succeeds at home:")
+    print_wrapped(
+        "Failed episodes, one of each cell and label, those first whose policy succeeds at home:"
+    )
     table = [(r["record_id"][:8], r["cell"], r["failure_label"], str(r["alike"])) for r in rows]
-    print_columns(("record", "cell", "label", "alike"), table)
+    print_columns(("record", "cell", "label", "episodes"), table)
     print(f"\nFilm: integ-gym watch {run} {table[0][0]} --out film.gif")
     return 0
 

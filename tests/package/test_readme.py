@@ -79,7 +79,7 @@ def test_what_the_quick_panel_found_is_what_was_saved():
     lost, fitted = (
         "{:.2f} ({:.2f} to {:.2f})".format(*failing[name]) for name in ("total", "overfitting")
     )
-    assert f"of the {lost} that is lost, {fitted} is overfitting" in text
+    assert f"all of the loss of {lost} is overfitting: {fitted}" in text
     assert f"succeed there in {100 * rows['reference dt=0.05'][0]:.0f} %" in text
     assert f"policies succeed in {100 * rows[fine][0]:.0f} % on the truth" in text
 

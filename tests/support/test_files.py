@@ -224,6 +224,19 @@ def test_a_bar_is_not_full_before_the_work_is_done(capsys):
     assert "100%" in capsys.readouterr().err
 
 
+def test_a_full_bar_and_how_it_went_fit_a_terminal(monkeypatch, capsys):
+    for name, value in {"FORCE_COLOR": "1", "TERM": "xterm", "COLUMNS": "80"}.items():
+        monkeypatch.setenv(name, value)
+    with WorkBar("PPO, 1 policy", 8192.0, shown=True, unit=" steps") as bar:
+        bar.describe("return −1281.2, success 0.00")
+    *_, line = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", capsys.readouterr().err).split("\r")
+    assert re.fullmatch(
+        r"PPO, 1 policy ━{6,} 100%, .*, return −1281.2, success 0.00 *", line.rstrip()
+    )
+    assert len(line.rstrip()) <= 80
+    assert "so far" not in line
+
+
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 def test_an_interruption_that_compiled_code_swallows_is_no_success(heeded, capsys):
     """As one in a callback, which cannot raise what it raises."""
