@@ -424,6 +424,11 @@ class Trust:
         """Entries of one class against the reference."""
         return tuple(entry for entry in self.judged if entry.reference_class == kind)
 
+    @property
+    def agreeing(self) -> int:
+        """Number of rows that the cell and the reference agree about, for the page."""
+        return len(self.of("true_pass")) + len(self.of("true_fail"))
+
 
 def trust_of(panel: Panel) -> list[Trust]:
     """Every cell of the matrix that has a class against the reference, in column order."""
