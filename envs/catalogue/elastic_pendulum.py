@@ -89,7 +89,7 @@ class IntegElasticPendulumEnv(IntegEnv, Env[Any, Any]):
     | `fallback` | `"hold"` | | `hold` the last control or `zero`, where no valid command acts |
     | `max_speed` | `None` | rad/s, m/s | clip on every velocity; `None`: no clip |
     | `start` | `"pushed"` | | start distribution: `pushed` |
-    | `contact` | `"compliant"` | | law of the stops: ours, the same in every engine, or `engine` |
+    | `contact` | `"compliant"` | | there are no stops |
     | `render_mode` | `None` | | `"rgb_array"` or `"human"` |
     | `mass` | 1.0 | kg | mass of the bob |
     | `length` | 1.0 | m | length of the unloaded spring |

@@ -99,7 +99,7 @@ class IntegHopperEnv(IntegEnv, Env[Any, Any]):
     | `fallback` | `"hold"` | | `hold` the last control or `zero`, where no valid command acts |
     | `max_speed` | `None` | rad/s, m/s | clip on every velocity; `None`: no clip |
     | `start` | `"dropped"` | | start distribution: `dropped` |
-    | `contact` | `"compliant"` | | law of the stops: ours, the same in every engine, or `engine` |
+    | `contact` | `"compliant"` | | law of the foot on the ground: ours, the same in every engine |
     | `render_mode` | `None` | | `"rgb_array"` or `"human"` |
     | `mass` | 8.0 | kg | mass of the torso |
     | `inertia` | 1.0 | kg m^2 | of the torso in pitch, about the hip |

@@ -110,7 +110,7 @@ class IntegQuadrotorEnv(IntegEnv, Env[Any, Any]):
     | `fallback` | `"hold"` | | `hold` the last control or `zero`, where no valid command acts |
     | `max_speed` | `None` | rad/s, m/s | clip on every velocity; `None`: no clip |
     | `start` | `"thrown"` | | start distribution: `thrown` |
-    | `contact` | `"compliant"` | | law of the stops: ours, the same in every engine, or `engine` |
+    | `contact` | `"compliant"` | | there are no stops |
     | `render_mode` | `None` | | `"rgb_array"` or `"human"` |
     | `mass` | 0.65 | kg | mass of the body with its rotors |
     | `arm` | 0.23 | m | rotor to centre of mass |
