@@ -52,9 +52,12 @@ class Friction:
 
 def friction_of(levels: Components, speed: Component) -> Friction | None:
     """The friction of these levels, or None where all of them are the number zero."""
-    if all(isinstance(level, (int, float)) and level == 0 for level in levels):
-        return None
-    return Friction(levels, speed)
+    return None if all(map(_is_zero, levels)) else Friction(levels, speed)
+
+
+def _is_zero(x: Component) -> bool:
+    """Whether it is the number zero."""
+    return isinstance(x, (int, float)) and x == 0
 
 
 WHEN = ("continuous", "step", "period")
@@ -116,20 +119,31 @@ class Servo:
         return 1 if self.period is None else ops.floor(self.period / dt + 0.5)
 
 
+Direction = tuple[int, int, int]
+"""A unit vector along an axis or against it."""
+
+LEAST_SHARE = 1e-12
+"""Of a mechanism's mass or moment of inertia: a part that makes no difference."""
+
+
 @dataclass(frozen=True)
 class Link:
     """A rigid body moved by one joint, planar in x (to the right) and z (upwards).
 
     Attributes:
         coordinate: name of the joint's coordinate.
-        joint: ``"slide"`` along +x, or ``"hinge"`` about +y, which turns +z towards +x.
-        mass: kg.
+        joint: ``"slide"`` or ``"hinge"``.
+        mass: kg; 0 of a link that only joins two others.
         centre: from the joint to the centre of mass along the link's own z axis, m; below zero of
             a link that hangs where its coordinate is 0.
         inertia: about the centre of mass and y, kg m^2; 0 for a point mass.
         damping: viscous, at the joint, N s/m or N m s/rad.
         limit: where the joint has stops by an engine's own law, m or rad to either side; or None.
         length: from the joint to the next along the link's own z axis, or to its end, m.
+        direction: of the joint's axis; None: a slide goes along +x, and a hinge is about +y, which
+            turns +z towards +x.
+        stiffness: of a spring at the joint, N/m or N m/rad.
+        slack: coordinate at which the spring pulls nowhere, m or rad.
     """
 
     coordinate: str
@@ -140,6 +154,14 @@ class Link:
     damping: Component
     limit: Component | None = None
     length: Component = 0.0
+    direction: Direction | None = None
+    stiffness: Component = 0.0
+    slack: Component = 0.0
+
+    @property
+    def axis(self) -> Direction:
+        """Of the joint, in the frame of the link before."""
+        return self.direction or ((1, 0, 0) if self.joint == "slide" else (0, 1, 0))
 
 
 @dataclass(frozen=True)
@@ -166,3 +188,25 @@ class Mechanism:
         links = list(self.links)
         links[coordinate] = replace(links[coordinate], limit=limit)
         return replace(self, links=tuple(links))
+
+    @property
+    def solid(self) -> Mechanism:
+        """The same where each link has a mass: simulators take no body without one."""
+        least = LEAST_SHARE * sum(link.mass for link in self.links)
+        heavy = [replace(x, mass=least) if _is_zero(x.mass) else x for x in self.links]
+        return replace(self, links=tuple(heavy))
+
+    @property
+    def sprung(self) -> bool:
+        """Whether a joint has a spring."""
+        return not all(_is_zero(link.stiffness) for link in self.links)
+
+    @property
+    def slackened(self) -> Mechanism:
+        """The same without springs."""
+        return replace(self, links=tuple([replace(link, stiffness=0.0) for link in self.links]))
+
+    def spring_forces(self, q: Components) -> Components:
+        """Generalized force of the springs, N or N m."""
+        pairs = zip(self.links, q, strict=True)
+        return tuple([0.0 - link.stiffness * (x - link.slack) for link, x in pairs])

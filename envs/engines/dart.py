@@ -30,7 +30,7 @@ _LCP = "boxedLcpSolver"
 _SOLVERS = ("DantzigBoxedLcpSolver", "PgsBoxedLcpSolver")
 """What solves for joint limits: where Dantzig's fails, the other; its own value is the first."""
 
-_JOINTS = {"slide": ("Prismatic", (1.0, 0.0, 0.0)), "hinge": ("Revolute", (0.0, 1.0, 0.0))}
+_JOINTS = {"slide": "Prismatic", "hinge": "Revolute"}
 
 
 class DartEngine(RigidBodyEngine):
@@ -140,13 +140,12 @@ class DartEngine(RigidBodyEngine):
 
     def _hang(self, dart: Any, parent: Any, link: Link, offset: float) -> Any:
         """Hang a link on a body, or on the ground where that is None; its own body."""
-        kind, axis = _JOINTS[link.joint]
-        create = getattr(self._skeleton, f"create{kind}JointAndBodyNodePair")
+        create = getattr(self._skeleton, f"create{_JOINTS[link.joint]}JointAndBodyNodePair")
         joint, body = create() if parent is None else create(parent)
         place = dart.math.Isometry3()
         place.set_translation((0.0, 0.0, offset))
         joint.setTransformFromParentBodyNode(place)
-        joint.setAxis(axis)
+        joint.setAxis([float(x) for x in link.axis])
         joint.setDampingCoefficient(0, link.damping)
         moments = moment(link) * np.eye(3)
         body.setInertia(dart.dynamics.Inertia(link.mass, (0.0, 0.0, link.centre), moments))

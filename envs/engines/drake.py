@@ -369,6 +369,7 @@ class DrakeEngine(RigidBodyEngine):
     name: ClassVar[str] = "drake"
     package: ClassVar[str] = "drake"
     modules: ClassVar[tuple[str, ...]] = ("pydrake",)
+    own_springs: ClassVar[bool] = True
     tells_speeds: ClassVar[bool] = True
     stopless: ClassVar[frozenset[str]] = frozenset({*EXPLICIT, *IMPLICIT})
     maps: ClassVar[Mapping[str, str]] = {**DISCRETE, **EXPLICIT, **IMPLICIT}
@@ -459,11 +460,14 @@ def _hang(plant: Any, parent: Any, link: Link, offset: float) -> Any:
         link.coordinate,
         tree.SpatialInertia.MakeFromCentralInertia(link.mass, (0.0, 0.0, link.centre), inertia),
     )
-    kind, axis = {
-        "slide": (tree.PrismaticJoint, (1.0, 0.0, 0.0)),
-        "hinge": (tree.RevoluteJoint, (0.0, 1.0, 0.0)),
-    }[link.joint]
+    slides = link.joint == "slide"
+    kind = tree.PrismaticJoint if slides else tree.RevoluteJoint
     limit = inf if link.limit is None else link.limit
     frame = body.body_frame()
-    plant.AddJoint(kind(link.coordinate, parent, frame, axis, -limit, limit, link.damping))
+    joint = plant.AddJoint(
+        kind(link.coordinate, parent, frame, link.axis, -limit, limit, link.damping)
+    )
+    if link.stiffness:
+        spring = tree.PrismaticSpring if slides else tree.RevoluteSpring
+        plant.AddForceElement(spring(joint, link.slack, link.stiffness))
     return frame

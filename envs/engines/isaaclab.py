@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from integ_gym.support.errors import InputError
 from integ_gym.support.isolated import ISOLATED, Worker
 
 from ..mechanics import Link, Mechanism
@@ -24,7 +25,7 @@ ROOT = "mechanism"
 LEAST_INERTIA = 1.1e-10
 """Of a body, kg m^2: Newton raises what is below 1e-10 by 1e-6."""
 
-_JOINTS = {"slide": ("Prismatic", "X"), "hinge": ("Revolute", "Y")}
+_JOINTS = {"slide": "Prismatic", "hinge": "Revolute"}
 
 
 def usd(mechanism: Mechanism) -> str:
@@ -62,11 +63,16 @@ def _body(name: str, mass: object, centre: object, inertia: object) -> str:
 
 
 def _moving(link: Link, parent: str, offset: Component) -> str:
-    kind, axis = _JOINTS[link.joint]
+    if sum(link.axis) < 0:
+        raise InputError(
+            f"engine 'isaaclab' has joints along x, y and z, and that of {link.coordinate!r} goes "
+            "against one of them; use another engine"
+        )
+    axis = "XYZ"[link.axis.index(1)]
     per_degree = pi / 180.0 if link.joint == "hinge" else 1.0
     place = f"        point3f physics:localPos0 = (0, 0, {offset!r})\n" if offset else ""
     return _joint(
-        kind,
+        _JOINTS[link.joint],
         f"{link.coordinate}_joint",
         parent,
         link.coordinate,

@@ -81,7 +81,9 @@ class MjxEngine(MujocoSettings, LanesEngine):
     def at(self, system: PlantSystem, dt: Component) -> MjxEngine:
         """The same engine for other values of the parameters, traced or arrays of JAX's."""
         other = super().at(system, dt)
-        other.mechanism = system.plant.mechanism  # type: ignore[attr-defined]
+        other.mechanism = system.plant.mechanism.solid  # type: ignore[attr-defined]
+        if self.held_springs is not None:
+            other.held_springs = other.mechanism
         other._damped = True
         return other
 

@@ -13,10 +13,10 @@ import numpy as np
 from mujoco import mjx
 from mujoco.mjx._src import forward
 
-from ..mechanics import Link, Mechanism
+from ..mechanics import LEAST_SHARE, Link, Mechanism
 from ..ops.ops import Component
 from .mujoco_solver import translate_refusal, write_solver
-from .rigid import LEAST_SHARE, mjcf
+from .rigid import mjcf
 
 Array = Any
 
@@ -53,7 +53,7 @@ def program_of(
     """
     ones = (1.0,) * 4
     links = tuple(
-        Link(x.coordinate, x.joint, *ones, None if x.limit is None else 1.0, 1.0)
+        Link(x.coordinate, x.joint, *ones, None if x.limit is None else 1.0, 1.0, x.direction)
         for x in mechanism.links
     )
     settings = tuple(sorted(solver.items()))

@@ -32,6 +32,7 @@ class MujocoEngine(MujocoSettings, RigidBodyEngine):
     package: ClassVar[str] = "mujoco"
     modules: ClassVar[tuple[str, ...]] = ("mujoco",)
     least_inertia: ClassVar[float] = LEAST_INERTIA
+    own_springs: ClassVar[bool] = True
     tells_speeds: ClassVar[bool] = True
     maps: ClassVar[Mapping[str, str]] = MAPS
 

@@ -114,7 +114,7 @@ class NewtonEngine(MujocoSettings, WarpEngine):
     def _model(self, count: int, mechanism: Mechanism) -> Any:
         """As many equal worlds; inertias are kept as they are given."""
         one, all_of_them = self._builder(), self._builder()
-        axes, parent, joints = self._newton.Axis, -1, []
+        parent, joints = -1, []
         for link, offset in zip(mechanism.links, mechanism.offsets, strict=True):
             body = one.add_link(
                 mass=link.mass,
@@ -127,7 +127,7 @@ class NewtonEngine(MujocoSettings, WarpEngine):
                 parent,
                 body,
                 parent_xform=self._warp.transform((0.0, 0.0, offset), self._warp.quat_identity()),
-                axis=axes.X if slides else axes.Y,
+                axis=self._warp.vec3(*map(float, link.axis)),
                 damping=link.damping,
                 armature=0.0,
                 friction=0.0,

@@ -11,15 +11,13 @@ import numpy as np
 from integ_gym.support.optional import load
 
 from ..integrators.interface import Slopes
-from ..mechanics import Mechanism
+from ..mechanics import Link, Mechanism
 from ..ops.ops import Components, Ops
 from ..plants.system import PlantSystem
 from ..registries import INTEGRATORS
 from .rigid import Array, check_agreement, mechanism_of
 from .simulator import integrator_error, refuse_arrays
 from .stepping import NativeEngine
-
-_JOINTS = {"slide": "JointModelPX", "hinge": "JointModelRY"}
 
 
 class PinocchioEngine(NativeEngine):
@@ -86,7 +84,7 @@ class ArticulatedBodies:
         self._model.gravity.linear = np.array([0.0, 0.0, -mechanism.gravity])
         joint = 0
         for link, offset in zip(mechanism.links, mechanism.offsets, strict=True):
-            kind = getattr(pin, _JOINTS[link.joint])()
+            kind = _joint(pin, link)
             place = pin.SE3(np.eye(3), np.array([0.0, 0.0, offset]))
             joint = self._model.addJoint(joint, kind, place, link.coordinate)
             centre = np.array([0.0, 0.0, link.centre])
@@ -95,6 +93,8 @@ class ArticulatedBodies:
         self._data = self._model.createData()
         self._damping = np.array([link.damping for link in mechanism.links])
         self._damped = bool(self._damping.any())
+        self._stiffness, self._slack = np.array([(x.stiffness, x.slack) for x in mechanism.links]).T
+        self._sprung = mechanism.sprung
         self._values = np.zeros(3 * len(mechanism.links))
         self._q, self._v, self._force = np.split(self._values, 3)
 
@@ -131,10 +131,21 @@ class ArticulatedBodies:
         data = self._data
         self._pin.computeABADerivatives(self._model, data, self._q, self._v, self._force)
         by_v = data.ddq_dv - data.Minv * self._damping if self._damped else data.ddq_dv
-        return tuple([x for row in (*data.ddq_dq.tolist(), *by_v.tolist()) for x in row])
+        by_q = data.ddq_dq - data.Minv * self._stiffness if self._sprung else data.ddq_dq
+        return tuple([x for row in (*by_q.tolist(), *by_v.tolist()) for x in row])
 
     def _load(self, values: tuple[float, ...]) -> None:
-        """Put coordinates, velocities and forces, less damping, where Pinocchio reads them."""
+        """Put coordinates, velocities and forces, with those of the joints, where they are read."""
         self._values[:] = values
         if self._damped:
             self._force -= self._damping * self._v
+        if self._sprung:
+            self._force -= self._stiffness * (self._q - self._slack)
+
+
+def _joint(pin: Any, link: Link) -> Any:
+    if link.direction is None:
+        return pin.JointModelPX() if link.joint == "slide" else pin.JointModelRY()
+    slides, axis = link.joint == "slide", np.array(link.axis, float)
+    kind = pin.JointModelPrismaticUnaligned if slides else pin.JointModelRevoluteUnaligned
+    return kind(axis)

@@ -109,11 +109,15 @@ class PybulletEngine(RigidBodyEngine):
 
         return run
 
+    def text(self) -> str:
+        """The model."""
+        return urdf(self.mechanism)
+
     def _load(self) -> int:
         """The model's number in its world."""
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder, "mechanism.urdf")
-            path.write_text(urdf(self.mechanism), encoding="utf-8")
+            path.write_text(self.text(), encoding="utf-8")
             body: int = self._bullet.loadURDF(
                 str(path),
                 useFixedBase=True,

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from integ_gym.support.errors import InputError
 
 from ..integrators.interface import Rates, Slopes, State, Step
-from ..mechanics import Link, Mechanism
+from ..mechanics import LEAST_SHARE, Link, Mechanism
 from ..ops.ops import SCALAR, Component, Components, Ops, along
 from ..plants.contact import Stops
 from ..plants.interface import Plant
@@ -56,7 +56,7 @@ def mechanism_of(engine: str, plant: Plant) -> Mechanism:
                 f"plant {plant.name!r} loses {power:g} W to damping at q = v = {q}, where the "
                 f"dampers of its `mechanism` take {expected:g} W; give its links the same damping"
             )
-    return mechanism
+    return mechanism.solid
 
 
 def check_agreement(model: Any, plant: Plant) -> None:
@@ -73,6 +73,7 @@ def check_agreement(model: Any, plant: Plant) -> None:
         expected = np.array(plant.mass_matrix(SCALAR, q), dtype=np.float64)
         still = (0.0,) * len(q)
         weight = expected @ np.array(plant.acceleration(SCALAR, q, still, still))
+        weight -= plant.mechanism.spring_forces(q)  # type: ignore[attr-defined]
         mass, gravity = model.at_rest(q)
         for what, got, wanted in (
             ("mass matrix", mass, expected),
@@ -90,9 +91,10 @@ def check_agreement(model: Any, plant: Plant) -> None:
 class RigidBodyEngine(ForeignEngine):
     """Builds the plant's mechanism in a simulator and advances it under generalized forces.
 
-    Friction and stops are forces of our own, taken at the start of each step and held during it:
-    a simulator takes generalized forces once in a step. Under a map that evaluates forces once
-    that is the map's own law; any other is of first order where they act.
+    Friction, stops and contact points are forces of our own, taken at the start of each step and
+    held during it: a simulator takes generalized forces once in a step. Under a map that evaluates
+    forces once that is the map's own law; any other is of first order where they act. Springs at
+    joints are held likewise under those maps; under others they are the simulator's.
 
     Raises:
         ValueError: for a plant without a mechanism or whose damping is not its mechanism's, for
@@ -104,6 +106,8 @@ class RigidBodyEngine(ForeignEngine):
     own_stops: ClassVar[bool] = True
     least_inertia: ClassVar[float] = 0.0
     """Moment of inertia of a body below which it takes none, kg m^2."""
+    own_springs: ClassVar[bool] = False
+    """Whether its joints have springs, which its map takes as it takes other forces."""
     tells_speeds: ClassVar[bool] = False
     """Whether it has a :meth:`run_with_speeds`."""
 
@@ -125,6 +129,7 @@ class RigidBodyEngine(ForeignEngine):
                 "within it; give `servo`='step' or 'period', or use engine 'native' or 'casadi'"
             )
         self.free = mechanism_of(self.name, self.system.plant)
+        self.held_springs = self._take_springs()
         self.mechanism, stops = self.free, self.system.engine_stops
         if stops is not None:
             self.mechanism = self.free.stopped(stops.coordinate, stops.limit)
@@ -135,6 +140,29 @@ class RigidBodyEngine(ForeignEngine):
         self._damped = any(link.damping for link in self.mechanism.links)
         self.build()
         self._check()
+
+    def _take_springs(self) -> Mechanism | None:
+        """The mechanism whose springs are held over a step, and are taken from the simulator's."""
+        if not self.free.sprung:
+            return None
+        if self.map.startswith("symplectic_euler"):
+            held, self.free = self.free, self.free.slackened
+            return held
+        if self.own_springs:
+            return None
+        once = ", ".join(x for x, y in self.maps.items() if y.startswith("symplectic_euler"))
+        raise InputError(
+            f"engine {self.name!r} has no springs at joints that integrator {self.integrator!r} "
+            f"takes in all its stages; use `integrator`: {once}, or engine 'native', 'mujoco' or "
+            "'drake'"
+        )
+
+    def with_springs(self, q: Components, force: Components) -> Components:
+        """A generalized force with that of the springs that are held over a step."""
+        if self.held_springs is None:
+            return force
+        pairs = zip(force, self.held_springs.spring_forces(q), strict=True)
+        return tuple([a + b for a, b in pairs])
 
     @abstractmethod
     def build(self) -> None:
@@ -174,7 +202,8 @@ class RigidBodyEngine(ForeignEngine):
         """The simulator's, with our stops and friction; None where it reports none."""
         n = len(self.mechanism.links)
         q, v, own = q[:n], v[:n], force[:n]
-        found = self.forward_dynamics(q, v, self.system.with_resistance(SCALAR, q, v, own))
+        own = self.with_springs(q, self.system.with_resistance(SCALAR, q, v, own))
+        found = self.forward_dynamics(q, v, own)
         return None if found is None else (*found.tolist(), *force[n:])
 
     def _check(self) -> None:
@@ -188,7 +217,7 @@ class RigidBodyEngine(ForeignEngine):
         for link in self.mechanism.links:
             about_joint = link.inertia + link.mass * link.centre**2
             tolerated = TOLERANCE[self.width] * about_joint
-            if link.joint == "hinge" and max(link.inertia, tolerated) < least:
+            if link.joint == "hinge" and about_joint and max(link.inertia, tolerated) < least:
                 raise InputError(
                     f"engine {self.name!r} takes no body's moment of inertia below {least:g} "
                     f"kg m^2, which the plant's {about_joint:g} kg m^2 about {link.coordinate!r} "
@@ -202,7 +231,7 @@ class RigidBodyEngine(ForeignEngine):
         """Whether nothing is booked between steps but work and the damping of the steps."""
         system = self.system
         limited = system.speed_limits is not None or system.engine_stops is not None
-        if system.steep or limited:
+        if system.steep or limited or self.held_springs is not None:
             return False
         return not self._damped or (self.tells_speeds and self._map_losses_of is not None)
 
@@ -251,7 +280,9 @@ class RigidBodyEngine(ForeignEngine):
         resisting, rates = self.system.resistance(ops, q, v)
         drive = self.system.to_generalized_force(control)
         force = tuple([a + b for a, b in zip(drive, resisting, strict=True)])
-        end_q, end_v, iterations, residual, converged = self.travel(ops, q, v, force, 1)
+        end_q, end_v, iterations, residual, converged = self.travel(
+            ops, q, v, self.with_springs(q, force), 1
+        )
         losses = along(losses, self.dt, rates)
         if self._damped:
             losses = (self._damping(ops, (q, v), (end_q, end_v), force, losses[0]), *losses[1:])
@@ -334,16 +365,11 @@ MAPS: dict[str, str] = {
 LEAST_INERTIA = 1.1e-15
 """Of a body, kg m^2: MuJoCo's compiler wants more than 1e-15."""
 
-LEAST_SHARE = 1e-12
-"""A point mass's moment of inertia about itself, as a share of that about its joint."""
-
-_AXES = {"slide": "1 0 0", "hinge": "0 1 0"}
-
 
 def moment(link: Link) -> float:
     """A link's moment of inertia, kg m^2, or one above zero that makes no difference.
 
-    For simulators that take none of zero. A sliding body never turns: any will do.
+    For simulators that take none of zero.
     """
     about_joint = link.mass * (link.centre**2 or 1.0)
     least: float = max(link.inertia, LEAST_SHARE * about_joint)
@@ -377,13 +403,18 @@ def mjcf(mechanism: Mechanism, dt: float, integrator: str, history: int = 0) -> 
 def _opening(link: Link, offset: Component) -> str:
     inertia, limit = max(moment(link), LEAST_INERTIA), link.limit
     ends = "" if limit is None else f'limited="true" range="{-limit!r} {limit!r}" '
+    spring = f'stiffness="{link.stiffness!r}" springref="{link.slack!r}" ' if link.stiffness else ""
     return (
         f'<body name="{link.coordinate}" pos="0 0 {offset!r}">'
-        f'<joint name="{link.coordinate}" type="{link.joint}" axis="{_AXES[link.joint]}" '
-        f'{ends}damping="{link.damping!r}"/>'
+        f'<joint name="{link.coordinate}" type="{link.joint}" axis="{_axis(link)}" '
+        f'{ends}{spring}damping="{link.damping!r}"/>'
         f'<inertial pos="0 0 {link.centre!r}" mass="{link.mass!r}" '
         f'diaginertia="{inertia!r} {inertia!r} {inertia!r}"/>'
     )
+
+
+def _axis(link: Link) -> str:
+    return " ".join(map(str, link.axis))
 
 
 def stop_law(model: Any, stops: Stops | None) -> dict[str, Any]:
@@ -435,7 +466,7 @@ def _joint(link: Link, parent: str, offset: Component) -> str:
         f'<joint name="{link.coordinate}_joint" type="{kinds[link.joint]}">'
         f'<origin xyz="0 0 {offset!r}"/>'
         f'<parent link="{parent}"/><child link="{link.coordinate}"/>'
-        f'<axis xyz="{_AXES[link.joint]}"/><limit {ends} effort="0" velocity="0"/>'
+        f'<axis xyz="{_axis(link)}"/><limit {ends} effort="0" velocity="0"/>'
         f'<dynamics damping="{link.damping!r}" friction="0"/></joint>'
     )
 

@@ -29,7 +29,13 @@ UNCAPPED = 1e6
 """Speed at which PhysX clips, m/s or rad/s; 10 m/s and 50 rad/s where it is not set."""
 
 _KINDS = {"slide": "prismatic", "hinge": "revolute_unwrapped"}
-_AXES = {"slide": (1.0, 0.0, 0.0, 0.0), "hinge": (sqrt(0.5), 0.0, 0.0, sqrt(0.5))}
+_AXES = {
+    (1, 0, 0): (1.0, 0.0, 0.0, 0.0),
+    (0, 1, 0): (sqrt(0.5), 0.0, 0.0, sqrt(0.5)),
+    (0, -1, 0): (sqrt(0.5), 0.0, 0.0, -sqrt(0.5)),
+    (0, 0, 1): (sqrt(0.5), 0.0, -sqrt(0.5), 0.0),
+    (0, 0, -1): (sqrt(0.5), 0.0, sqrt(0.5), 0.0),
+}
 """Rotation that turns x, the axis of PhysX's joints, into the joint's own; quaternion, w first."""
 
 
@@ -113,8 +119,8 @@ class SapienEngine(RigidBodyEngine):
             inertia = max(link.inertia, SMALLEST_INERTIA * link.mass)
             centre = sapien.Pose([0.0, 0.0, link.centre])
             body.set_mass_and_inertia(link.mass, centre, [inertia] * 3)
-            axis = sapien.Pose(q=_AXES[link.joint])
-            place = sapien.Pose([0.0, 0.0, offset], _AXES[link.joint])
+            axis = sapien.Pose(q=_AXES[link.axis])
+            place = sapien.Pose([0.0, 0.0, offset], _AXES[link.axis])
             limit = inf if link.limit is None else link.limit
             body.set_joint_properties(
                 _KINDS[link.joint], [[-limit, limit]], place, axis, friction=0.0,
@@ -128,9 +134,9 @@ class SapienEngine(RigidBodyEngine):
 
     def _check(self) -> None:
         super()._check()
-        n = len(self.mechanism.links)
-        for q in (0.0,) * n, *probes(n):
-            for v in probes(n):
+        slack = tuple([link.slack for link in self.mechanism.links])
+        for q in (slack, *probes(len(slack))):
+            for v in probes(len(slack)):
                 self._compare(q, v)
 
     def _compare(self, q: Components, v: Components) -> None:
@@ -143,7 +149,7 @@ class SapienEngine(RigidBodyEngine):
         held = HeldForce(self.system.plant, force)
         step = self._map.step(SCALAR, held, q, v, (0.0,), 0.0, self.dt)
         expected = np.array((*step.q, *step.v))
-        got = np.array(_run_in(self._free, len(q), 1)(*q, *v, *force))
+        got = np.array(_run_in(self._free, len(q), 1)(*q, *v, *self.with_springs(q, force)))
         if (np.abs(got - expected) > TOLERANCE[self.width] * (1.0 + np.abs(expected))).any():
             raise InputError(
                 f"engine 'sapien' with integrator {self.integrator!r} is not the map {self.map!r} "

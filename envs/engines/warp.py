@@ -179,7 +179,7 @@ def constraint_solver(mjw: Any, model: Any, data: Any) -> ConstraintSolver:
 def forces_at_rest(
     mujoco: Any, mjw: Any, made: Any, model: Any, data: Any, q: Components
 ) -> tuple[Array, Array]:
-    """Mass matrix and all of the generalized force of MuJoCo Warp's first world at rest in ``q``.
+    """Mass matrix and generalized force, without springs, of MuJoCo Warp's first world at rest.
 
     Args:
         mujoco: the module.
@@ -194,7 +194,8 @@ def forces_at_rest(
     mjw.forward(model, data)
     packed = mujoco.MjData(made)
     packed.M[:] = data.M.numpy()[0]
-    return mass_matrix(mujoco, made, packed), np.array(data.qfrc_smooth.numpy()[0], np.float64)
+    force = data.qfrc_smooth.numpy()[0] - data.qfrc_spring.numpy()[0]
+    return mass_matrix(mujoco, made, packed), np.array(force, np.float64)
 
 
 class MujocoWarpEngine(MujocoSettings, WarpEngine):
@@ -209,6 +210,7 @@ class MujocoWarpEngine(MujocoSettings, WarpEngine):
     package: ClassVar[str] = "mujoco-warp"
     modules: ClassVar[tuple[str, ...]] = ("mujoco", "mujoco_warp", "warp")
     least_inertia: ClassVar[float] = LEAST_INERTIA
+    own_springs: ClassVar[bool] = True
     maps: ClassVar[Mapping[str, str]] = MAPS
 
     def open(self) -> None:

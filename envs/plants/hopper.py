@@ -8,6 +8,7 @@ from typing import ClassVar
 
 from integ_gym.support.parameters import nonnegative, parameter, positive
 
+from ..mechanics import Link, Mechanism
 from ..ops.ops import Component, Components, Ops
 from .contact import ContactFrame, ContactPoint
 
@@ -63,6 +64,21 @@ class Hopper:
     hands: ClassVar[tuple[tuple[float, ...], ...]] = ((1.0, 0.0), (0.0, 1.0))
     probe: ClassVar[tuple[float, ...]] = (0.7, 0.5, 2.5, 0.2, 0.4, -0.1, 1.1, -0.4, 0.9, -0.7)
     constant_mass_matrix: ClassVar[bool] = False
+
+    @cached_property
+    def mechanism(self) -> Mechanism:
+        """Two slides and a hinge carry the torso, a hinge and a springy slide the foot."""
+        links = (
+            Link("x", "slide", 0.0, 0.0, 0.0, 0.0),
+            Link("z", "slide", 0.0, 0.0, 0.0, 0.0, direction=(0, 0, 1)),
+            Link("theta", "hinge", self.mass, 0.0, self.inertia, 0.0),
+            Link("hip", "hinge", 0.0, 0.0, 0.0, 0.0, direction=(0, -1, 0)),
+            Link(
+                "leg", "slide", self.foot_mass, 0.0, 0.0, self.damping, direction=(0, 0, -1),
+                stiffness=self.leg_stiffness, slack=self.leg_length,
+            ),
+        )  # fmt: skip
+        return Mechanism(links, self.gravity)
 
     @cached_property
     def contacts(self) -> tuple[ContactPoint, ...]:
