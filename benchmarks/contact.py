@@ -37,25 +37,25 @@ LADDER = tuple(2.0**-k / RATE for k in range(-3, 10))
 NEAR = 0.01
 THROWN = Puck(gravity=0.0)
 SLIDING = Puck(gravity=10.0, friction_speed=0.02)
-SLOWING = SLIDING.friction * SLIDING.gravity
 DEPTH = SLIDING.gravity / RATE**2
 """That the puck's weight presses it in, m."""
 
 
-def restitution() -> float:
-    """Speed of departure over that of arrival, by g(arrival) = g(-departure)."""
-    d, low, high = THROWN.plane_damping, 0.0, 1.0
+def restitution(arrival: float = 1.0, d: float = THROWN.plane_damping) -> float:
+    """Speed of departure, m/s, by g(arrival) = g(-departure)."""
+    low, high = 0.0, arrival
     for _ in range(100):
         middle = 0.5 * (low + high)
         spent = -middle / d - log1p(-d * middle) / d**2
-        low, high = (middle, high) if spent < 1.0 / d - log1p(d) / d**2 else (low, middle)
+        above = spent < arrival / d - log1p(d * arrival) / d**2
+        low, high = (middle, high) if above else (low, middle)
     return low
 
 
-def distance() -> float:
-    """Over which the puck comes to rest, m: ∫ √(v² + v_s²) dv / μg."""
-    smooth = SLIDING.friction_speed
-    return (hypot(1.0, smooth) + smooth**2 * asinh(1.0 / smooth)) / (2.0 * SLOWING)
+def distance(puck: Puck = SLIDING) -> float:
+    """Over which a puck comes to rest from 1 m/s, m: ∫ √(v² + v_s²) dv / μg."""
+    smooth, slowing = puck.friction_speed, puck.friction * puck.gravity
+    return float(hypot(1.0, smooth) + smooth**2 * asinh(1.0 / smooth)) / (2.0 * slowing)
 
 
 def rebounds(integrator: str, dt: float) -> np.ndarray:

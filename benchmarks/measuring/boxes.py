@@ -7,9 +7,10 @@ m/s), one entry for each step.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from itertools import product
 from math import sqrt
+from typing import Any
 
 from integ_gym.envs.engines.simulator import load_undisturbed
 
@@ -141,12 +142,29 @@ def sapien(integrator: str, dt: float, start: Start) -> Motion:
 
 def drake(integrator: str, dt: float, start: Start) -> Motion:
     """Point contact with Drake's default compliance, at four small spheres: a box has one point."""
-    from pydrake.geometry import HalfSpace, Sphere
+    from pydrake.geometry import Sphere
+    from pydrake.math import RigidTransform
+    from pydrake.multibody.tree import SpatialInertia, UnitInertia
+
+    builder, plant, rubs = drake_ground(integrator, dt, GRAVITY, FRICTION)
+    about = UnitInertia(*[m / MASS for m in MOMENTS])
+    body = plant.AddRigidBody("box", SpatialInertia(MASS, [0.0] * 3, about))
+    for i, (x, y) in enumerate(product((-1, 1), repeat=2)):
+        corner = RigidTransform([x * HALF[0], y * HALF[1], FOOT - HALF[2]])
+        plant.RegisterCollisionGeometry(body, corner, Sphere(FOOT), f"foot{i}", rubs)
+    place = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, start[0] + HALF[2]]
+    for q, v in drake_states(builder, plant, dt, place, [0.0, 0.0, 0.0, start[1], 0.0, 0.0]):
+        yield q[6] - HALF[2], q[4], v[5], v[3]
+
+
+def drake_ground(
+    integrator: str, dt: float, gravity: float, friction: float, depth: float = 0.0
+) -> tuple[Any, Any, Any]:
+    """A builder, an empty discrete plant over a ground so deep, m, and how that rubs."""
+    from pydrake.geometry import HalfSpace
     from pydrake.math import RigidTransform
     from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, CoulombFriction
     from pydrake.multibody.plant import DiscreteContactApproximation as Approximation
-    from pydrake.multibody.tree import SpatialInertia, UnitInertia
-    from pydrake.systems.analysis import Simulator
     from pydrake.systems.framework import DiagramBuilder
 
     builder = DiagramBuilder()
@@ -154,27 +172,31 @@ def drake(integrator: str, dt: float, start: Start) -> Motion:
     plant.set_discrete_contact_approximation(
         Approximation.__members__[f"k{integrator.capitalize()}"]
     )
-    plant.mutable_gravity_field().set_gravity_vector([0.0, 0.0, -GRAVITY])
-    rubs = CoulombFriction(FRICTION, FRICTION)
-    plant.RegisterCollisionGeometry(plant.world_body(), RigidTransform(), HalfSpace(), "g", rubs)
-    about = UnitInertia(*[m / MASS for m in MOMENTS])
-    body = plant.AddRigidBody("box", SpatialInertia(MASS, [0.0] * 3, about))
-    for i, (x, y) in enumerate(product((-1, 1), repeat=2)):
-        corner = RigidTransform([x * HALF[0], y * HALF[1], FOOT - HALF[2]])
-        plant.RegisterCollisionGeometry(body, corner, Sphere(FOOT), f"foot{i}", rubs)
+    plant.mutable_gravity_field().set_gravity_vector([0.0, 0.0, -gravity])
+    rubs = CoulombFriction(friction, friction)
+    place = RigidTransform([0.0, 0.0, -depth])
+    plant.RegisterCollisionGeometry(plant.world_body(), place, HalfSpace(), "ground", rubs)
+    return builder, plant, rubs
+
+
+def drake_states(
+    builder: Any, plant: Any, dt: float, q: Sequence[float], v: Sequence[float]
+) -> Iterator[tuple[Any, Any]]:
+    """(q, v) after each step from these."""
+    from pydrake.systems.analysis import Simulator
+
     plant.Finalize()
     diagram = builder.Build()
     simulator = Simulator(diagram)
     context = plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
-    plant.SetPositions(context, [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, start[0] + HALF[2]])
-    plant.SetVelocities(context, [0.0, 0.0, 0.0, start[1], 0.0, 0.0])
+    plant.SetPositions(context, q)
+    plant.SetVelocities(context, v)
     simulator.Initialize()
     done = 0
     while True:
         done += 1
         simulator.AdvanceTo(done * dt)
-        q, v = plant.GetPositions(context), plant.GetVelocities(context)
-        yield q[6] - HALF[2], q[4], v[5], v[3]
+        yield plant.GetPositions(context), plant.GetVelocities(context)
 
 
 BOXES: dict[str, Callable[[str, float, Start], Motion]] = {

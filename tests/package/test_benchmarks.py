@@ -11,6 +11,7 @@ FOLDER = Path(__file__).parents[2] / "benchmarks"
 SHORT = {
     "attacks": ["--tries", "1", "--only", "hostile"],
     "contact": ["--only", "rk4"],
+    "engine_contact": ["--only", "native", "mujoco"],
     "engines": ["--only", "mujoco", "--seconds", "0.01"],
     "env_throughput": ["--only", "single", "vector", "--seconds", "0.01"],
     "error_rates": ["--seeds", "8", "--repeats", "2"],

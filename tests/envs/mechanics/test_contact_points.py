@@ -315,7 +315,8 @@ def test_rebound_and_distance_go_to_the_closed_forms_at_order(integrator, monkey
     gain = 0.5 * 16.0 ** min(own.order, 2)
     assert worst[2] < worst[0] / gain
     assert off[2] < max(off[0] / gain, 1e-5)
-    braking = contact.SLOWING / contact.SLIDING.friction_speed
+    sliding = contact.SLIDING
+    braking = sliding.friction * sliding.gravity / sliding.friction_speed
     rubbed, pressed = (contact.stable_step(integrator, coordinate) for coordinate in (0, 1))
     assert rubbed == pytest.approx(own.theory.decay_limit / braking, rel=1e-3)
     damped = contact.SLIDING.gravity * contact.SLIDING.plane_damping / contact.RATE**2
