@@ -7,16 +7,12 @@ import re
 import shlex
 import subprocess
 import sys
-import warnings
 from functools import cache
 from pathlib import Path
 from unittest.mock import Mock
 
 import pytest
-from engine_cases import needs
 
-import integ_gym
-from integ_gym import cli
 from integ_gym.cli import COMMANDS, main
 from integ_gym.envs import numerics
 from integ_gym.envs.numerics.identity import fingerprint
@@ -55,18 +51,6 @@ def test_every_command_has_help_whose_examples_are_understood(command, capsys, m
 
 @pytest.mark.parametrize(
     ("words", "told"),
-    [([], [f"  {command}" for command in COMMANDS]), (["--version"], [integ_gym.__version__])],
-)
-def test_what_there_is_is_said(words, told, capsys):
-    with pytest.raises(SystemExit) as ended:
-        main(words)
-    assert ended.value.code == 0
-    text = capsys.readouterr().out
-    assert all(one in text for one in told)
-
-
-@pytest.mark.parametrize(
-    ("words", "told"),
     [(["pannel"], "'panel'"), *(([command, "--no-such-flag"], "--help") for command in COMMANDS)],
 )
 def test_what_is_not_understood_ends_with_one_line(words, told, capsys):
@@ -76,20 +60,6 @@ def test_what_is_not_understood_ends_with_one_line(words, told, capsys):
     error = capsys.readouterr().err
     assert told in error
     assert error.count("\n") == 1
-
-
-@pytest.mark.parametrize(
-    ("words", "testbeds"),
-    [
-        ("diagnose", False),
-        ("check --integrator rk4 --dt 0.05", True),
-        ("train --integrator rk4", True),
-        ("evaluate --policy math:sin", True),
-    ],
-)
-def test_a_hint_lists_what_the_command_takes(words, testbeds, tmp_path, capsys):
-    assert main([*words.split(), "--env", "Nope-v0", "--out", str(tmp_path / "x")]) == 2
-    assert ('"module:Class"' in capsys.readouterr().err) is testbeds
 
 
 @pytest.mark.parametrize("kind", [ValueError, BrokenPipeError])
@@ -142,17 +112,6 @@ def test_a_command_needs_no_standard_streams(words, code, closed, tmp_path):
     done = subprocess.run(line, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == code, done.stderr
     assert "Traceback" not in done.stderr
-
-
-def test_a_warning_is_a_sentence_without_a_line_of_source(monkeypatch, capsys):
-    def run(*_):
-        warnings.simplefilter("always")
-        warnings.warn("a return of -5, and --seeds 2", stacklevel=1)
-        return 0
-
-    monkeypatch.setattr(cli, "_run", run)
-    assert cli.main(["engines"]) == 0
-    assert capsys.readouterr().err == "warning: a return of −5, and --seeds 2\n"
 
 
 WANTING = {
@@ -224,33 +183,6 @@ def test_a_hint_names_the_smallest_extra_that_helps(tmp_path):
     assert all(hints[words].startswith("2 ") for words in WANTING)
 
 
-def _table(printed):
-    """Rows of the printed table, each {heading: cell}."""
-    headings, _, *lines = [re.split(r" {2,}", line.strip()) for line in printed.splitlines()]
-    return [dict(zip(headings, line, strict=True)) for line in lines if len(line) > 1]
-
-
-@pytest.mark.parametrize("engine", ["mujoco", "pybullet"])
-def test_every_integrator_of_an_engine_has_its_line(engine, capsys, monkeypatch):
-    """With the map that it is declared to apply in the column of what it was found to apply."""
-    needs(engine)
-    found = {}
-
-    def kept(engine, own, plant):
-        found[own] = fingerprint(engine, own, plant)
-        return found[own]
-
-    monkeypatch.setattr(numerics, "fingerprint", kept)
-    assert main(["engines", "--engine", engine]) == 0
-    rows = _table(capsys.readouterr().out)
-    assert {row["engine"] for row in rows} == {engine}
-    assert {row["integrator"]: row["applies"] for row in rows} == ENGINES.load(engine).maps
-    assert {measured.plant for measured in found.values()} == {"cart_pole"}
-    for row in rows:
-        volume = found[row["integrator"]].volume_defect
-        assert float(row["det J - 1"]) == pytest.approx(volume, rel=0.5)
-
-
 @pytest.fixture(scope="module")
 def of_native():
     """Runs the command on the native engine, whose steps are measured once."""
@@ -277,8 +209,3 @@ def test_what_is_missing_is_named_with_its_remedy(of_native, capsys, monkeypatch
     assert of_native("mujoco") == 0
     out = capsys.readouterr().out
     assert 'no_such_module); run: pip install -e ".[mujoco]"' in out
-
-
-def test_an_unknown_engine_is_refused(capsys):
-    assert main(["engines", "--engine", "mujco"]) == 2
-    assert "Did you mean 'mujoco'?" in capsys.readouterr().err

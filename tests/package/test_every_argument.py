@@ -189,6 +189,7 @@ REFUSED = [
     (("watch", "panel", "--own-code"), "is a run; give the id of one"),
     (("watch", "panel", "--on", "rk4"), "is a run; give the id of one"),
     (("diagnose", "--example", "drift", "--workers", "2"), "so --workers has no effect"),
+    (("engines", "--engine", "mujco"), "'mujoco'"),
 ]  # fmt: skip
 
 

@@ -144,15 +144,3 @@ def test_each_target_installs_what_it_needs(clone):
     assert _installed(clone, "panel") == [PANEL]
     assert _installed(clone, "train") == [PANEL, TRAIN]
     assert _installed(clone, "test") == [PANEL, TRAIN, REST]
-
-
-def test_what_is_there_is_not_installed_again(clone):
-    for name in (".panel", ".train", ".ready"):
-        (clone / ".venv" / name).touch()
-        os.utime(clone / ".venv" / name)
-        assert _installed(clone, "panel") == []
-    assert _installed(clone, "test") == []
-    (clone / ".venv" / ".ready").unlink()
-    assert _installed(clone, "test") == [REST]
-    os.utime(clone / "constraints.txt", (4e9, 4e9))
-    assert _installed(clone, "panel") == [PANEL]

@@ -32,7 +32,6 @@ from integ_gym.support.terminal import (
     compact_percent,
     fixed,
     percent,
-    print_columns,
     print_command,
     report_errors,
     seconds,
@@ -133,32 +132,6 @@ def test_nothing_is_lost_where_a_text_is_broken(text, width, monkeypatch):
     assert "".join(lines).replace(" ", "") == text.replace(" ", "")
 
 
-NAMES = ("policy", "success", "what it took")
-CELLS = [
-    ["a_policy_with_a_name_longer_than_its_column", "0.98 (0.74 to 1.00)", "7 s"],
-    ["b", "–", "8 s"],
-]
-
-
-@pytest.mark.parametrize("width", [34, 48, 60])
-def test_a_table_fits_and_breaks_long_words_after_a_sign(width, monkeypatch):
-    shown = io.StringIO()
-    monkeypatch.setenv("COLUMNS", str(width))
-    print_columns(NAMES, CELLS, shown, optional=("what it took",))
-    lines = shown.getvalue().splitlines()
-    assert max(map(len, lines)) <= width
-    assert any(re.match(r"[a_]\w*_( |$)", line) for line in lines)
-    left_out = "Left out to fit 34 characters: what it took." in " ".join(shown.getvalue().split())
-    assert ("7 s" in shown.getvalue(), left_out) == (width > 34, width == 34)
-
-
-def test_without_room_for_a_table_rows_are_lists(monkeypatch):
-    shown = io.StringIO()
-    monkeypatch.setenv("COLUMNS", "30")
-    print_columns(NAMES, CELLS, shown)
-    assert "\npolicy        b\nsuccess       –\n" in shown.getvalue()
-
-
 @pytest.mark.parametrize("width", range(24, 80, 7))
 def test_a_command_that_goes_on_is_one_for_the_shell(width, monkeypatch, capsys):
     words = [
@@ -180,15 +153,6 @@ def test_a_command_that_goes_on_is_one_for_the_shell(width, monkeypatch, capsys)
     monkeypatch.delenv("COLUMNS")
     print_command(command)
     assert capsys.readouterr().out == f"  {command}\n"
-
-
-@pytest.mark.parametrize(
-    "call", ["integ_gym.evaluate(…, episodes=80)", "integ-gym watch 'it'\"'\"'s here' --on rk4"]
-)
-def test_what_may_not_be_broken_stays_on_one_line(call, monkeypatch, capsys):
-    monkeypatch.setenv("COLUMNS", "20")
-    print_command(call)
-    assert capsys.readouterr().out == f"  {call}\n"
 
 
 def test_numbers_keep_two_digits_and_have_true_minus_signs():
