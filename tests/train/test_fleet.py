@@ -24,8 +24,6 @@ from integ_gym.envs.registries import ENVIRONMENTS
 from integ_gym.evidence.labels import EpisodeContext
 from integ_gym.evidence.recomputing import recompute
 from integ_gym.evidence.store import EvidenceStore
-from integ_gym.support.executors import ClusterError
-from integ_gym.train.command import training_command as main
 from integ_gym.train.config import TrainingEvidence
 from integ_gym.train.fleet import training as fleet
 from integ_gym.train.fleet.learning import (
@@ -42,7 +40,7 @@ from integ_gym.train.fleet.learning import (
 )
 from integ_gym.train.fleet.planning import kind_of
 from integ_gym.train.fleet.program import FleetProgram
-from integ_gym.train.fleet.training import train_chunk, train_fleet, train_in_stages, write_outcome
+from integ_gym.train.fleet.training import train_chunk, train_in_stages, write_outcome
 from integ_gym.train.policy_files.card import PolicyFileError
 from integ_gym.train.policy_files.safetensors_file import FORMAT, read_safetensors
 from integ_gym.train.policy_files.sidecar import read_trained
@@ -409,22 +407,6 @@ def test_workers_leave_this_process_as_it_was_and_train_what_the_command_trains_
     cards = [read_trained(tmp_path / name / "policy.zip")[1] for name in names]
     assert [card["seed"] for card in cards] == [0, 0]
     assert set(cards[0]) == set(cards[1])
-
-
-def test_refusals(tmp_path, capsys):
-    config = small_run()
-    with pytest.raises(ValueError, match="one entry per configuration"):
-        train_fleet([config], [])
-    (tmp_path / "policy.zip").write_text("")
-    with pytest.raises(FileExistsError, match="--force"):
-        train_fleet([config], [tmp_path])
-    with pytest.raises(ClusterError, match="must be one of local, ray, dask"):
-        train_fleet([config], [tmp_path / "out"], executor="cloud")
-    assert not (tmp_path / "out").exists()
-    with pytest.raises(ValueError, match="one kind"):
-        train_chunk([config, small_run(n_steps=64)])
-    assert main(["--trainer", "fleet", "--integrator", "rk5", "--out", str(tmp_path / "x")]) == 2
-    assert "Did you mean 'rk4'" in capsys.readouterr().err
 
 
 def test_safetensors_that_are_none_are_refused(tmp_path):

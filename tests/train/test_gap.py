@@ -42,6 +42,8 @@ def test_by_default_the_truth_and_all_integrators():
     scores = discretization_gap(still, "IntegPendulum-v0", "stock", episodes=1, environment=SHORT)
     assert "discretization/return/reference-dt-0.05" in scores
     assert sum("return/" in name for name in scores) == 7
+    with pytest.raises(ValueError, match="`episodes` must be 1 or above"):
+        discretization_gap(still, "IntegPendulum-v0", "stock", episodes=0)
 
 
 @pytest.mark.parametrize("home", [None, {"control_period": 0.1}])
@@ -121,6 +123,8 @@ def test_a_stock_environment_must_be_told_its_home():
         ({"others": ["integrator=rk9,dt=0.05"]}, "unknown integrator 'rk9'"),
         ({"others": ["integrator=rk4,dt=0.03"]}, "not a whole multiple"),
         ({"environment": {"masss": 1.0}}, "masss"),
+        ({"others": ["control_period=0.05"]}, "`others` names discretizations"),
+        ({"environment": {"dt": 0.01}}, "gives `dt`, which is what differs"),
     ],
 )
 def test_what_cannot_be_made_is_refused_before_the_training(told, message):
@@ -129,19 +133,6 @@ def test_what_cannot_be_made_is_refused_before_the_training(told, message):
     callback = DiscretizationCallback(10**6, env_id="IntegPendulum-v0", home="stock", **told)
     with pytest.raises((TypeError, ValueError), match=message):
         model.learn(8, callback=callback)
-
-
-@pytest.mark.parametrize(
-    ("told", "message"),
-    [
-        ({"others": ["control_period=0.05"]}, "`others` names discretizations"),
-        ({"environment": {"dt": 0.01}}, "gives `dt`, which is what differs"),
-        ({"episodes": 0}, "`episodes` must be 1 or above"),
-    ],
-)
-def test_what_says_nothing_is_refused(told, message):
-    with pytest.raises(ValueError, match=message):
-        discretization_gap(still, "IntegPendulum-v0", "stock", **told)
 
 
 STEPS = [{"dt": 0.025}, {"dt": 0.05}]

@@ -15,7 +15,6 @@ from stable_baselines3 import PPO
 
 from integ_gym.evidence.labels import EpisodeContext
 from integ_gym.evidence.store import EvidenceStore
-from integ_gym.train.command import training_command as main
 from integ_gym.train.config import TrainingEvidence
 from integ_gym.train.fleet.planning import kind_of, plan
 from integ_gym.train.fleet.training import _Trainer, train_chunk, train_fleet, write_outcome
@@ -225,15 +224,7 @@ def test_every_integrator_has_its_share_where_episodes_end_early(tmp_path):
     assert len(decisions) == 2
 
 
-def test_shares_that_are_no_whole_lanes_are_refused(tmp_path, capsys):
+def test_shares_that_are_no_whole_lanes_are_refused(tmp_path):
     odd = replace(CONFIG, n_envs=12, batch_size=32)
     with pytest.raises(ValueError, match=r"12 environments .* multiple of 8"):
         train_fleet([odd], [tmp_path])
-    flags = ["--out", str(tmp_path), "--n-envs", "3", "--batch-size", "32", "--no-progress"]
-    mixture = '[{"integrator": "rk4"}, {"integrator": "explicit_euler"}]'
-    given = ["--env-arg", f"mixture={mixture}", *flags]
-    assert main(["--trainer", "fleet", *given]) == 2
-    assert "rk4 1/2, explicit_euler 1/2" in capsys.readouterr().err
-    given[1] = "mixture=[]"
-    assert main(["--trainer", "sb3", *given]) == 2
-    assert "at least one" in capsys.readouterr().err

@@ -29,8 +29,6 @@ from integ_gym.train.policy import (
     PolicyStack,
 )
 
-Layers = tuple[tuple[np.ndarray, np.ndarray], ...]
-
 
 def layers(*sizes, seed=0):
     rng = np.random.default_rng(seed)

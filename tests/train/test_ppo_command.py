@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from small_ppo import FLAGS, SMALL
+from small_ppo import SMALL
 
 from integ_gym.train import command
 from integ_gym.train.command import training_command as main
@@ -79,15 +79,6 @@ def test_bad_input_is_one_line_and_exit_code_2(flags, message, tmp_path, capsys)
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize("missing", ["torch", "stable_baselines3", "rich", "tensorboard"])
-def test_a_missing_extra_names_the_command(missing, tmp_path, monkeypatch, capsys):
-    monkeypatch.setitem(sys.modules, missing, None)
-    assert main([*FLAGS, "--out", str(tmp_path)]) == 2
-    assert capsys.readouterr().err == (
-        f'integ-gym train: error: {missing} is not installed; run: pip install -e ".[train]"\n'
-    )
-
-
 def test_importing_the_trainer_imports_no_learner():
     code = (
         "import sys, integ_gym.train.ppo\n"
@@ -103,11 +94,7 @@ def test_importing_the_trainer_imports_no_learner():
         (SMALL, {"seed": -1}, "`seed` must be a whole number, from 0 to 4294967295, got -1"),
         (SMALL, {"n_envs": 2.0}, "`n_envs` must be a whole number, from 1 to 65536, got 2.0"),
         (SMALL, {"n_steps": 10**12}, "is kept in memory, and at most 16777216 are; give fewer"),
-        (SMALL, {"total_steps": 10**15}, "`total_steps` must be a whole number, from 1 to 10000"),
-        (SMALL, {"batch_size": 96}, "`batch_size`=96 does not divide a rollout of `n_envs` × `n"),
-        (SMALL, {"learning_rate": 0.0}, "`learning_rate` must be a finite number above 0, got 0"),
         (SMALL, {"gae_lambda": 1.5}, "`gae_lambda` must be a number from 0 to 1, got 1.5"),
-        (SMALL, {"discount_time": math.inf}, "`discount_time` must be a finite number above 0"),
         (SMALL, {"net_arch": (64, 0)}, "`net_arch` must be a list of at most 16 whole numbers"),
         (SMALL, {"activation": "Sine"}, "`activation` must be one of 'Tanh'"),
         (SMALL, {"env_arguments": [1]}, "`env_arguments` must map argument names to values"),
@@ -115,7 +102,6 @@ def test_importing_the_trainer_imports_no_learner():
         (SMALL, {"reward_scale": True}, "`reward_scale` must be a finite number above 0, got Tr"),
         (SACConfig(), {"tau": 1.5}, "`tau` must be a number from 0 to 1, got 1.5"),
         (SACConfig(), {"gradient_steps": -2}, "`gradient_steps` must be a whole number, -1 or ab"),
-        (SACConfig(), {"buffer_size": 10**9}, "`buffer_size` must be a whole number, from 1 to 1"),
     ],
 )
 def test_impossible_values_are_refused(config, changes, message):

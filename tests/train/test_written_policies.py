@@ -364,23 +364,6 @@ def test_what_a_file_says_itself_is_not_said_beside_it(tmp_path, pendulum_zip):
         write_sidecar(read_weights(tensors), PENDULUM, home=HOME)
 
 
-def test_a_name_that_is_no_file_of_a_policy_says_what_may_be_meant(tmp_path, pendulum_zip):
-    bare, script = tmp_path / "policy", tmp_path / "predict.py"
-    script.write_text("def predict(observation):\n    return [0.0]\n")
-    with pytest.raises(PolicyFileError, match="no such file; give a file, or a function of your"):
-        read_weights(bare)
-    shutil.copy(pendulum_zip, tmp_path / "policy.zip")
-    for path, message in (
-        (bare, r"there is no such file; give .*policy\.zip$"),
-        (tmp_path, r"is a folder; give .*policy\.zip$"),
-        (script, r"its ending is none of those that are read \(.*\.zip, "),
-    ):
-        with pytest.raises(PolicyFileError, match=message):
-            read_weights(path)
-    shutil.copy(pendulum_zip, bare)
-    assert read_weights(bare).content_hash == read_weights(pendulum_zip).content_hash
-
-
 class Wide(nn.Module):
     """A graph that is run, of 17 observations or of a row of 3."""
 
