@@ -88,13 +88,18 @@ def _files(run: Path, folder: str) -> dict[str, Path]:
 
 def _card(kind: str, panel: Panel, run: Path, repo: str) -> str:
     env_id = str(panel.spec["env_id"])
+    yardsticks = [
+        words
+        for one, words in zip((panel.truth, panel.limit), _YARDSTICKS, strict=True)
+        if one is not None
+    ]
     parts = [
         f"---\n{_metadata(kind, panel, env_id, repo)}\n---",
         f"# {panel.question or panel.name}",
         f"**{panel.headline}**",
         "\n".join(f"- {line}" for line in panel.answer.splitlines()[1:]),
         f"Success on `{env_id}`, with its 95 % interval. A row is what policies were trained on, a "
-        "column what they were judged on; the truth is the exact solution of the model.",
+        f"column what they were judged on{''.join(yardsticks)}.",
         "\n".join(_matrix(panel)),
         "## How to use it",
         *_uses(kind, run, env_id, repo),
@@ -106,8 +111,13 @@ def _card(kind: str, panel: Panel, run: Path, repo: str) -> str:
     return "\n\n".join(filter(None, parts)) + "\n"
 
 
+_YARDSTICKS: Final = (
+    "; the truth is the exact solution of the model",
+    "; the limit is what the model's outcomes tend to as the step shrinks",
+)
+
 _LIMITS: Final = (
-    "The truth is that of the model, not of the world: nothing is said of a real robot.",
+    "What is judged is a model, not the world: nothing is said of a real robot.",
     "Losses of other tasks, hyperparameters and training times may differ.",
 )
 

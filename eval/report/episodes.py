@@ -290,10 +290,11 @@ def choice_words(panel: Panel) -> str:
     cells = "of every cell of the declared family"
     if not panel.verdicts:
         cells = f"of the {_MOST_PAIRS} cells in which most success is lost"
+    where = "" if panel.yardstick is None else f", {panel.at_yardstick}"
     return (
         f"{cells}: the worst start of the seed that loses most, the median failure and the median "
-        "success; each with the same policy and start at home, on the truth and on every "
-        "integrator at its coarsest step"
+        f"success; each with the same policy and start at home{where} and on every integrator at "
+        "its coarsest step"
     )
 
 

@@ -25,7 +25,9 @@ from integ_gym.eval.panel.matrix import PanelLayout
 from integ_gym.eval.panel.plan import read_planned_spec
 from integ_gym.eval.panel.result import Panel, Policy, Row, read_panel
 from integ_gym.eval.panel.spec import parse_spec
+from integ_gym.eval.report.episodes import choice_words
 from integ_gym.eval.report.matrices import success_matrix
+from integ_gym.eval.share import write_cards
 from integ_gym.eval.statistics import paired_success
 
 HOME = Discretization("symplectic_euler", 0.05, 0.05, "gymnasium")
@@ -201,6 +203,16 @@ def test_the_limit_takes_the_truths_place_by_its_own_name():
     matrix = success_matrix(panel)
     assert (matrix.groups[0].label, matrix.groups[0].reference) == ("limit", True)
     assert panel.entry("mine", HOME.name).reference_class == "false_pass"  # type: ignore[union-attr]
+
+
+def test_neither_the_page_nor_a_card_calls_the_limit_truth(tmp_path):
+    panel = judged(at(1.0, 0.6, 0.5, 0.48))
+    assert "at home, at the limit and on every integrator" in choice_words(panel)
+    (tmp_path / "panel.json").write_bytes(msgspec.json.encode(panel))
+    for card in write_cards(tmp_path, tmp_path / "cards", "me/runs").values():
+        text = card.read_text(encoding="utf-8")
+        assert "the limit is what" in text
+        assert "truth" not in text
 
 
 def test_intervals_at_the_limit_are_wider_by_the_episodes_that_still_change():
