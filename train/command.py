@@ -16,7 +16,7 @@ from integ_gym.envs.settings import Settings
 from integ_gym.envs.tasks.pendulum import PendulumSwingUp
 from integ_gym.support.errors import InputError
 from integ_gym.support.options import CommandParser, add_named_values, by_name, whole_number
-from integ_gym.support.terminal import report_errors
+from integ_gym.support.terminal import print_command, report_errors
 
 from .config import TrainingConfig
 from .policy_files.card import format_episode_stats
@@ -94,7 +94,8 @@ def _train(given: dict[str, Any]) -> int:
     )
     print(f"Policy: {trained.policy} ({card['steps']} steps in {card['wall_seconds']:.0f} s)")
     judge = ("evaluate", trained.policy, "--env", config.env_id, "--out", f"{folder}-judged")
-    print(f"Next: judge it\n  {shlex.join(['integ-gym', *map(str, judge)])}")
+    print("Next: judge it")
+    print_command(shlex.join(["integ-gym", *map(str, judge)]))
     return 0
 
 

@@ -77,7 +77,8 @@ def main(argv: Sequence[str]) -> int:
     waiting = missing(atlas, folder)
     if given.publish:
         files = publish(atlas, folder, given.publish)
-        print("Written: " + ", ".join(map(str, files)))
+        names = ", ".join(path.name for path in files)
+        print_wrapped(f"Written to {given.publish}: {names}")
         return 0
     if given.plan:
         _print_plan(atlas, waiting)
@@ -93,7 +94,8 @@ def main(argv: Sequence[str]) -> int:
     for block, summary in run_blocks(
         atlas, blocks, given.out, folder, workers=workers, progress=progress
     ):
-        print(f"{block.name}: {summary.rows.num_rows} rows, seal {summary.origin.seal}", flush=True)
+        print(f"{block.name}: {summary.rows.num_rows} rows", flush=True)
+        print(f"Seal: {summary.origin.seal}", flush=True)
     left = len(missing(atlas, folder))
     print(f"{len(atlas.blocks()) - left} of {len(atlas.blocks())} blocks are in {folder}")
     return 0

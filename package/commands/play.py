@@ -9,6 +9,7 @@ from integ_gym.envs.registries import ENVIRONMENTS
 from integ_gym.eval.play import Game, play_in_window
 from integ_gym.support.optional import require
 from integ_gym.support.options import CommandParser, add_named_values, by_name, whole_number
+from integ_gym.support.terminal import fixed, print_wrapped
 
 EXAMPLES = """\
 examples:
@@ -69,8 +70,9 @@ def main(argv: Sequence[str]) -> int:
     game = Game(given.env, {**further, **arguments}, given.seed)
     play_in_window(game)
     ledger = game.ledger()
-    print(
-        f"{game.time:.1f} s: motor {ledger['motor']:+.2f} J, numerics {ledger['numerics']:+.2f} J, "
-        f"losses {ledger['losses']:+.2f} J, energy now {ledger['energy']:.2f} J"
+    print_wrapped(
+        f"{game.time:.1f} s: motor {fixed(ledger['motor'], sign=True)} J, numerics "
+        f"{fixed(ledger['numerics'], sign=True)} J, losses {fixed(ledger['losses'], sign=True)} J, "
+        f"energy now {fixed(ledger['energy'])} J"
     )
     return 0

@@ -16,6 +16,7 @@ from integ_gym.envs.settings import DISCRETIZATION, STEPPING, Mixture, Setup
 from integ_gym.support.errors import IntegGymError
 from integ_gym.support.optional import installed_versions
 from integ_gym.support.processes import host
+from integ_gym.support.terminal import fixed
 
 if TYPE_CHECKING:
     from ..config import TrainingConfig
@@ -180,8 +181,8 @@ def format_episode_stats(episodes: Mapping[str, Any]) -> str:
     if not episodes["episodes"]:
         return "no episode ended yet"
     success = episodes["success_rate"]
-    words = f"return {episodes['return_mean']:.1f}"
-    return words if success is None else f"{words}, success {success:.2f}"
+    words = f"return {fixed(episodes['return_mean'], 1)}"
+    return words if success is None else f"{words}, success {fixed(success)}"
 
 
 def _discretization(setup: Setup) -> dict[str, Any]:
