@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from checks import ROD, solved
 from motions import DRIVEN_PLANTS, STARTS, UNLIMITED
+from stated import check_table
 
 import integ_gym
 from integ_gym.envs.engines.stepping import NativeEngine
@@ -61,7 +62,8 @@ COSTS = re.findall(
 
 def test_inner_steps_of_the_reference_are_as_stated():
     """The table of docs/explanation/verification.md: control periods of the environments' own."""
-    assert {plant for plant, *_ in COSTS} == set(PLANTS.names())
+    place = "the table of docs/explanation/verification.md, as benchmarks/reference_cost.py has it,"
+    check_table({plant for plant, *_ in COSTS}, PLANTS.names(), place)
     for plant, q, v, period, inner, evaluations in COSTS:
         system = Counting(PLANTS.load(plant)())
         engine = NativeEngine(system, "reference", float(period))

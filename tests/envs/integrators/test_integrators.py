@@ -10,6 +10,7 @@ from checks import (
     ALL,
     APPROXIMATE,
     LINEAR_MAPS,
+    LINEAR_MAPS_PLACE,
     NEWTON,
     POINT,
     ROD,
@@ -26,7 +27,7 @@ from checks import (
 from motions import DRIVEN_PLANTS
 from own_plants import CentralSpring, PolarElasticPendulum
 from pairing import pairs
-from stated import stated
+from stated import by_hand, check_table, stated
 
 from integ_gym.envs.engines.maps import Tableau, map_names, one_step_map
 from integ_gym.envs.integrators import newton as _newton
@@ -43,6 +44,7 @@ from integ_gym.envs.plants.elastic_pendulum import ElasticPendulum
 from integ_gym.envs.plants.system import PlantSystem
 from integ_gym.envs.registries import INTEGRATORS, MAPS
 
+PLACE = "tests/envs/integrators/test_integrators.py"
 OF_ENGINES = [f"{owner.__module__}:{owner.__name__}" for owner in map(MAPS.load, MAPS.names())]
 """Maps beside the integrators, which engines apply."""
 MEASURED = [name for name in OF_ENGINES if declared(name).order < 5]
@@ -93,16 +95,26 @@ IMPLICIT_STEPS = {
 """What vanishes for one step of θ̈ = 15 sin θ, by hand."""
 
 
-def test_every_integrator_is_written_by_hand_here():
-    assert set(LINEAR_MAPS) == set(ALL)
-    assert set(EXPLICIT_STEPS) | set(IMPLICIT_STEPS) | {"reference"} == set(ALL)
-    solving = {n for n in ALL if hasattr(INTEGRATORS.load(n), "solver_cap")}
-    assert solving == {*NEWTON, "reference"}
+SOLVING = [name for name in ALL if hasattr(INTEGRATORS.load(name), "solver_cap")]
+TABLES = {
+    LINEAR_MAPS_PLACE: (LINEAR_MAPS, ALL),
+    f"EXPLICIT_STEPS or IMPLICIT_STEPS of {PLACE}": (
+        [*EXPLICIT_STEPS, *IMPLICIT_STEPS, "reference"],
+        ALL,
+    ),
+    "NEWTON of tests/helpers/envs/checks.py": ([*NEWTON, "reference"], SOLVING),
+}
+"""Names that have an entry and names that need one, by the table's place."""
+
+
+@pytest.mark.parametrize("place", TABLES)
+def test_every_integrator_is_written_by_hand(place):
+    check_table(*TABLES[place], place)
 
 
 @pytest.mark.parametrize("integrator", ALL)
 def test_one_step_on_the_oscillator(integrator):
-    check_linear_map(integrator, LINEAR_MAPS[integrator])
+    check_linear_map(integrator, by_hand(LINEAR_MAPS, integrator, LINEAR_MAPS_PLACE))
 
 
 @pytest.mark.parametrize("integrator", [*EXPLICIT_STEPS, *IMPLICIT_STEPS])
@@ -232,7 +244,8 @@ STABILITY = {
 
 @pytest.mark.parametrize("integrator", ALL)
 def test_stability_limit(integrator):
-    assert stability_limit(integrator) == pytest.approx(STABILITY[integrator], rel=1e-9)
+    expected = by_hand(STABILITY, integrator, f"STABILITY of {PLACE}")
+    assert stability_limit(integrator) == pytest.approx(expected, rel=1e-9)
 
 
 @pytest.mark.parametrize("integrator", NEWTON)

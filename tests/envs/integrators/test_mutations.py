@@ -14,11 +14,13 @@ from checks import (
 from own_plants import CentralSpring
 from plant_checks import (
     CLOSED_FORMS,
+    CLOSED_FORMS_PLACE,
     check_closed_forms,
     check_equations_of_motion,
     check_plant,
     damped,
 )
+from stated import check_table
 
 from integ_gym.envs.integrators.rk4 import RK4
 from integ_gym.envs.plants.cart_pole import CartPole
@@ -50,7 +52,7 @@ def test_closed_forms(owner):
 
 
 def test_every_equation_is_put_to_the_test():
-    assert set(CLOSED_FORMS) == set(PLANTS.names())
+    check_table(CLOSED_FORMS, PLANTS.names(), CLOSED_FORMS_PLACE)
     mutated = {fault.__mro__[1] for fault in PLANT_FAULTS}
     assert mutated == set(PLANT_CLASSES)
 

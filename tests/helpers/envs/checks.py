@@ -60,6 +60,8 @@ LINEAR_MAPS = {
 }
 """One step on ẍ = −x in (x, ẋ), by hand."""
 
+LINEAR_MAPS_PLACE = "LINEAR_MAPS of tests/helpers/envs/checks.py"
+
 
 def registered_plants(**arguments):
     """An instance of every registered plant, and of a user's own."""
@@ -206,22 +208,28 @@ def check_ledger(integrator: str, plant) -> None:
         truth, terms = solved(plant, truth, period, control)
         booked = booked + terms
     assert booked[1] > 0.0
-    ladder = (4, 8, 16, 32)
-    runs = [ledger(integrator, plant, state, controls, period, n) for n in ladder]
     size = 1.0 + abs(PlantSystem(plant).energy(SCALAR, *split_state(tuple(state.tolist()))))
-    for errors in (
-        [r.total_residual_j for r in runs],
-        [abs(r.work_j - booked[0]) for r in runs],
-        [abs(r.losses_j - booked[1]) for r in runs],
-    ):
-        _check_falls(errors, declared(integrator).order, 3e-13 * size)
+    order, runs = declared(integrator).order, []
+    for n in (4, 8, 16, 32, 64):
+        runs.append(ledger(integrator, plant, state, controls, period, n))
+        found = [
+            _order_of_fall(errors, order, 3e-13 * size)
+            for errors in (
+                [r.total_residual_j for r in runs],
+                [abs(r.work_j - booked[0]) for r in runs],
+                [abs(r.losses_j - booked[1]) for r in runs],
+            )
+        ]
+        if n >= 32 and min(found) > order - 2 * ORDER:
+            return  # 64 where coarse steps are not in the limit yet: Ralston's method on a chain
+    raise AssertionError(f"{integrator} on {plant}: orders {found} of residual, work and losses")
 
 
-def _check_falls(errors, order, rounding) -> None:
-    """Errors under halving fall at the order, at last, or faster where leading terms cancel."""
+def _order_of_fall(errors, order, rounding) -> float:
+    """Of errors under halving, at last, or over all; the expected one where rounding hides it."""
     usable = [e for e in errors if e > rounding]
-    if len(usable) > 1:
-        over_all = math.log2(usable[0] / usable[-1]) / (len(usable) - 1)
-        found = max(over_all, math.log2(usable[-2] / usable[-1]))
-        # The finest counts where coarse steps are not in the limit yet: RK4 on the acrobot.
-        assert found > order - 2 * ORDER, (found, errors)
+    if len(usable) < 2:
+        return order
+    over_all = math.log2(usable[0] / usable[-1]) / (len(usable) - 1)
+    # The finest counts where coarse steps are not in the limit yet: RK4 on the acrobot.
+    return max(over_all, math.log2(usable[-2] / usable[-1]))

@@ -11,6 +11,7 @@ from functools import partial
 
 import numpy as np
 from scipy.optimize import minimize
+from stated import by_hand
 
 from integ_gym.envs.numerics.stepping import jacobian, probe_state
 from integ_gym.envs.ops.ops import ARRAY, SCALAR
@@ -110,6 +111,8 @@ CLOSED_FORMS = {
 }
 """Mass matrix, generalized forces at rest and dissipated power of every plant, by hand."""
 
+CLOSED_FORMS_PLACE = "CLOSED_FORMS of tests/helpers/envs/plant_checks.py"
+
 
 def damped(owner):
     """A plant with every viscous damping and the gravity that it may have."""
@@ -140,8 +143,7 @@ def check_closed_forms(owner) -> None:
 def check_closed_forms_of(plant, point, form) -> None:
     """The same of a plant in a state, by the closed forms of a name."""
     q, v = tuple(point[0::2].tolist()), tuple(point[1::2].tolist())
-    assert form in CLOSED_FORMS, f"write the closed forms of {form!r} here, by hand: {__file__}"
-    mass, force, lost = CLOSED_FORMS[form](plant, q, v)
+    mass, force, lost = by_hand(CLOSED_FORMS, form, CLOSED_FORMS_PLACE)(plant, q, v)
     none = (0.0,) * len(q)
     pulled = np.array(mass) @ plant.acceleration(SCALAR, q, none, none)
     _assert_close(plant.mass_matrix(SCALAR, q), mass, 1e-12)
