@@ -41,8 +41,8 @@ def _cell(content: str) -> str:
     parts = _TAG.split(content)
     kind = _kind(" ".join("".join(parts[::2]).split()))
     parts[::2] = [_GROUPS.sub("\N{NO-BREAK SPACE}", text) for text in parts[::2]]
-    told = _CODE.sub(lambda found: _code(found[1]), "".join(parts))
-    return (f'<td class="{kind}">' if kind else "<td>") + told + "</td>"
+    inner_html = _CODE.sub(lambda found: _code(found[1]), "".join(parts))
+    return (f'<td class="{kind}">' if kind else "<td>") + inner_html + "</td>"
 
 
 def _kind(text: str) -> str:

@@ -135,7 +135,7 @@ def _names(stem: str) -> str:
 
 
 def _directive(path: str) -> str:
-    """What mkdocstrings is told; a configuration is shown with the fields that it inherits."""
+    """Options of mkdocstrings; a configuration is shown with the fields that it inherits."""
     whole = "\n    options:\n      inherited_members: true" if path.endswith("Config") else ""
     return f"::: {path}{whole}"
 
