@@ -54,9 +54,9 @@ class Bound(NamedTuple):
 
     def row(self, value: float | None) -> list[str]:
         """Of the printed table."""
-        told = "" if value is None else f"{value:.3g}"
+        value_text = "" if value is None else f"{value:.3g}"
         limits = (f"{'≤' if self.most else '≥'} {x:g}" for x in (self.wanted, self.bound))
-        return [self.benchmark, self.what, *limits, told, self.verdict(value)]
+        return [self.benchmark, self.what, *limits, value_text, self.verdict(value)]
 
 
 HEADER = ("benchmark", "figure", "wanted", "bound", "measured", "")

@@ -27,7 +27,7 @@ from integ_gym.eval.loss_check import check
 class Point(NamedTuple):
     """A setting, and the loss that was found there with other seeds."""
 
-    told: str
+    label: str
     environment: dict[str, float]
     integrator: str
     dt: float
@@ -66,7 +66,7 @@ def measured(point: Point, out: Path, workers: int | None) -> dict[str, Any]:
         command="python benchmarks/check_points.py",
     )
     return {
-        "setting": point.told,
+        "setting": point.label,
         "integrator": point.integrator,
         "dt": point.dt,
         "seeds": found.seeds,

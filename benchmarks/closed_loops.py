@@ -9,8 +9,8 @@ the spectral radius is below 1. Of every episode with a trace, the speed at the 
 goal is taken, and the share of the energy gained until then that the numerics gave. Each is then
 asked how well it tells failures from successes: the area under the ROC curve, 0.5 for a coin
 and 1 for certainty, larger values meaning failure, with a 95 % bootstrap interval over seeds.
-Cells that nobody can win (`achievability` other than `achievable`) are left out: a failure there
-says nothing about the policy.
+Cells that no control is known to solve (`achievability` other than `achievable`) are left out: a
+failure there says nothing about the policy.
 """
 
 from __future__ import annotations
@@ -136,7 +136,7 @@ def roc_area(values: Array, failed: npt.NDArray[np.bool_]) -> float:
     return float(above / (failures * successes))
 
 
-def told(name: str, values: Array, failed: Array, groups: npt.NDArray[Any]) -> dict[str, Any]:
+def summary_of(name: str, values: Array, failed: Array, groups: npt.NDArray[Any]) -> dict[str, Any]:
     """How well a number tells failures, with its interval and its middle half in both."""
     known = np.isfinite(values)
     values, failed, groups = values[known], failed[known].astype(bool), groups[known]
@@ -201,10 +201,12 @@ def main() -> None:
     seeds = np.array([seed_of[one["policy"]] for one in episodes])
     lost = np.array([one["failed"] for one in episodes])
     rows = [
-        told("spectral radius", radius, failed, of),
-        told("spectral radius, on the truth", radius[truth], failed[truth], of[truth]),
-        told("arrival speed, rad/s", np.array([one["speed"] for one in episodes]), lost, seeds),
-        told("numerics' share", np.array([one["share"] for one in episodes]), lost, seeds),
+        summary_of("spectral radius", radius, failed, of),
+        summary_of("spectral radius, on the truth", radius[truth], failed[truth], of[truth]),
+        summary_of(
+            "arrival speed, rad/s", np.array([one["speed"] for one in episodes]), lost, seeds
+        ),
+        summary_of("numerics' share", np.array([one["share"] for one in episodes]), lost, seeds),
     ]
     results.print_table(
         ("number", "cases", "failed", "ROC area", "interval", "of successes", "of failures"),

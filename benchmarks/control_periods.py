@@ -16,7 +16,7 @@ of the rod pendulum on the truth, all runs through the same 15 000 s:
 At 0.05 s both are the same. Declared before it was run: five periods, seeds 2200 to 2215, 20 starts
 each, success within 10 s at twice the critical torque. The trend is reproduced where `per second`
 is better than `per decision`, at the shortest period and at the longest: two one-sided tests,
-corrected by Holm's method. Gains at the periods between are told without a test.
+corrected by Holm's method. Gains at the periods between are printed without a test.
 """
 
 from __future__ import annotations

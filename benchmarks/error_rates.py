@@ -107,11 +107,11 @@ def measure(
         ]
         looks = [count for count in given.looks if count < seeds]
         seen = [[_first(one, count) for one in family] for count in looks]
-        told = [
+        wrong_or_right = [
             [j.verdict == case.asked for j in judge_family(f, Looks(tuple(looks[:k])), draws=DRAWS)]
             for k, f in enumerate((*seen, family))
         ]
-        verdicts.append(np.any(told, axis=0))
+        verdicts.append(np.any(wrong_or_right, axis=0))
         found = split(family[0].rates, draws=DRAWS).overfitting
         held.append(found.low <= case.overfitting <= found.high)
         rate = rate_interval(family[0].rates.recovered, draws=DRAWS)

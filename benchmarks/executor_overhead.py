@@ -4,7 +4,7 @@
 
 Every unit computes for so many seconds by the clock, so that what is over is the engine's: its
 start, which comes once, and for each unit sending it, sending its result back and writing it. How
-much was computed in a second of processor time is told as well, beside what the local pool
+much was computed in a second of processor time is printed as well, beside what the local pool
 computed: an engine that takes from the work shows there. Run it on an idle machine.
 """
 

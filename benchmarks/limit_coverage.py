@@ -150,17 +150,17 @@ def chance(seeds: range) -> float:
 def line(case: Case, found: list[Repeat]) -> list[str]:
     """A row of the table."""
     called = [one for one in found if one.limit.converges]
-    told = [case.name, f"{len(called)} of {len(found)}"]
+    columns = [case.name, f"{len(called)} of {len(found)}"]
     success = [(one.limit.success, one.success) for one in called]
     returns = [(one.limit.returns, one.returns) for one in called if one.limit.returns]
     for pairs, digits in ((success, 3), (returns, 1)):
         if not pairs:
-            return [*told, "–", "–", "–", "–", "–"]
+            return [*columns, "–", "–", "–", "–", "–"]
         held = sum(_holds(interval, value) for interval, value in pairs)
         width = float(np.median([own.ends[1] - own.ends[0] for own, _ in pairs]))
-        told += [f"{held} of {len(pairs)}", f"{width:.{digits}f}"]
+        columns += [f"{held} of {len(pairs)}", f"{width:.{digits}f}"]
     true = [one.success for one in found]
-    return [*told, f"{min(true):.2f} to {max(true):.2f}"]
+    return [*columns, f"{min(true):.2f} to {max(true):.2f}"]
 
 
 def _holds(interval: Estimate, value: float) -> bool:
@@ -189,8 +189,8 @@ def main() -> None:
     )
     results.print_table(header, rows)
     if given.json:
-        told = [dict(zip(header, row, strict=True)) for row in rows]
-        results.write(given.json, {"limits": told}, ["numpy", "jax", "integ-gym"])
+        limits_found = [dict(zip(header, row, strict=True)) for row in rows]
+        results.write(given.json, {"limits": limits_found}, ["numpy", "jax", "integ-gym"])
 
 
 def trained(given: argparse.Namespace) -> Iterator[Any]:

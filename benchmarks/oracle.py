@@ -180,8 +180,8 @@ def _functional(env_id: str, arguments: dict[str, Any]) -> str:
         env = integ_gym.functional.make(env_id, dtype="float64", **arguments)
 
         def step(state: Any, at: Any) -> tuple[Any, Any]:
-            state, told = env.step(state, at[1], jax.random.key(at[0]), env.default_params)
-            return state, (told.observation, told.reward, told.terminated, told.truncated)
+            state, seen = env.step(state, at[1], jax.random.key(at[0]), env.default_params)
+            return state, (seen.observation, seen.reward, seen.terminated, seen.truncated)
 
         @jax.jit
         def roll_out(actions: Any) -> Any:
@@ -324,11 +324,11 @@ def _signature(value: Any) -> str:
         parameters = inspect.signature(value).parameters.values()
     except (TypeError, ValueError):
         return "callable"
-    told = [
+    parts = [
         f"{p.kind.name.lower()} {p.name}" + ("" if p.default is p.empty else f"={p.default!r}")
         for p in parameters
     ]
-    return re.sub(r" at 0x[0-9a-f]+", "", ", ".join(told))
+    return re.sub(r" at 0x[0-9a-f]+", "", ", ".join(parts))
 
 
 def helps() -> Iterator[tuple[str, Any]]:

@@ -64,7 +64,7 @@ def sbx() -> None:
 
 
 def rl_zoo3() -> None:
-    """Its own command, told the package that registers our ids and a file of hyperparameters."""
+    """Its own command, given the package that registers our ids and a file of hyperparameters."""
     from rl_zoo3.train import train
 
     with tempfile.TemporaryDirectory() as folder:
@@ -244,8 +244,8 @@ def installed(package: str) -> str | None:
 
 def revision(checkout: Path) -> str:
     """The version that a checkout says it has."""
-    told = (checkout / "pyproject.toml").read_text(encoding="utf-8").splitlines()
-    return next((x.split('"')[1] for x in told if x.startswith("version")), "unknown")
+    lines_read = (checkout / "pyproject.toml").read_text(encoding="utf-8").splitlines()
+    return next((x.split('"')[1] for x in lines_read if x.startswith("version")), "unknown")
 
 
 def check(name: str, known: str, checkout: Path | None) -> bool:

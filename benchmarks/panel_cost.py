@@ -216,8 +216,8 @@ PARTS: Mapping[str, tuple[Callable[[Costs], tuple[Any, Rows]], Sequence[str]]] =
 
 
 def _rate(name: str, seconds: float, *ratios: float) -> list[str]:
-    told = f"{' and '.join(f'{ratio:.1f}' for ratio in ratios)} times" if ratios else ""
-    return [name, f"{seconds:.2f}", f"{60.0 / seconds:.1f}", told]
+    speedup = f"{' and '.join(f'{ratio:.1f}' for ratio in ratios)} times" if ratios else ""
+    return [name, f"{seconds:.2f}", f"{60.0 / seconds:.1f}", speedup]
 
 
 def main() -> None:

@@ -14,8 +14,8 @@ rl-baselines3-zoo publishes for `CartPole-v1`, at 0.02 s, but for 8 lanes and RK
 
 Declared before it was run: three periods, seeds 2900 to 2907, 20 starts each, success is to balance
 for 10 s. The trend is reproduced where, at the shortest period, PPO is better than DQN, and DQN is
-worse than at 0.02 s: two one-sided tests, corrected by Holm's method. What lies between is told
-without a test.
+worse than at 0.02 s: two one-sided tests, corrected by Holm's method. What lies between is
+printed without a test.
 """
 
 from __future__ import annotations

@@ -134,8 +134,8 @@ def verdicts(run: Path) -> None:
     rng = np.random.default_rng(1)
     looks = [look["seeds"] for look in panel["looks"]]
     judged: list[tuple[Any, str | None, float, float, Array]] = []
-    for told in panel["verdicts"]:
-        row, cell = told["row"], told["cell"]
+    for saved in panel["verdicts"]:
+        row, cell = saved["row"], saved["cell"]
         home = sum(part * rates(row, own, False) for own, part in rows[row]["shares"].items())
         recovered = rates(row, cell, True)
         yardsticks = []
@@ -152,7 +152,7 @@ def verdicts(run: Path) -> None:
         mark = "not_learned" if home.mean() < 0.5 else None if status == "achievable" else status
         pair = np.stack([home, recovered], axis=1)
         judged.append((
-            told, mark,
+            saved, mark,
             p_exceeds(rng, pair, yardsticks, FAIL_MARGIN, 0.6, 200_000),
             p_within(rng, pair, yardsticks, MARGIN, 200_000), overfitting,
         ))  # fmt: skip
@@ -164,18 +164,18 @@ def verdicts(run: Path) -> None:
         [min(1.0, p / part) if part else 1.0 for p in holm([*[o[k] for o in tested], *untold])]
         for k, part in ((2, spent[0]), (3, spent[1]))
     ]
-    for place, (told, _, _, _, overfitting) in enumerate(tested):
+    for place, (saved, _, _, _, overfitting) in enumerate(tested):
         exceeds, within = corrected[0][place], corrected[1][place]
         verdict = "fails" if exceeds < ALPHA else "transfers" if within < ALPHA else "inconclusive"
         print(
-            f"{told['row']} → {told['cell']}: {verdict}, overfitting {overfitting:.4f}, adjusted p "
-            f"{exceeds:.4f} and {within:.4f}\n  panel.json: {told['verdict']}, "
-            f"{told['overfitting']['estimate']:.4f}, {told['p_exceeds_adjusted']:.4f} and "
-            f"{told['p_equivalent_adjusted']:.4f}"
+            f"{saved['row']} → {saved['cell']}: {verdict}, overfitting {overfitting:.4f}, adjusted "
+            f"p {exceeds:.4f} and {within:.4f}\n  panel.json: {saved['verdict']}, "
+            f"{saved['overfitting']['estimate']:.4f}, {saved['p_exceeds_adjusted']:.4f} and "
+            f"{saved['p_equivalent_adjusted']:.4f}"
         )
-    for told, mark, *_ in judged:
+    for saved, mark, *_ in judged:
         if mark is not None:
-            print(f"{told['row']} → {told['cell']}: {mark}\n  panel.json: {told['verdict']}")
+            print(f"{saved['row']} → {saved['cell']}: {mark}\n  panel.json: {saved['verdict']}")
 
 
 # --- looks ---------------------------------------------------------------------------------------
@@ -274,8 +274,8 @@ def looks_told(repeats: int) -> None:
     print("`transfers`, all or nothing, exact: without shares, unplanned looks, planned looks")
     for overfitting in (MARGIN, 0.02):
         for looks in ((31,), *PLANS):
-            told = ", ".join(f"{exact(looks, one, overfitting):.4f}" for one in shares_of(looks))
-            print(f"  overfitting {overfitting}, looks at {looks}: {told}")
+            rates = ", ".join(f"{exact(looks, one, overfitting):.4f}" for one in shares_of(looks))
+            print(f"  overfitting {overfitting}, looks at {looks}: {rates}")
     print(f"  four looks chosen by the outcomes, up to 120 seeds: {worst_case(120, 4):.4f}")
     rng = np.random.default_rng(0)
     print(f"simulated, {repeats} runs each: as it was, spent")

@@ -54,9 +54,11 @@ def main():
         for seed in range(given.episodes):
             *_, last = decisions(env, session, env.reset(seed=seed)[0])
             times.append(last["time"])
-        told = ", ".join(f"{name} {value}" for name, value in solver.items())
+        settings_text = ", ".join(f"{name} {value}" for name, value in solver.items())
         start = "" if warm else ", no warm start"
-        print(f"{integrator}, {told}{start}: {' '.join(f'{time:.2f}' for time in times)} s")
+        print(
+            f"{integrator}, {settings_text}{start}: {' '.join(f'{time:.2f}' for time in times)} s"
+        )
 
 
 if __name__ == "__main__":

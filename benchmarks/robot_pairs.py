@@ -61,15 +61,15 @@ def main():
                 plain_episode(name, model, session, *start)
             plain = time.perf_counter() - begin, time.process_time() - busy
             with tempfile.TemporaryDirectory() as out:
-                told = pool.map(record, [spec] * len(parts), parts, [out] * len(parts))
-                *spent, memory = zip(*told, strict=True)
+                measured = pool.map(record, [spec] * len(parts), parts, [out] * len(parts))
+                *spent, memory = zip(*measured, strict=True)
             if pair >= 0:
                 own = [one / max(each) for one, each in zip(plain, spent, strict=True)]
                 ratios.append(own)
                 each = [1e3 * one / given.episodes for one in (plain[0], max(spent[0]))]
                 words = "{:.0f} ms an episode by the loop, {:.0f} ms evaluated".format(*each)
-                told = f"{own[0]:.2f} times as fast, by processor time {own[1]:.2f}"
-                print(f"{words}: {told}, {sum(memory):.0f} MB", flush=True)
+                speedup = f"{own[0]:.2f} times as fast, by processor time {own[1]:.2f}"
+                print(f"{words}: {speedup}, {sum(memory):.0f} MB", flush=True)
     clock, processor = map(statistics.median, zip(*ratios, strict=True))
     print(f"median {clock:.2f} times as fast, by processor time {processor:.2f}")
 

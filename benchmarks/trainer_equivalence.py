@@ -161,8 +161,8 @@ def compare(case: str, sb3: Group, fleet: Group) -> dict[str, Any]:
     for name, p_value in p_values.items():
         within = f"±{SUCCESS_MARGIN}" if name == "success" else f"±{RETURN_MARGIN:.0%}"
         outcome = "equivalent" if p_value < LEVEL else "not shown to be equivalent"
-        told = f"p = {p_value:.2g}" if p_value else "all alike"
-        print(f"  {name} within {within}: {told}; {outcome}")
+        p_text = f"p = {p_value:.2g}" if p_value else "all alike"
+        print(f"  {name} within {within}: {p_text}; {outcome}")
     groups = {"sb3": sb3, "fleet": fleet}
     failed = {name: int((g.successes.mean(1) < FAILED).sum()) for name, g in groups.items()}
     p_values["failed seeds alike"] = difference(failed["sb3"], failed["fleet"], len(sb3.returns))

@@ -814,21 +814,21 @@ class SequentialVectorEnv(SyncVectorEnv[Any, Any], DiscretizedVectorEnv):
         super().close_extras(**kwargs)
         self.envs, self._tasks = (), []  # type: ignore[assignment]
 
-    def _join(self, told: list[dict[str, Any]]) -> dict[str, Any]:
+    def _join(self, lane_infos: list[dict[str, Any]]) -> dict[str, Any]:
         """What all lanes tell, as :meth:`_add_info` has it, many times as fast."""
-        every = [{**_UNKNOWN, **info} for info in told]
+        every = [{**_UNKNOWN, **info} for info in lane_infos]
         names, kinds = every[0].keys(), (*DTYPES, np.generic, np.ndarray)
         alike = all(isinstance(value, kinds) for value in every[0].values())
         if not alike or any(own.keys() != names for own in every):
             infos: dict[str, Any] = {}
-            for lane, info in enumerate(told):
+            for lane, info in enumerate(lane_infos):
                 infos = self._add_info(infos, info, lane)
             return infos
         columns = zip(names, zip(*map(itemgetter(*names), every), strict=True), strict=True)
         infos = {n: np.array(column, DTYPES.get(type(column[0]))) for n, column in columns}
         masks = dict.fromkeys(mask_names(tuple(names)), np.ones(self.num_envs, dtype=bool))
         for name in _UNKNOWN:
-            masks[f"_{name}"] = np.array([name in info for info in told])
+            masks[f"_{name}"] = np.array([name in info for info in lane_infos])
         return {**infos, **masks}
 
     def _add_info(

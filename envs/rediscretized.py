@@ -182,7 +182,7 @@ def rediscretize(
             "cone": "elliptic", "refsafe": False}``; see
             :data:`integ_gym.envs.engines.mujoco_solver.SETTINGS`.
         action_latency: s, a whole multiple of the timestep: every command acts so much later; until
-            the first one arrives, zeros do. The task is told the command that acts at the end of
+            the first one arrives, zeros do. The task is given the command that acts at the end of
             the control period, which its reward may charge for.
         observation_latency: s, a whole multiple of the timestep: what is observed is so old; until
             the first arrives, the start is. Rewards and ends are of the state as it is.

@@ -374,7 +374,7 @@ FPS = 20
 
 
 LEAST_START = 0.05
-"""Energy at the start below which it is not told, J."""
+"""Energy at the start below which it is not shown, J."""
 
 
 class Film(Sequence[Frame]):

@@ -262,7 +262,7 @@ class EpisodeRows:
         for name in measured:
             wanted = self._column(COMMANDED + name.removeprefix(MEASURED))
             squares += (self._column(name) - wanted) ** 2
-        squares[self._starts] = 0.0  # what a reset told is not recorded
+        squares[self._starts] = 0.0  # what a reset returned is not recorded
         error: Array = np.sqrt(self._each(np.add, squares) / self.steps)
         return error
 
@@ -441,8 +441,8 @@ def _join(parts: list[Episodes]) -> Episodes:
 def _empty_episodes(layout: Layout) -> Episodes:
     rows, counts = np.zeros((len(layout), 2)), np.array([2])
     summary = {name: x[:0] for name, x in summarise(layout, rows, counts).items()}
-    nobody = EpisodeHeads.joined([])
-    return Episodes(nobody, summary, np.zeros(0, dtype=bool), (rows[:, :0],), counts[:0])
+    no_heads = EpisodeHeads.joined([])
+    return Episodes(no_heads, summary, np.zeros(0, dtype=bool), (rows[:, :0],), counts[:0])
 
 
 @lru_cache(maxsize=256)

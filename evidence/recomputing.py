@@ -74,7 +74,7 @@ _NOT_REPLAYED = VOLATILE_NAMES | {
     *("seed", "rng_key", "failure_reason", "failure_numbers"),
     *("record_id", "run_id", "schema_version", "package_versions", "trace_every"),
 }
-"""Fields that say how starts came about, or that a replay is told."""
+"""Fields that say how starts came about, or that a replay is given."""
 
 
 _OF_ACTIONS = frozenset(("saturated_share", "fallback_count", "recovery_count"))

@@ -557,7 +557,7 @@ _MEANT = ("unit", "frame", "at")
 
 
 def other_columns(store: EvidenceStore) -> Iterator[Finding]:
-    """Columns of our own environments whose unit, frame or place in time is told otherwise.
+    """Columns of our own environments whose unit, frame or place in time is stated otherwise.
 
     Files of earlier schema versions are left out; of records that say that this version of
     integ-gym made them, an earlier schema version is found.

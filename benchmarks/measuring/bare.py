@@ -132,7 +132,7 @@ def pinocchio(setup: Setup) -> Bare:
 
 
 def dart(setup: Setup) -> Bare:
-    """`World.step`, which forgets forces unless told otherwise."""
+    """`World.step`, which forgets forces unless asked to keep them."""
     engine: Any = setup.engine
     world, skeleton, count = engine._world, engine._skeleton, setup.timing.substeps
     force = np.zeros(skeleton.getNumDofs())
@@ -174,8 +174,8 @@ def pybullet(setup: Setup) -> Bare:
                     physicsClientId=client,
                 )  # fmt: skip
                 bullet.stepSimulation(client)
-            told = bullet.getJointStates(body, joints, client)
-            q, v = [state[0] for state in told], [state[1] for state in told]
+            joint_states = bullet.getJointStates(body, joints, client)
+            q, v = [state[0] for state in joint_states], [state[1] for state in joint_states]
         return q, v
 
     def only_step(periods: int) -> None:

@@ -105,9 +105,9 @@ def _our_rollout(env_id: str, integrator: str, lanes: int, steps: int) -> Callab
         state, total = carry
         control = env.observation(state, params=params) @ gains
         action = (control > 0).astype(jnp.int32) if discrete else control[:, None]
-        state, told = env.step(state, action, key, params)
-        ledger = sum(told.info[n] for n in ("actuator_work", "dissipated", "energy_residual"))
-        return (state, total + told.reward + ledger), told.truncated.sum()
+        state, seen = env.step(state, action, key, params)
+        ledger = sum(seen.info[n] for n in ("actuator_work", "dissipated", "energy_residual"))
+        return (state, total + seen.reward + ledger), seen.truncated.sum()
 
     @jax.jit
     def rollout(key: Any, params: Any) -> Any:

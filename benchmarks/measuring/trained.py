@@ -69,7 +69,7 @@ class Experiment:
         arms: names.
         seeds: of every arm at every value, a multiple of `TOGETHER`.
         settings: all else that decides an outcome, as JSON has it.
-        packages: whose versions are told.
+        packages: whose versions are recorded.
     """
 
     values: tuple[float, ...]

@@ -95,8 +95,8 @@ def rollout_cost(configs: Sequence[PPOConfig], evidence: bool = True) -> dict[st
         times.append((time.perf_counter(), time.process_time()))
 
     with tempfile.TemporaryDirectory() as name:
-        told = [_evidence_of(config, Path(name)) for config in runs] if evidence else None
-        fleet.train_chunk(runs, told, note)
+        recordings = [_evidence_of(config, Path(name)) for config in runs] if evidence else None
+        fleet.train_chunk(runs, recordings, note)
     wall, cpu = np.diff(times, axis=0)[1:].min(axis=0)
     mib = (peak_memory() or 0) / 2**20
     return {"wall": float(wall), "cpu": float(cpu), "mib": mib}
@@ -206,5 +206,5 @@ def _evidence_of(config: PPOConfig, folder: Path) -> TrainingEvidence:
 def _train_with_sb3(configs: Sequence[PPOConfig]) -> None:
     for config in configs:
         with tempfile.TemporaryDirectory() as name:
-            told = _evidence_of(config, Path(name))
-            train_run(config, Path(name) / "out", told)
+            recordings = _evidence_of(config, Path(name))
+            train_run(config, Path(name) / "out", recordings)

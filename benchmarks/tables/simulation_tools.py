@@ -452,12 +452,12 @@ def _block(cells: Cells, block: str) -> list[str]:
 
 
 def _refusals(rows: list[Row]) -> list[str]:
-    told: dict[tuple[str, str], list[str]] = {}
+    left_out_by: dict[tuple[str, str], list[str]] = {}
     for row in rows:
         if row["why"]:
             name = f"{row['engine']}/{row['integrator']}"
-            told.setdefault((row["why"], row["block"]), []).append(name)
-    by_block = sorted(told.items(), key=lambda one: (BLOCKS.index(one[0][1]), one[0][0]))
+            left_out_by.setdefault((row["why"], row["block"]), []).append(name)
+    by_block = sorted(left_out_by.items(), key=lambda one: (BLOCKS.index(one[0][1]), one[0][0]))
     lines = [
         (block, ", ".join(names), shorten(why.replace("|", "/"), 180, placeholder=" …"))
         for (why, block), names in by_block

@@ -46,7 +46,7 @@ NO_RESET: Final = "mjDSBL_AUTORESET"
 def was_reset(mujoco: Any, data: Any) -> bool:
     """Whether MuJoCo has reset a motion that diverged, which before 3.2 it always does.
 
-    A reset sets the counts of warnings to 0, but for the one that told of the divergence. So
+    A reset sets the counts of warnings to 0, but for that of the divergence. So
     `silencer`, after which no count of these kinds is 0, must have acted before the motion.
     """
     if hasattr(mujoco.mjtDisableBit, NO_RESET):

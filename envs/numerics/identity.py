@@ -290,8 +290,8 @@ class Fingerprint:
         width: bits of the engine's floats.
         dt: step of all but the comparison with the known maps, s.
         matching_dt: step of that comparison, s.
-        map: the known map that is nearest over all cases; of several that it cannot be told from on
-            this plant, the one that it is said to be.
+        map: the known map that is nearest over all cases; of several that this plant does
+            not distinguish, the one that it is said to be.
         equal_maps: those.
         defects: largest error of one step against that map, relative to 1 + |value|, without and
             with control and damping; of steps whose solver converges, where there are any.

@@ -196,7 +196,7 @@ def _split_step(inner: Any) -> Any:
 class PlaygroundBoundaries(Boundaries):
     """Of a task of Playground's: all four by MJX, in JAX's floats.
 
-    What is observed is told of tasks whose ``_get_obs`` takes data and info, with the info of a
+    What is observed is known for tasks whose ``_get_obs`` takes data and info, with the info of a
     start: noise and goals are those of a seed.
 
     Args:

@@ -243,14 +243,14 @@ def compare(name: str, first: Summary, again: Summary) -> Agreement:
         ValueError: naming the first outcome that differs, where the processor is known to be the
             same or not the whole block was run again; else what differs by more than chance.
     """
-    told = first_difference(first, again)
+    differing = first_difference(first, again)
     before, after = first.rows.to_pylist(), again.rows.to_pylist()
     codes = (first.origin.code, again.origin.code)
     difference = None
-    if told is not None:
+    if differing is not None:
         whole = {_key(row) for row in before} == {_key(row) for row in after}
         if same_processor(first, again) or not whole:
-            raise InputError(f"block {name}, {told} differ between code {' and '.join(codes)}")
+            raise InputError(f"block {name}, {differing} differ between code {' and '.join(codes)}")
         difference = _difference_by_chance(name, _success(before), _success(after))
     policies = len({(row["home"], row["seed"]) for row in after})
     return Agreement(codes, name, policies, len(after), difference)

@@ -170,7 +170,7 @@ def write_page(result: Mapping[str, Any], directory: Path) -> Path:
         ],
         verdicts=VERDICTS,
         nothing=NOTHING,
-        anybody=ANY,
+        any_integrator=ANY,
         plural=plural,
     )
     return replace_file(directory / DIAGNOSIS_PAGE, text.encode())

@@ -71,7 +71,7 @@ def _doubt_scaling(existing: Existing) -> Iterator[str]:
 
 
 def _doubt_arguments(existing: Existing) -> Iterator[str]:
-    """Doubt where the environment is not that of the training, as far as that is told."""
+    """Doubt where the environment is not that of the training, as far as that is known."""
     known = existing.provenance
     for name, value in known.overridden.items():
         yield (

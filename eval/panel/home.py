@@ -41,7 +41,7 @@ class Provenance:
         environment: constructor arguments of the environment that it is judged in, without the
             discretization.
         origin: where this comes from, in words.
-        trained_with: what is told of these arguments in its training.
+        trained_with: what its training states of these arguments.
         overridden: arguments of its training in place of which others were given.
     """
 
@@ -122,14 +122,14 @@ def provenance(
                 f"`{name}` is what the evaluation varies; leave it out of --env-arg, state the "
                 "policy's home with --home and choose cells with --integrator and --dt"
             )
-    told = stated_arguments(stated, env_id, given)
-    arguments, origin = told, _origin(stated, told, env_id)
-    known = "integrator" in told
+    stated_args = stated_arguments(stated, env_id, given)
+    arguments, origin = stated_args, _origin(stated, stated_args, env_id)
+    known = "integrator" in stated_args
     if card is not None:
         arguments = card_arguments(card, env_id, own_code)
         if card.get("home", "said by `config`") is None:
-            _check_same(told, arguments)
-            arguments |= told
+            _check_same(stated_args, arguments)
+            arguments |= stated_args
         else:
             unseen = ", of before they had a hash: an edit of it goes unseen"
             origin = f"the side-car beside the policy{'' if HASH_KEY in card else unseen}"
@@ -139,16 +139,16 @@ def provenance(
     home = _home(environments.mixture) if known else None
     main = main_home(home)
     period = (environments.setups[0].timing if main is None else main).control_period
-    if card is not None and home is not None and "integrator" not in told:
-        _check_period_of(stated, told, home, origin)
+    if card is not None and home is not None and "integrator" not in stated_args:
+        _check_period_of(stated, stated_args, home, origin)
     elif card is not None and home is not None:
-        other = _home(_make_closed(env_id, {**told, **given}).mixture)
+        other = _home(_make_closed(env_id, {**stated_args, **given}).mixture)
         if other != home:
             raise InputError(
                 f"--home says {_home_words(other)} and {origin} {_home_words(home)}; leave out "
                 "--home"
             )
-        _check_same(told, _defaults(env_id, arguments) | arguments)
+        _check_same(stated_args, _defaults(env_id, arguments) | arguments)
     trained_with = {name: x for name, x in arguments.items() if name not in VARIED}
     told_of = trained_with
     if (card is not None or stated == STOCK) and set(given) - {*trained_with, *_OF_THE_EPISODE}:

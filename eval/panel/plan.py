@@ -62,7 +62,7 @@ def read_planned_spec(plan: Mapping[str, Any]) -> PanelSpec:
 
 
 def read_planned_home(plan: Mapping[str, Any]) -> Home | None:
-    """What the policy of an evaluation was trained on, as its run was told; None: unknown.
+    """What the policy of an evaluation was trained on, as stated to its run; None: unknown.
 
     Raises:
         SpecError: if the plan does not say.

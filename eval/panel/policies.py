@@ -130,13 +130,21 @@ def read_policy_file(path: Path, obs_stats: Path | None = None) -> tuple[Any, An
     if not has_sidecar(path):
         return read_weights(path, None, obs_stats), card, files
     files["policy.json"] = path.with_suffix(".json")
-    policy, told = read_trained(path)
-    if card is not None and card.get("home") is not None and card["config"] != told.get("config"):
+    policy, trained_card = read_trained(path)
+    if (
+        card is not None
+        and card.get("home") is not None
+        and card["config"] != trained_card.get("config")
+    ):
         raise PolicyFileError(
             f"{path}: its metadata and its side-car describe different trainings; move the "
             "wrong one away"
         )
-    return (policy if obs_stats is None else read_weights(path, told, obs_stats)), told, files
+    return (
+        (policy if obs_stats is None else read_weights(path, trained_card, obs_stats)),
+        trained_card,
+        files,
+    )
 
 
 def find_policy(folder: Path) -> tuple[Path, Path | None] | None:

@@ -321,11 +321,11 @@ class RunDirectory:
         manifest = self.path / MANIFEST
         held = read_manifest(manifest) if manifest.exists() else {}
         before = held.get("specification")
-        told = {**held, "specification": self._specification}
+        updated = {**held, "specification": self._specification}
         if before != self._specification:
-            told["versions"] = {**self.versions(), **held.get("versions", {})}
-        if told != held:
-            write_json(manifest, told)
+            updated["versions"] = {**self.versions(), **held.get("versions", {})}
+        if updated != held:
+            write_json(manifest, updated)
         new = list(additions(before, self._specification)) if before else []
         if new:
             print(f"New in {self.storage}: {'; '.join(new)}. All else is kept.", file=sys.stderr)

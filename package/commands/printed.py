@@ -130,7 +130,7 @@ def _bytes(size: float) -> str:
 
 
 def print_power(spec: PanelSpec, out: Path | None) -> None:
-    """Print what the seeds of a specification can show; then what a finished panel's want for.
+    """Print what the seeds of a specification can show; then what those of a finished panel lack.
 
     Args:
         spec: the panel.

@@ -364,8 +364,8 @@ def onnx_bytes(policy: MlpPolicy, card: Mapping[str, Any]) -> bytes:
         ir_version=IR_VERSION,
         producer_name="integ-gym",
     )
-    told = hashed({"format": FORMAT, **card})
-    helper.set_model_props(model, {METADATA: json.dumps(told, allow_nan=False)})
+    hashed_card = hashed({"format": FORMAT, **card})
+    helper.set_model_props(model, {METADATA: json.dumps(hashed_card, allow_nan=False)})
     package.checker.check_model(model)
     content: bytes = model.SerializeToString()
     return content

@@ -154,10 +154,12 @@ def of_training(
         if own_code and native and is_integ_environment(spec.env_id):
             if policy not in made:
                 made[policy] = list(map(recorded_arguments, _train_on(config).setups))
-            told: Any = None
+            row_arguments: Any = None
             with suppress(EvidenceError):
-                told = argument_values(row["arguments"])
-            nearest = min(made[policy], key=lambda one: len([*find_differences("", told, one)]))
+                row_arguments = argument_values(row["arguments"])
+            nearest = min(
+                made[policy], key=lambda one: len([*find_differences("", row_arguments, one)])
+            )
             expected |= {"arguments": nearest, "float_width": 32 if spec.trainer == "fleet" else 64}
         yield from _check_fields(row, expected, where)
     yield from _of_lanes(spec, units, store)
@@ -417,7 +419,7 @@ def _bounds(space: Any) -> Any:
 
 
 def _common(stated: Any, expected: Any) -> Any:
-    """What is told under keys that are expected."""
+    """The values under expected keys."""
     if not (isinstance(stated, Mapping) and isinstance(expected, Mapping)):
         return stated
     return {name: _common(stated.get(name), wanted) for name, wanted in expected.items()}
