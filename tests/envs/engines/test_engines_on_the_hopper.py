@@ -44,19 +44,26 @@ def _states(height):
 
 
 def _errors(setup, height):
-    """Largest error of one step from each state against the engine's map, over 1 + |value|."""
+    """Largest error of one step from each state against the engine's map, over what is allowed.
+
+    That is for 1 + |value| the tolerance of the other plants, or rounding times the condition of
+    the mass matrix: up to 210, so that 32 bits leave 1e-5.
+    """
     known, system = one_step_map(setup.engine.map), setup.system
+    rounding = 2.0 ** -(53 if setup.engine.width == 64 else 24)
     for q, v in _states(height):
         end = known.step(SCALAR, system, q, v, system.no_losses, CONTROL, setup.timing.dt)
         motion = setup.engine.advance(SCALAR, q, v, ((CONTROL, 1),), None)
         expected, got = np.array((*end.q, *end.v)), np.array((*motion.q, *motion.v))
-        yield float((np.abs(got - expected) / (1.0 + np.abs(expected))).max())
+        condition = np.linalg.cond(np.array(setup.plant.mass_matrix(SCALAR, q)))
+        allowed = max(TOLERANCE[setup.engine.width], rounding * condition)
+        yield float((np.abs(got - expected) / (1.0 + np.abs(expected))).max()) / allowed
 
 
 @pytest.mark.parametrize(("engine", "integrator"), lighter(TAKES))
 def test_free_flight_is_the_map_that_an_engine_is_said_to_apply(engine, integrator):
     setup = _setup(engine, integrator)
-    assert max(_errors(setup, 2.0)) <= TOLERANCE[setup.engine.width]
+    assert max(_errors(setup, 2.0)) <= 1.0
 
 
 @pytest.mark.parametrize(
@@ -68,9 +75,9 @@ def test_our_ground_is_the_maps_where_forces_are_evaluated_once(engine, integrat
     setup = _setup(engine, integrator)
     pressed = max(_errors(setup, 0.25))
     if integrator.endswith("implicit"):
-        assert pressed > 1e-3
+        assert pressed > 1e3
     else:
-        assert pressed <= 10.0 * TOLERANCE[setup.engine.width]
+        assert pressed <= 10.0
 
 
 @dataclass(frozen=True)
@@ -106,7 +113,7 @@ def test_accelerations_before_a_step_are_the_plants(engine, integrator):
     told = 0
     for height in (2.0, 0.25):
         for q, v in _states(height):
-            force = setup.system.generalized(CONTROL)
+            force = setup.system.forces(SCALAR, q, v, CONTROL)
             found = setup.engine.acceleration(q, v, force)
             if found is not None:
                 expected, _ = setup.system.rates(SCALAR, q, v, CONTROL)
