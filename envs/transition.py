@@ -6,7 +6,8 @@ The single, the vector and the functional environment all advance through :func:
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import partial
+from functools import partial, reduce
+from operator import add
 from typing import Any, NamedTuple
 
 from .engines.stepping import DIVERGENCE_SPEED, Held, Segments
@@ -348,13 +349,11 @@ def _outcome(
     clip_loss = ops.where(ok, motion.clip_loss, 0.0)
     contact_loss = penetration = contact_force = 0.0
     if len(motion.losses) > 1:
-        contact_loss = ops.where(ok, motion.losses[1], 0.0)
+        contact_loss = ops.where(ok, reduce(add, motion.losses[1:]), 0.0)
         penetration = ops.where(ok, motion.penetration, 0.0)
         contact_force = ops.where(ok, motion.contact_force, 0.0)
-    slip_loss, touches = 0.0, _touches(ops, setup, after, motion)
-    if touches:
-        slip_loss = ops.where(ok, motion.losses[2], 0.0)
-        contact_loss = contact_loss + slip_loss
+    touches = _touches(ops, setup, after, motion)
+    slip_loss = reduce(add, [touch.slip_loss for touch in touches], 0.0)
     failed = task.terminated(ops, after.q, after.v) & ok
     terminated = failed | _negate(ok)
     truncated = after.steps >= timing.horizon
@@ -408,9 +407,11 @@ def _outcome(
 def _touches(ops: Ops, setup: Setup, after: EnvState, motion: Motion) -> tuple[Touch, ...]:
     reactions = setup.system.reactions(ops, after.q, after.v)
     depths = motion.depths or (0.0,) * len(reactions)
+    lost = motion.losses[len(motion.losses) - 2 * len(reactions) :]
+    booked = zip(reactions, depths, lost[::2], lost[1::2], strict=True)
     touches = [
-        reaction.touch._replace(penetration=depth)
-        for reaction, depth in zip(reactions, depths, strict=True)
+        reaction.touch._replace(penetration=depth, contact_loss=taken + slip, slip_loss=slip)
+        for reaction, depth, taken, slip in booked
     ]
     return map_leaves(lambda x: ops.where(motion.finite, x, 0.0), tuple(touches))  # type: ignore[no-any-return]
 

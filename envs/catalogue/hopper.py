@@ -138,6 +138,8 @@ class IntegHopperEnv(IntegEnv, Env[Any, Any]):
     | `foot_penetration`, `penetration` | m | deepest of the foot at the end of any sub-step |
     | `foot_normal_force`, `foot_tangential_force` | N | on the foot at the end of the period |
     | `foot_slip_speed` | m/s | of the foot along the ground then; 0 in the air |
+    | `foot_stored_energy` | J | of `energy`, what the ground under the foot has stored then |
+    | `foot_contact_loss`, `foot_slip_loss` | J | of `contact_loss` and `slip_loss`, what was lost at the foot: all of it |
     | `contact_force` | N | largest normal force at the end of any sub-step |
     | `goal_since` | s | since when the state has been at the goal; −1 while it is not |
     | `success` | | true at the end of an episode that succeeded |

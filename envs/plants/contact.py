@@ -152,6 +152,12 @@ class Touch(NamedTuple):
     """By friction on the point, along the plane, N."""
     slip_speed: Component = 0.0
     """Of the point along the plane, m/s; 0 where it does not touch."""
+    stored_energy: Component = 0.0
+    """Elastic energy stored in the plane, J."""
+    contact_loss: Component = 0.0
+    """What damping and friction took at the point in a control period, J."""
+    slip_loss: Component = 0.0
+    """What of it friction took, J."""
 
 
 class Reaction(NamedTuple):
@@ -160,8 +166,6 @@ class Reaction(NamedTuple):
     touch: Touch
     force: Components
     """Generalized."""
-    energy: Component
-    """Elastic energy stored, J."""
     damped: Component
     """Power that damping normal to the plane takes out, W, never negative."""
     rubbed: Component
@@ -209,7 +213,8 @@ class ContactPoint:
         slip = ops.where(depth > 0.0, _dot(tangent, v), 0.0)
         rub = 0.0 - self.friction * push * slip / self._smooth_slip(ops, slip)
         force = tuple([push * a + rub * b for a, b in zip(normal, tangent, strict=True)])
-        return Reaction(Touch(depth, push, rub, slip), force, energy, damped, 0.0 - rub * slip)
+        touch = Touch(depth, push, rub, slip, energy)
+        return Reaction(touch, force, damped, 0.0 - rub * slip)
 
     def slopes(
         self, ops: Ops, q: Components, v: Components

@@ -35,8 +35,8 @@ class PlantSystem:
         kinked: whether there are stops or contact points.
         servo: that acts within the vector field, or None.
         sampler: the servo that is computed at the start of steps, or None.
-        no_losses: zero of every loss component: (damping,), (damping, contact) with stops of either
-            kind, or with contact points (damping, contact, friction in contact); then of what is
+        no_losses: zero of every loss component: that of damping, that of stops of either kind if
+            there are some, (damping, friction) of every contact point; then of what is
             carried with them: where controls are more than forces along coordinates their work, J,
             and of a servo within the field the integral of each squared effort.
     """
@@ -60,7 +60,7 @@ class PlantSystem:
         self.engine_stops = stops if engine_stops else None
         self.contacts: tuple[ContactPoint, ...] = getattr(plant, "contacts", ())
         self.kinked = self.stops is not None or bool(self.contacts)
-        kinds = 3 if self.contacts else 1 if stops is None else 2
+        kinds = 1 + int(stops is not None) + 2 * len(self.contacts)
         self.no_losses: Components = (0.0,) * kinds
         self._friction: Friction | None = getattr(plant, "dry_friction", None)
         continuous = servo is not None and servo.when == "continuous"
@@ -74,7 +74,6 @@ class PlantSystem:
         self._carried = 0 if self.input_forces is None and self.servo is None else 1
         if self.servo is not None:
             self._carried += len(plant.controls)
-        self._unresisted = self.no_losses[1:]
         self.no_losses = (*self.no_losses, *(0.0,) * self._carried)
         self._jacobian = None if self.input_forces else getattr(plant, "jacobian", None)
         self._moving = [i for i in range(len(plant.coordinates)) if i not in massless]
@@ -234,7 +233,7 @@ class PlantSystem:
         if self.stops is not None:
             energy = energy + self.stops.contact(ops, q, v).energy
         for reaction in self.reactions(ops, q, v):
-            energy = energy + reaction.energy
+            energy = energy + reaction.touch.stored_energy
         return energy
 
     def confine(self, ops: Ops, q: Components) -> Components:
@@ -253,16 +252,16 @@ class PlantSystem:
             force = self._friction.forces(ops, v)
             for x, f in zip(v, force, strict=True):
                 rubbed = rubbed - f * x
-        losses = (rubbed, *self._unresisted)
+        losses: Components = () if self.engine_stops is None else (0.0,)
         if self.stops is not None:
             contact = self.stops.contact(ops, q, v)
             i = self.stops.coordinate
             force = (*force[:i], force[i] + contact.force, *force[i + 1 :])
-            losses = (rubbed, contact.dissipated, *losses[2:])
+            losses = (contact.dissipated,)
         for reaction in self.reactions(ops, q, v):
             force = tuple([a + b for a, b in zip(force, reaction.force, strict=True)])
-            losses = (rubbed, losses[1] + reaction.damped, losses[2] + reaction.rubbed)
-        return force, losses
+            losses = (*losses, reaction.damped, reaction.rubbed)
+        return force, (rubbed, *losses)
 
     def _add_resistance(
         self, ops: Ops, q: Components, v: Components, force: Components

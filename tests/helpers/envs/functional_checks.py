@@ -62,7 +62,7 @@ def _compare(env_id, arguments, steps, lanes):
     )
     rng, ends, space = np.random.default_rng(0), 0, vector.single_action_space
     state = initial(jax.random.key(0))
-    _begin(vector, state, np.ones(lanes, dtype=bool))
+    begin_lanes(vector, state, np.ones(lanes, dtype=bool))
     for step in range(steps):
         if isinstance(space, gym.spaces.Discrete):
             action = rng.integers(space.n, size=lanes)
@@ -89,11 +89,11 @@ def _compare(env_id, arguments, steps, lanes):
         if done.any():
             begun = initial(jax.random.key(1000 + step))
             state = jax.tree.map(lambda a, b, d=done: jnp.where(d, a, b), begun, state)
-            _begin(vector, state, done)
+            begin_lanes(vector, state, done)
     return ends
 
 
-def _begin(vector, state, mask):
+def begin_lanes(vector, state, mask):
     """Begin in the vector environment what the functional one has drawn, in some lanes."""
     components = zip(state.env.q, state.env.v, strict=True)
     starts = np.stack([np.asarray(x) for pair in components for x in pair], axis=1)
