@@ -65,7 +65,7 @@ from measuring.trained import PACKAGES, STARTS, Act, gained, judged_in, trained_
 from integ_gym.envs.numerics.identity import IDENTICAL, cases_of, largest_error
 from integ_gym.envs.numerics.stepping import one_step
 from integ_gym.eval.contract import compare_contracts
-from integ_gym.eval.statistics import Difference, holm, paired_difference
+from integ_gym.eval.statistics import Difference, holm, mean_rate, paired_difference
 from integ_gym.support.figures import axes_at, blank_figure, write_figure
 from integ_gym.train.policy_files.sidecar import read_trained
 from integ_gym.train.ppo import PPOConfig, train_run
@@ -438,7 +438,7 @@ def figure(rows: list[Row], path: Path) -> None:
         for i, name in enumerate(NAMED):
             for j, other in enumerate(NAMED):
                 if rates := cells.rates(task, arm, name, other):
-                    means[i, j] = np.mean(rates)
+                    means[i, j] = mean_rate(rates)
                     axes.text(j, i, f"{means[i, j]:.2f}", ha="center", va="center", fontsize=7)
         axes.imshow(means, vmin=0.0, vmax=1.0, cmap="RdYlGn", alpha=0.6)
         axes.set_title(f"{task}, {arm}", fontsize=9)

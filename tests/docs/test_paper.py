@@ -47,6 +47,24 @@ def test_its_numbers_are_those_of_the_published_panel():
     assert abs(rows["explicit_euler dt=0.0125"]["cells"][truth]["success"][0] - 1.0) < 0.005
 
 
+def test_its_numbers_are_those_of_the_published_engines():
+    rows = pq.read_table(ROOT / "docs" / "tables" / "learned_engines" / "rows.parquet").to_pylist()
+
+    def lost(arm: str) -> float:
+        own = [row for row in rows if (row["task"], row["arm"]) == ("swing-up", arm)]
+        home, away = (
+            [row["successes"] / row["starts"] for row in own if is_home == at_home(row)]
+            for is_home in (True, False)
+        )
+        return sum(home) / len(home) - sum(away) / len(away)
+
+    def at_home(row: dict[str, object]) -> bool:
+        return row["trained_on"] == row["judged_on"]
+
+    assert f"lose {lost('as got'):.2f} of success in the five others" in BODY
+    assert f"one step in all engines they lose {lost('matched'):z.2f}." in BODY
+
+
 def test_its_numbers_are_those_of_the_published_control_periods():
     table = pq.read_table(ROOT / "docs" / "tables" / "learned_periods" / "rows.parquet")
     wanted = {"task": "pendulum", "algorithm": "PPO", "arm": "per second", "delay": 0}

@@ -14,6 +14,7 @@ import pytest
 from house import ROOT
 
 PAGES = {
+    "learned_engines": ROOT / "docs" / "explanation" / "learned_engines.md",
     "learned_periods": ROOT / "docs" / "explanation" / "control_periods.md",
     "simulation_tools": ROOT / "docs" / "explanation" / "simulation_tools.md",
 }
@@ -74,6 +75,41 @@ def test_a_step_of_an_engine_is_of_the_map_that_it_is_trained_by(experiment):
             module.defect(module.arguments("swing-up", "as got", name), "symplectic_euler")
     differs = module.contract("short track", "matched", "native", "mujoco")["differs"]
     assert not differs
+
+
+@pytest.mark.parametrize("experiment", ["learned_engines"], indirect=True)
+def test_what_the_page_says_of_hidden_terms_is_in_the_rows(experiment):
+    name, module = experiment
+    rows = pq.read_table(FOLDERS / name / "rows.parquet").to_pylist()
+    damped, cells = {"pybullet", "sapien"}, module.Cells(rows, module.NAMES)
+    plain = set(module.NAMED) - damped
+    for row in rows:
+        assert not row["differs"]
+        hidden = damped & {row["trained_on"], row["judged_on"]}
+        assert row["silent"] == ("acceleration" if hidden else "")
+    for home in module.NAMED:
+        matched = [cells.rates("swing-up", "matched", home, away) for away in module.NAMED]
+        assert np.ptp(matched, axis=0).max() < 1.5 / 20
+
+        def success(away, home=home):
+            return np.mean(cells.rates("swing-up", "as got", home, away))
+
+        assert success("sapien") == 0.0
+        if home in plain:
+            assert all(abs(success(home) - success(away)) < 0.05 for away in plain)
+            assert success("pybullet") < 0.25
+        else:
+            assert all(success(away) < 0.25 for away in plain)
+    assert np.mean(cells.rates("swing-up", "as got", "pybullet", "pybullet")) > 0.9
+
+
+@pytest.mark.parametrize("experiment", ["learned_engines"], indirect=True)
+def test_the_swing_up_can_be_done_in_every_engine_as_its_users_get_it(experiment):
+    _, module = experiment
+    trained, as_got = (importlib.import_module(f"measuring.{one}") for one in ("trained", "as_got"))
+    for engine in module.NAMED:
+        given = module.arguments("swing-up", "as got", engine)
+        assert trained.judged_in(module.ENV_ID, given, [as_got.swing_up], [5000]) == [20]
 
 
 @pytest.mark.parametrize("experiment", ["simulation_tools"], indirect=True)
