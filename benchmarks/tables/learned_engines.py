@@ -427,8 +427,8 @@ def _matrices(cells: Cells) -> Iterator[list[str]]:
 
 def figure(rows: list[Row], path: Path) -> None:
     """Mean success, by engines of training and of judging."""
-    cells, run_there = Cells(rows, NAMES), {row["task"] for row in rows}
-    shown = [(task, arm) for task in TASKS if task in run_there for arm in ARMS]
+    cells, run_there = Cells(rows, NAMES), {(row["task"], row["arm"]) for row in rows}
+    shown = [(task, arm) for task in TASKS for arm in ARMS if (task, arm) in run_there]
     height = 0.6 + 3.1 * -(-len(shown) // 2)
     drawn = blank_figure(6.6, height)
     for place, (task, arm) in enumerate(shown):
