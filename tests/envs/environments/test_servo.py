@@ -11,7 +11,6 @@ from functional_checks import compare
 from recording import CONTEXT, made, play
 from scipy.integrate import solve_ivp
 
-from integ_gym.envs import functional
 from integ_gym.envs.environment import environment_setup
 from integ_gym.envs.numerics import goal_energy
 from integ_gym.envs.registries import INTEGRATORS
@@ -186,12 +185,6 @@ def test_what_gives_efforts_is_left_out():
     assert not has_handmade(setup)
     assert possible_baselines(setup) == ("random", "zero")
     assert goal_energy(setup) is None
-
-
-def test_a_program_with_a_limit_is_not_one_without():
-    with_lag = functional.make("IntegQuadrotor-v0")
-    with pytest.raises(ValueError, match="another program"):
-        with_lag.params(motor_time_constant=None)
 
 
 @pytest.mark.parametrize(

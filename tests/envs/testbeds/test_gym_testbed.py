@@ -16,7 +16,7 @@ from mountain_car import MountainCar, ScaledMountainCar, swing
 
 from integ_gym.envs.foreign import Repeated, StatedEnv, time_limit, wrappers_of
 from integ_gym.envs.settings import Discretization
-from integ_gym.envs.testbeds.gym_testbed import CLASSIC, GymTestbed
+from integ_gym.envs.testbeds.gym_testbed import GymTestbed
 from integ_gym.envs.testbeds.making import find_testbed, make_checked
 
 PAGE = (ROOT / "docs" / "how-to" / "testbeds.md").read_text(encoding="utf-8")
@@ -76,25 +76,6 @@ def test_what_is_applied_decides():
     make_checked(deaf, deaf.home, 1).close()
     with pytest.raises(ValueError, match=r"`dt`=0\.025 was asked for, .* applies 0\.05;"):
         make_checked(deaf, replace(deaf.home, dt=0.025), 1)
-
-
-@pytest.mark.parametrize("env_id", CLASSIC)
-def test_at_home_it_is_the_library_s_own(env_id):
-    """Same seed, same actions: the same observations and rewards, to the bit."""
-    testbed, stock = find_testbed(env_id, {}), gym.make(env_id)
-    environments = make_checked(testbed, testbed.home, 1)
-    observation, _ = environments.reset(seed=3)
-    assert np.array_equal(observation[0], stock.reset(seed=3)[0])
-    stock.action_space.seed(3)
-    for _ in range(20):
-        action = stock.action_space.sample()
-        expected, earned, terminated, *_ = stock.step(action)
-        observation, reward, ended, *_ = environments.step(np.array([action]))
-        assert np.array_equal(observation[0], expected)
-        assert reward[0] == earned
-        assert ended[0] == terminated
-        if terminated:
-            break
 
 
 @pytest.mark.parametrize("action", [np.nan, np.inf, 10**400], ids=["nan", "inf", "huge"])

@@ -117,19 +117,21 @@ def test_lanes_are_the_single_environments(env_id):
     observation, _ = environments.reset(seed=[5, 6])
     assert np.array_equal(single.reset(seed=6)[0], observation[1])
     environments.action_space.seed(0)
-    for _ in range(4):
+    for _ in range(20):
         actions = environments.action_space.sample()
-        observation, reward, *_, info = environments.step(actions)
-        expected, earned, *_, told = single.step(actions[1])
+        observation, reward, terminated, _, info = environments.step(actions)
+        expected, earned, ended, _, told = single.step(actions[1])
         assert np.array_equal(observation[1], expected)
-        assert reward[1] == earned
+        assert (reward[1], terminated[1]) == (earned, ended)
         if env_id in CLASSIC:
             assert np.isnan(info["energy"]).all()
             assert not info["_energy"].any()
-            continue
-        assert info["energy"][1] == told["energy"]
-        assert np.array_equal(environments.state[1], single.unwrapped.state
-                              if env_id != TASK else single.state)  # fmt: skip
+        else:
+            assert info["energy"][1] == told["energy"]
+            assert np.array_equal(environments.state[1], single.unwrapped.state
+                                  if env_id != TASK else single.state)  # fmt: skip
+        if ended:
+            break
 
 
 class Rounding(IntegTestbed):
