@@ -237,14 +237,6 @@ def test_two_hands_drive_a_hopper(monkeypatch):
     screen.window.close()
 
 
-def test_help_names_the_keys(capsys):
-    with pytest.raises(SystemExit):
-        main(["play", "--help"])
-    told = capsys.readouterr().out
-    for key in ("Left, Right", "W, S", "Up, Down", "Tab", "Space, R, Esc"):
-        assert key in told
-
-
 def test_the_command_says_what_came_of_it(monkeypatch, capsys):
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
     pygame.display.init()

@@ -7,7 +7,6 @@ import hashlib
 import json
 import re
 import shlex
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +25,6 @@ from report_pages import (
 )
 
 from integ_gym.eval.panel.result import Panel
-from integ_gym.eval.report import page as report_page
 from integ_gym.eval.report.figures import write_figures
 from integ_gym.eval.report.page import write_report
 
@@ -103,13 +101,6 @@ def test_hostile_text_stays_text() -> None:
     assert all(link.startswith("./") for link in files)
 
 
-def test_names_in_sentences_are_code_and_no_backticks() -> None:
-    raw = raw_of("full")
-    told = [{**one, "reason": "not within `duration`, 1 < 2"} for one in raw["failures"]]
-    page = render(panel_from({**raw, "failures": told}))
-    assert "not within <code>duration</code>, 1 &lt; 2" in page
-
-
 def test_an_almost_empty_panel_still_reads(tmp_path: Path) -> None:
     lists = ("rows", "cells", "matrix", "verdicts", "policy_comparisons", "failures", "remedies")
     raw = {**raw_of("full"), **{name: [] for name in lists}, "training_costs": {}}
@@ -133,17 +124,6 @@ def test_a_failed_write_leaves_the_old_file(
         write_report(panel_of("full"), tmp_path)
     assert path.read_bytes() == before
     assert list(tmp_path.iterdir()) == [path]
-
-
-@pytest.mark.parametrize("module", ["jinja2", "matplotlib"])
-def test_a_missing_extra_names_its_remedy(
-    module: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(sys.modules, module, None)
-    report_page.report_environment.cache_clear()
-    write: Any = write_report if module == "jinja2" else write_figures
-    with pytest.raises(ModuleNotFoundError, match=rf"{module} is not installed; .*\[report\]"):
-        write(panel_of("given"), tmp_path)
 
 
 def large_panel(rows: int, schemes: tuple[str, ...], steps: tuple[float, ...]) -> Panel:

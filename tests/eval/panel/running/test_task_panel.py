@@ -254,16 +254,3 @@ def test_a_specification_leaves_out_what_cannot_be(settle):
     heavier = [p.changes for p in spec.variations if "mass" in p.changes]
     assert heavier == [{"mass": 1.2}] * ("mass" in environment_setup(settle, {}).arguments())
     assert sum("action_latency" in p.changes for p in spec.variations) == 1
-
-
-@pytest.mark.parametrize(
-    ("env_id", "message"),
-    [
-        ("my_task:Settles-v0", "registers no environment 'Settles-v0'; call gymnasium.register"),
-        ("no_task:Settle-v0", "cannot import 'no_task' of .*ModuleNotFoundError.*PYTHONPATH"),
-        ("Settle-v0", 'your own as "module:Id-v0", or a testbed of your own as "module:Class"'),
-    ],
-)
-def test_an_id_that_is_unknown_is_told_how_to_bring_ones_own(settle, env_id, message):
-    with pytest.raises(ValueError, match=message):
-        check_spec(_specification(env_id))
