@@ -24,7 +24,7 @@ import numpy as np
 from measuring import results
 from tqdm import tqdm
 
-from integ_gym.eval.power import WORLDS, Comparison, Draw, judge_family, measured
+from integ_gym.eval.power import WORLDS, Comparison, Draw, draw_measured_rates, judge_family
 from integ_gym.eval.statistics import rate_interval
 from integ_gym.eval.verdict import Achieved, Looks, Rates, split
 
@@ -77,7 +77,7 @@ def rates_of(case: Case, draw: Draw, seeds: int, starts: int, rng: np.random.Gen
     if case.handmade is not None:
         handmade = (rng.random(HANDMADE_STARTS) < case.handmade).astype(np.float64)
     recovered, home, native = (
-        measured(rng, draw, mean, seeds, starts)
+        draw_measured_rates(rng, draw, mean, seeds, starts)
         for mean in (case.recovered, case.home, case.native)
     )
     return Rates(home, recovered, recovered, native, handmade)
