@@ -196,9 +196,8 @@ def _digits(sizes: Sequence[float]) -> int:
 
 def warning_lines(panel: Panel) -> tuple[str, ...]:
     """What a reader must know before trusting a panel: doubts, and that it was looked at before."""
-    if panel.stage is not None:
-        return (*panel.doubts, _stage_words(panel.stage))
-    return (*panel.doubts, *_look_warnings(panel))
+    looks = _look_warnings(panel) if panel.stage is None else ()
+    return (*panel.doubts, *looks)
 
 
 def _stage_words(stage: Stage) -> str:
