@@ -21,7 +21,7 @@ from .work_options import add_work, workers_of
 
 EXAMPLES = """\
 examples:
-  integ-gym diagnose              all integrators on all plants, in two minutes
+  integ-gym diagnose              all integrators on all plants
   integ-gym diagnose --plant pendulum --integrator rk4 --dt 0.02 --out runs/rk4
   integ-gym diagnose --plant pendulum --integrator my_module:Heun
                                   measures an integrator of your own
