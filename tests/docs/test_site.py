@@ -41,7 +41,7 @@ def page(tmp_path, monkeypatch):
     """A browser that may not read files from files, as a reader's may not."""
     closed = [flag for flag in driving.FLAGS if flag != "--allow-file-access-from-files"]
     monkeypatch.setattr(driving, "FLAGS", tuple(closed))
-    with driving.drive(tmp_path) as opened:
+    with driving.driven(tmp_path) as opened:
         yield opened
 
 
