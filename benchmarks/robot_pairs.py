@@ -1,4 +1,4 @@
-"""How long a robot's episode takes, evaluated and recorded, beside `robot_loop.py`'s plain loop.
+"""How long a robot's episode takes, evaluated and recorded, beside `robot_plain.py`'s loop.
 
 ``python benchmarks/robot_pairs.py go1:Go1 DIR``: the policy at its file's settings, from the same
 starts, in pairs: the loop on one core, then the evaluation with its traces written on several. By
@@ -14,7 +14,7 @@ from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
 
-from robot_loop import load_model, plain_episode
+from robot_plain import load_model, plain_episode
 from robots import open_robot, robot_parser
 
 from integ_gym.eval.panel.cells import Cell

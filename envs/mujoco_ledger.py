@@ -85,7 +85,7 @@ class Contacts(dict[int, Any]):
         return self.data.solver.gradient
 
 
-ROOM = {"distances": 8, "positions": 32}
+ROOM = {"distances": 8, "positions": 64}
 """Contacts and rows of constraints in a timestep of which all are kept, not the least alone."""
 
 

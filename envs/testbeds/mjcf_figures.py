@@ -173,7 +173,7 @@ class Figures:
 
 def _lengths(vectors: Array) -> Array:
     """Of vectors of two components, shape (n, 2)."""
-    return np.array([hypot(*vector) for vector in vectors.tolist()])
+    return np.array([*map(hypot, *vectors.T.tolist())])
 
 
 def feet_of(model: Any) -> dict[str, int]:
