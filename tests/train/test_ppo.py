@@ -167,7 +167,7 @@ def test_steps_are_told_and_nothing_outside_the_run_changes(small, tmp_path):
     assert policy.content_hash == small.content_hash
     assert [steps for steps, _ in told] == [4] * 128
     assert told[49][1] == ""
-    assert told[50][1].startswith("return -")
+    assert told[50][1].startswith("return −")
 
 
 def test_an_interrupted_run_leaves_no_policy(tmp_path, monkeypatch, capsys):
