@@ -87,11 +87,11 @@ def one_step(integrator: str, plant: Plant, dt: float) -> OneStep:
     engine = engine_of(integrator, PlantSystem(plant), dt)
     lost = (math.nan,) * len(plant.coordinates)
 
-    def take_step(q: Components, v: Components, control: Any) -> tuple[Components, Components]:
+    def advance_once(q: Components, v: Components, control: Any) -> tuple[Components, Components]:
         motion = engine.advance(SCALAR, q, v, ((controls_of(plant, control), 1),), None)
         return (motion.q, motion.v) if motion.converged else (lost, lost)
 
-    return take_step
+    return advance_once
 
 
 def advance_lanes(

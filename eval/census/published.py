@@ -104,12 +104,12 @@ def jax_step(
     """
     compiled = import_module("jax").jit(advance)
 
-    def take_step(q: Components, v: Components, control: float) -> tuple[Components, Components]:
+    def advance_once(q: Components, v: Components, control: float) -> tuple[Components, Components]:
         end_q, end_v = compiled(*(np.array(x, dtype=np.float32) for x in (q, v, [control / gear])))
         q, v = (tuple(np.array(x, np.float64).ravel().tolist()) for x in (end_q, end_v))
         return q, v
 
-    return take_step
+    return advance_once
 
 
 AGREEMENT = 1e-9
@@ -185,14 +185,14 @@ def control_step(model: Any) -> numerics.OneStep:
     data, n = mujoco.MjData(model), int(model.nv)
     gear = float(model.actuator_gear[0, 0])
 
-    def take_step(q: Components, v: Components, control: float) -> tuple[Components, Components]:
+    def advance_once(q: Components, v: Components, control: float) -> tuple[Components, Components]:
         mujoco.mj_resetData(model, data)
         data.qpos[:], data.qvel[:], data.ctrl[0] = q, v, control / gear
         mujoco.mj_step(model, data)
         end = (*data.qpos.tolist(), *data.qvel.tolist())
         return end[:n], end[n:]
 
-    return take_step
+    return advance_once
 
 
 def max_control(model: Any) -> float:
@@ -379,12 +379,12 @@ def _step(env: Any, action: Callable[[float], Any]) -> numerics.OneStep:
     """One control period under the action that stands for a control."""
     env.reset(seed=0)
 
-    def take_step(q: Components, v: Components, control: float) -> tuple[Components, Components]:
+    def advance_once(q: Components, v: Components, control: float) -> tuple[Components, Components]:
         env.state = np.array(join_state(q, v))
         env.step(action(control))
         return split_state(tuple(float(x) for x in env.state))
 
-    return take_step
+    return advance_once
 
 
 class GymnasiumPhys2d(Library):

@@ -4,7 +4,7 @@ import base64
 import subprocess
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from integ_gym.cli import main
@@ -104,7 +104,9 @@ def test_what_a_changed_byte_makes_of_a_signature_does_not_pass(tmp_path_factory
     run = tmp_path_factory.mktemp("signed")
     begin, *lines, end = EARLIER_SIGNATURE.splitlines()
     content = bytearray(base64.b64decode("".join(lines)))
-    content[data.draw(st.integers(0, len(content) - 1))] ^= data.draw(st.integers(1, 255))
+    place, change = data.draw(st.integers(0, len(content) - 1)), data.draw(st.integers(1, 255))
+    assume((place, change) != (9, 1))  # ssh-keygen takes version 0 of the format as 1
+    content[place] ^= change
     (run / SEAL_FILE).write_text(EARLIER_SEAL)
     text = "\n".join((begin, base64.b64encode(content).decode(), end, ""))
     (run / SIGNATURE_FILE).write_text(text)
