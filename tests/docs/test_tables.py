@@ -117,6 +117,7 @@ def test_what_was_run_again_on_other_seeds_agrees_as_the_page_says():
     assert not seeds[0] & seeds[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("experiment", ["learned_engines"], indirect=True)
 def test_the_swing_up_can_be_done_in_every_engine_as_its_users_get_it(experiment):
     _, module = experiment

@@ -292,6 +292,7 @@ def step(observation):
     return int(observation[0] > 0.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("policy", "env_id", "integrator", "dt", "varied", "environment"),
     [
@@ -329,6 +330,7 @@ def test_every_record_comes_out_to_the_last_bit(
     assert replay([(file, forged)], exact=True).settle().findings
 
 
+@pytest.mark.slow
 def test_what_a_network_decided_on_another_engine_is_decided_again_to_the_last_bit(tmp_path):
     """Second horizons have no traces, and a network's last bits depend on how much it is shown."""
     rng, sizes = np.random.default_rng(0), (3, 64, 64, 1)

@@ -392,6 +392,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.slow
 def test_workers_leave_this_process_as_it_was_and_train_what_the_command_trains_in_its_own(
     tmp_path,
 ):

@@ -120,6 +120,7 @@ def test_without_statistics_no_side_car_and_no_copy_is_written(tmp_path):
     save_policy(policy, tmp_path / "again.safetensors", PENDULUM, home=HOME)
 
 
+@pytest.mark.slow
 def test_an_evaluation_without_statistics_says_so(tmp_path):
     _trained(PPO, True, tmp_path)
     policy, statistics = tmp_path / "policy.zip", tmp_path / "vecnormalize.pkl"

@@ -29,6 +29,7 @@ OWN = {
 SCRIPT = Path(integ_gym.__file__).parent.parent / "train" / "ppo.py"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("train", OWN)
 def test_both_trainers_write_record_and_tell(train, small, tmp_path):
     """Several policies at once, in processes: each as if it were alone."""

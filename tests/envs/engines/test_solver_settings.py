@@ -26,6 +26,7 @@ def hold(observation):
     return [0.0]
 
 
+@pytest.mark.slow
 def test_a_home_with_settings_is_judged_where_others_have_no_solver_and_verified(tmp_path, capsys):
     home = {"integrator": "implicit_midpoint", "dt": 0.05, "control_period": 0.05}
     panel = integ_gym.evaluate(

@@ -207,6 +207,7 @@ def test_what_cannot_be_is_refused():
         gym.make("IntegPendulum-v0", **COMMON, observation_latency=0.075, sensor_period=0.025)
 
 
+@pytest.mark.slow
 def test_the_truth_takes_a_step_that_divides_the_latency(tmp_path):
     panel = integ_gym.evaluate(
         lambda observation: [0.0], "IntegPendulum-v0", tmp_path,

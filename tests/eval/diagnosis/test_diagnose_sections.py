@@ -45,6 +45,7 @@ def test_the_order_of_every_integrator_is_judged_and_right(place, tmp_path, monk
     assert all(f.holds for f in findings if f.integrator == TRUTH)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("plant", MOVING)
 def test_what_never_rests_is_diagnosed_without_its_rest(plant, tmp_path, monkeypatch):
     monkeypatch.setattr(control, "success", lambda *arguments: None)

@@ -140,6 +140,7 @@ def _verify(run, capsys, *further):
     return code, capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_verify_plays_them_again_in_their_interpreter(judged, capsys, monkeypatch, tmp_path):
     code, told = _verify(judged, capsys, "--exact")
     traced = EvidenceStore(judged / "evidence").query("SELECT reward FROM records")
@@ -171,6 +172,7 @@ def test_several_workers_come_to_the_same(judged, cache, tmp_path):
     assert one.equals(other)
 
 
+@pytest.mark.slow
 def test_versions_that_are_here_need_no_interpreter(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     here = f"numpy=={package_version('numpy')}"

@@ -99,6 +99,7 @@ def test_a_finished_run_is_whole_sealed_and_replayed_by_its_policies(run, capsys
     assert "of training or of a policy without a hash" in told
 
 
+@pytest.mark.slow
 def test_the_page_quotes_the_seal_while_it_holds(run, capsys):
     pinned = json.loads((run / "seal.json").read_text())["seal"]
     assert pinned in (run / "report.html").read_text()
@@ -113,6 +114,7 @@ def test_the_page_quotes_the_seal_while_it_holds(run, capsys):
     assert "has no seal.json" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_panel_is_signed_at_its_end_and_stays_so_when_it_is_run_again(
     run, again, tmp_path, capsys
 ):
@@ -130,6 +132,7 @@ def test_a_panel_is_signed_at_its_end_and_stays_so_when_it_is_run_again(
     assert again(run, "--sign", str(tmp_path / "none")) == 2
 
 
+@pytest.mark.slow
 def test_a_page_from_before_it_told_of_falls_is_read_and_verified_as_it_is(run, capsys):
     """No entry has what came later; where some have it, it was taken out of the others."""
     file = run / "panel.json"
@@ -200,6 +203,7 @@ def test_no_look_is_dropped_by_units_that_do_not_say_after_which_they_were_finis
     assert main(["report", str(run)]) == 2
 
 
+@pytest.mark.slow
 def test_a_panel_with_policies_of_another_inherits_its_looks(run, again, tmp_path, capsys):
     """Whoever looks at policies again pays for the looks of before."""
     other = tmp_path / "other"

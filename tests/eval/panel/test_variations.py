@@ -223,6 +223,7 @@ def test_a_claim_is_shown_by_the_end_of_the_interval_against_it(varied_run):
             parse_claim(wrong)
 
 
+@pytest.mark.slow
 def test_a_pipeline_fails_on_a_claim(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "gate_policy.py").write_text(

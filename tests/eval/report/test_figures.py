@@ -45,6 +45,7 @@ def names_of(written: list[Path]) -> list[str]:
     return names
 
 
+@pytest.mark.slow
 def test_figures_are_sharp_whole_and_always_the_same(tmp_path: Path) -> None:
     """Of an earlier panel's none is left where they are written."""
     before = dict(matplotlib.rcParams)

@@ -30,6 +30,7 @@ def _no_idle_process():
         isaaclab._idle.pop().close()
 
 
+@pytest.mark.slow
 def test_every_integrator_is_the_map_that_it_is_said_to_be():
     """Of both plants, damped and undamped, in what Isaac Lab answered when it was recorded."""
     with replayed(RECORDED):

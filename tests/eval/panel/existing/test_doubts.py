@@ -188,6 +188,7 @@ def _now_and_then(observation):
     return [np.inf if observation[2] > 3.0 else 0.5]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("given", [f"{__name__}:_far", Path(f"{__name__}:_now_and_then")])
 def test_actions_that_are_no_finite_numbers_are_counted(given, tmp_path):
     """Of a function that is named in the place of a file."""

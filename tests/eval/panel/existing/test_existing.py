@@ -114,6 +114,7 @@ def test_json_of_somebody_else_is_no_side_car(tmp_path):
         assert has_sidecar(tmp_path / "model.zip")
 
 
+@pytest.mark.slow
 def test_cells_come_from_a_file_as_they_do_from_options(untrained_policy, tmp_path, capsys):
     command = ["evaluate", str(untrained_policy), "--env", "IntegCartPole-v0", "--no-progress"]
     command += ["--home", "integrator=rk4,dt=0.02,control_period=0.02", "--workers", "1"]

@@ -184,6 +184,7 @@ integ_gym.evaluate(
 """
 
 
+@pytest.mark.slow
 def test_an_evaluation_does_without_jax(tmp_path):
     done = subprocess.run(
         [sys.executable, "-c", WITHOUT_JAX], cwd=tmp_path, capture_output=True, text=True,

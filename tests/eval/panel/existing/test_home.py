@@ -88,6 +88,7 @@ def test_a_stated_home_stands_in_every_record_and_is_judged_at_its_own_period(tm
     assert {one["scope"] for one in panel["paired"]} == {"this policy, these starts"}
 
 
+@pytest.mark.slow
 def test_of_an_unknown_home_nothing_is_claimed(tmp_path, capsys):
     """And from Python doubts are told on stderr."""
     panel, records = _judged(tmp_path / "o")

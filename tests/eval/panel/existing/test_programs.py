@@ -111,6 +111,7 @@ def test_every_lane_remembers_its_episode_and_nothing_before(form, tmp_path):
     assert (policy.act(seen[0]) == taken[0]).all()
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")  # of torch's exporter
 @pytest.mark.parametrize(
     ("env_id", "inputs", "outputs", "given"),

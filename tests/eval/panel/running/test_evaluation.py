@@ -86,6 +86,7 @@ def _records(store, batch):
     return table.select(kept).take(order)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("env_id", CASES)
 def test_records_side_by_side_are_those_of_each_policy_alone(env_id, tmp_path, monkeypatch):
     spec = replace(_spec(env_id), name="run", episode_seed=7)

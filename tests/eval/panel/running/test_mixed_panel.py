@@ -89,6 +89,7 @@ def test_a_mixture_is_one_row_evaluated_at_its_members_first():
     ]  # fmt: skip
 
 
+@pytest.mark.slow
 def test_the_examples_of_the_documentation_are_valid():
     page = Path(__file__).parents[4] / "docs" / "reference" / "panel.md"
     examples = re.findall(r"```toml\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
