@@ -2,6 +2,7 @@
 
 import itertools
 import json
+import re
 
 import msgspec
 import numpy as np
@@ -19,6 +20,7 @@ from integ_gym.eval.loss_check import (
     CheckedCell,
 )
 from integ_gym.eval.panel.conclusions import next_step
+from integ_gym.eval.report.page import render
 from integ_gym.eval.statistics import Estimate
 from integ_gym.eval.verdict import LEARNED
 
@@ -198,6 +200,21 @@ def test_the_answer_says_whether_it_is_the_cause(
     found = check_of(planted(finished.panel, 12, half_width, loss, home, truth), 12)
     assert found.cause == cause
     assert words in str(found)
+
+
+def test_terminal_and_page_say_one_thing_with_one_interval(finished):
+    panel = planted(finished.panel, 12, 0.2)
+    assert "lost 0.40 (95 % interval 0.20 to 0.60): dt is the cause." in str(check_of(panel, 12))
+    command = "integ-gym check --integrator explicit_euler --dt 0.05 --out runs/mine --seeds 12"
+    panel = msgspec.structs.replace(panel, command=command)
+    page = re.sub(r"<wbr>|\s+", " ", render(panel))
+    assert panel.headline.rpartition(": ")[0].replace("_", "_ ") in page.replace("&nbsp;", " ")
+    assert next_step(panel).command == (
+        "integ-gym check --integrator explicit_euler --seeds 12 --dt 0.025 --control-period 0.05"
+    )
+    assert next_step(panel).command in page
+    entry = finished.panel.entry(finished.panel.rows[0].name, finished.panel.truth.name)
+    assert entry.home_drop == finished.loss
 
 
 def test_a_check_that_learned_too_little_is_trained_twice_as_long(finished):

@@ -84,6 +84,12 @@ def test_what_the_quick_panel_found_is_what_was_saved():
     assert f"policies succeed in {100 * rows[fine][0]:.0f} % on the truth" in text
 
 
+def test_lines_of_the_readme_s_commands_fit_where_it_is_shown():
+    lines = "\n".join(page_blocks("README.md", "sh")).splitlines()
+    assert lines
+    assert max(map(len, lines)) <= 88  # characters that GitHub shows of a line at 1440 px
+
+
 def test_shell_lines_name_what_exists():
     lines = "\n".join(page_blocks("README.md", "sh")).replace("\\\n", "").splitlines()
     for line in filter(str.strip, lines):

@@ -159,11 +159,7 @@ def test_numbers_keep_two_digits_and_have_true_minus_signs():
     values = (8.04, 0.0995, -13.2, 1234.0, -3.04e-12, 0.0, None, float("nan"))
     told = ["+8.0", "+0.10", "−13", "+1200", "−3.0·10⁻¹²", "0", "–", "–"]
     assert [compact(value, 2, True) for value in values] == told
-    assert [fixed(-0.25), fixed(-0.001), fixed(0.001, sign=True)] == [
-        "−0.25",
-        "0.00",
-        "0.00",
-    ]
+    assert [fixed(-0.25), fixed(-0.001), fixed(0.001, sign=True)] == ["−0.25", "0.00", "0.00"]
     assert [seconds(value) for value in (0.25, 61.0, 7260.0, None)] == [
         "0.25 s", "1 min 1 s", "2 h 1 min", "–",
     ]  # fmt: skip

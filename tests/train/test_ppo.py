@@ -119,6 +119,15 @@ def test_rewards_are_scaled_for_the_learner_only(tmp_path, monkeypatch):
     np.testing.assert_array_equal(recorder.starts[0][2], env.unwrapped.state)
 
 
+def test_discrete_actions_and_options_of_the_learner(tmp_path):
+    options = {"learning_rate_end": 0.0, "activation": "ReLU", "target_kl": 0.01}
+    config = replace(SMALL, env_id="IntegCartPole-v0", env_arguments={}, total_steps=256, **options)
+    read, card = read_trained(trained(config, tmp_path).policy)
+    assert card["action_bounds"] is None
+    assert read.activation == "ReLU"
+    assert read.act(np.zeros((3, 4))).dtype == np.int64
+
+
 def test_every_hyperparameter_that_matters_changes_the_weights(tmp_path):
     changes: list[dict[str, Any]] = [
         {},

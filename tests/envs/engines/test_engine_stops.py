@@ -10,6 +10,7 @@ import pytest
 from engine_cases import (
     COMPILING,
     EVERY,
+    FIRST,
     STOPPED,
     TOLERANCE,
     lighter,
@@ -37,6 +38,23 @@ def _few(cases):
     """Of engines that compile, the first integrator that is among the cases."""
     first = dict(reversed(cases))
     return [case for case in cases if case[0] not in COMPILING or case[1] == first[case[0]]]
+
+
+@pytest.mark.parametrize(("engine", "integrator"), lighter(FIRST))
+def test_our_stops_act_in_every_engine(engine, integrator):
+    """A cart that runs into the stop is pushed back, with the depth, force and loss on record."""
+    needs(engine)
+    env = gym.make(
+        "IntegCartPoleSwingUp-v0", engine=engine, integrator=integrator, dt=0.001,
+        control_period=0.02,
+    )  # fmt: skip
+    env.reset(seed=0, options={"state": (2.35, 2.0, np.pi, 0.0)})
+    told = [env.step(np.zeros(1, np.float32))[4] for _ in range(12)]
+    assert env.unwrapped.state[1] < 0.0
+    assert max(info["penetration"] for info in told) == pytest.approx(0.036, abs=0.004)
+    assert min(info["contact_force"] for info in told) < -80.0
+    assert sum(info["contact_loss"] for info in told) == pytest.approx(1.2, abs=0.2)
+    assert abs(sum(info["energy_residual"] for info in told)) < 0.05
 
 
 SOLVERS = {
