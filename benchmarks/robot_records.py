@@ -43,8 +43,8 @@ def main():
     for file in sorted(Path(given.run, "evidence").glob("evaluate-policy*.parquet")):
         names = pq.read_schema(file).names
         states = names[names.index("time") + 1 : names.index("sensed_obs0")]
-        told = ["cell", "arguments", "perturbation", "length", "success", *states, *commands]
-        for row in pq.read_table(file, columns=told).to_pylist():
+        columns = ["cell", "arguments", "perturbation", "length", "success", *states, *commands]
+        for row in pq.read_table(file, columns=columns).to_pylist():
             own = {name: one["value"] for name, one in json.loads(row["arguments"]).items()}
             if own.get("observation_latency") or "packages" in (row["perturbation"] or ""):
                 continue

@@ -202,7 +202,7 @@ class Mechanism:
         return not all(_is_zero(link.stiffness) for link in self.links)
 
     @property
-    def slackened(self) -> Mechanism:
+    def without_springs(self) -> Mechanism:
         """The same without springs."""
         return replace(self, links=tuple([replace(link, stiffness=0.0) for link in self.links]))
 

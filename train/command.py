@@ -70,9 +70,7 @@ def _train(given: dict[str, Any]) -> int:
     out, tensorboard = given.pop("out"), given.pop("tensorboard")
     options = {name: given.pop(name) for name in ("progress", "force")}
     config = _config(algorithm.config, given)
-    environments = make_training_envs(
-        config
-    )  # what is wrong with them is reported before a bar appears
+    environments = make_training_envs(config)  # refuses what is wrong before a bar appears
     environments.close()
     config.check_actions(environments.single_action_space)
     folder = out or _default_folder(config)

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from typing import Any, ClassVar
 
 from integ_gym.envs.engines.dart import DartEngine
-from integ_gym.envs.engines.drake import _hang
+from integ_gym.envs.engines.drake import hang_link
 from integ_gym.envs.engines.pybullet import PybulletEngine
 from integ_gym.envs.engines.rigid import RigidBodyEngine, mjcf
 from integ_gym.envs.engines.simulator import load_undisturbed
@@ -65,7 +65,7 @@ def drake(integrator: str, dt: float, start: State) -> Motion:
     builder, plant, rubs = drake_ground(integrator, dt, MECHANISM.gravity, FRICTION, BALL)
     parent = plant.world_frame()
     for link, offset in zip(MECHANISM.links, MECHANISM.offsets, strict=True):
-        parent = _hang(plant, parent, link, offset)
+        parent = hang_link(plant, parent, link, offset)
     plant.RegisterCollisionGeometry(parent.body(), RigidTransform(), Sphere(BALL), "foot", rubs)
     for q, v in drake_states(builder, plant, dt, *start):
         yield tuple(q), tuple(v)

@@ -399,7 +399,7 @@ class DrakeEngine(RigidBodyEngine):
             self.settings = {"sap_near_rigid_threshold": plant.get_sap_near_rigid_threshold()}
         parent = plant.world_frame()
         for link, offset in zip(self.mechanism.links, self.mechanism.offsets, strict=True):
-            parent = _hang(plant, parent, link, offset)
+            parent = hang_link(plant, parent, link, offset)
         plant.mutable_gravity_field().set_gravity_vector((0.0, 0.0, -self.mechanism.gravity))
         plant.Finalize()
 
@@ -449,7 +449,7 @@ class DrakeEngine(RigidBodyEngine):
         return rest_serves(self._plant, self.integrator, self.dt, self.settings["accuracy"])
 
 
-def _hang(plant: Any, parent: Any, link: Link, offset: float) -> Any:
+def hang_link(plant: Any, parent: Any, link: Link, offset: float) -> Any:
     """Hang a link on a frame, so far along its z axis; its own frame."""
     tree = load("pydrake.multibody.tree", "drake")
     if offset:

@@ -70,9 +70,7 @@ class MujocoEngine(MujocoSettings, RigidBodyEngine):
         """Take ``count`` steps in one call, or one by one where there is a solver to report on."""
         model, data = self._model, self._data
         put, position, velocity = _setter(data), data.qpos, data.qvel
-        step = (
-            partial(self._solve_steps, count) if self.reports else self._stepper(model, data, count)
-        )
+        step = partial(self._solve, count) if self.reports else self._stepper(model, data, count)
 
         def run(*values: float) -> tuple[float, ...]:
             put(values)
@@ -125,7 +123,7 @@ class MujocoEngine(MujocoSettings, RigidBodyEngine):
         step = partial(self._mujoco.mj_step, model, data)
         return step if count == 1 else partial(step, nstep=count)
 
-    def _solve_steps(self, count: int) -> tuple[int, float, bool]:
+    def _solve(self, count: int) -> tuple[int, float, bool]:
         """Take steps with constraints, each from no guess; most iterations, 0 and convergence."""
         model, data, most = self._model, self._data, 0
         for _ in range(count):

@@ -146,7 +146,7 @@ class RigidBodyEngine(ForeignEngine):
         if not self.free.sprung:
             return None
         if self.map.startswith("symplectic_euler"):
-            held, self.free = self.free, self.free.slackened
+            held, self.free = self.free, self.free.without_springs
             return held
         if self.own_springs:
             return None

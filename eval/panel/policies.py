@@ -130,21 +130,13 @@ def read_policy_file(path: Path, obs_stats: Path | None = None) -> tuple[Any, An
     if not has_sidecar(path):
         return read_weights(path, None, obs_stats), card, files
     files["policy.json"] = path.with_suffix(".json")
-    policy, trained_card = read_trained(path)
-    if (
-        card is not None
-        and card.get("home") is not None
-        and card["config"] != trained_card.get("config")
-    ):
+    policy, own = read_trained(path)
+    if card is not None and card.get("home") is not None and card["config"] != own.get("config"):
         raise PolicyFileError(
             f"{path}: its metadata and its side-car describe different trainings; move the "
             "wrong one away"
         )
-    return (
-        (policy if obs_stats is None else read_weights(path, trained_card, obs_stats)),
-        trained_card,
-        files,
-    )
+    return (policy if obs_stats is None else read_weights(path, own, obs_stats)), own, files
 
 
 def find_policy(folder: Path) -> tuple[Path, Path | None] | None:

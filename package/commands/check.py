@@ -135,8 +135,5 @@ def _rows(found: Check) -> Iterator[tuple[str, ...]]:
         lost = ("", "")
         if cell.loss is not None:
             low, high = cell.loss.ends
-            lost = (
-                fixed(cell.loss.estimate),
-                f"{fixed(low)} to {fixed(high)}",
-            )
+            lost = (fixed(cell.loss.estimate), f"{fixed(low)} to {fixed(high)}")
         yield (label, fixed(cell.success), fixed(cell.recovered), *lost)
