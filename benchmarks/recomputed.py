@@ -4,7 +4,7 @@
     python benchmarks/recomputed.py verdicts RUN
     python benchmarks/recomputed.py loops RUN
 
-Imports nothing of the package: what is here was written from `docs/reference/panel.md` and
+Imports nothing of the package: what is here was written from `docs/explanation/verdicts.md` and
 `docs/reference/environments.md` with numpy, scipy and pyarrow. RUN is a finished directory of the
 quick panel; its `panel.json`, `evidence/` and `policies/` are read.
 
@@ -53,7 +53,7 @@ def share_planned(looks: Sequence[int], now: int, least: int) -> float:
     return 1.0 / sum(seeds >= least for seeds in looks) if looks[now] >= least else 0.0
 
 
-# --- verdicts, from docs/reference/panel.md ------------------------------------------------------
+# --- verdicts, from docs/explanation/verdicts.md -------------------------------------------------
 
 
 def means(rng: np.random.Generator, columns: Array, worst: Sequence[float], weight: float,

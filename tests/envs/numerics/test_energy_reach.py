@@ -33,7 +33,7 @@ def test_goal_energy_is_that_of_rest_at_the_goals_edge() -> None:
     ],
 )  # fmt: skip
 def test_critical_torque(integrator: str, dt: float, critical: float) -> None:
-    """Of the rod, from rest, for the goal's energy within 8 s: as in docs/reference/panel.md."""
+    """Of the rod, from rest, for the goal's energy within 8 s: as in docs/explanation/atlas.md."""
     made = setup(1.0, integrator=integrator, dt=dt)
     found = numerics.critical_limit(made, HANGING, 8.0, 0.05, 3.0)
     assert found == pytest.approx(critical, abs=2e-3)
