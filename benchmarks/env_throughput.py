@@ -97,7 +97,7 @@ def vector_rows(task: str, seconds: float) -> Iterator[Row]:
                 break
             contenders["envpool", task, "1 thread" if threads == 1 else f"{threads} threads"] = pool
         for integrator in INTEGRATORS:
-            environment = gym.make_vec(ours, num_envs=lanes, integrator=integrator)
+            environment = gym.make_vec(ours, num_envs=lanes, integrator=integrator, compiled=False)
             contenders["integ-gym", ours, integrator] = vector(environment, lanes)
         for integrator in COMPILED:
             made = gym.make_vec(ours, num_envs=lanes, integrator=integrator, compiled=True)

@@ -121,7 +121,7 @@ def _contenders(
             gym.make(environment), directory, context, commit_on_close=False
         )
         return single(gym.make(environment)), single(recorder), recorder
-    plain, inner = (gym.make_vec(environment, num_envs=lanes) for _ in range(2))
+    plain, inner = (gym.make_vec(environment, num_envs=lanes, compiled=False) for _ in range(2))
     recorder = RecordVectorEvidence(inner, directory, context, commit_on_close=False)
     return vector(plain, lanes), vector(recorder, lanes), recorder
 

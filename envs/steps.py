@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
 from functools import lru_cache, partial
+from importlib.util import find_spec
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,6 +34,13 @@ OBSERVED = 1
 
 WARM_UP = 50
 """Steps of an environment after which the rest are traced: shorter lives are not worth it."""
+
+TRACE_AFTER = 1.0
+"""Time that steps of lanes have taken after which the rest are traced if there were fewer, s."""
+
+COMPILE_AFTER = 10.0
+"""Time that traced steps of one setup's lanes have taken in this process before they are compiled,
+s: it is worth as much again to make the rest take less."""
 
 _CACHE_SIZE = 128
 """Traced functions kept, for environments that are made again."""
@@ -92,21 +103,24 @@ class LanesStep:
 
     Args:
         setup: of the lanes.
-        compiled: whether from the first step, by the one that Numba compiles.
+        compiled: whether by the one that Numba compiles, from the first step or never; None: where
+            Numba is there, once steps have taken the time that this takes.
 
     Attributes:
         alike: values of the last call that are one number for all lanes; the same mapping for as
             long as they are the same.
     """
 
-    def __init__(self, setup: Setup, compiled: bool = False) -> None:
+    def __init__(self, setup: Setup, compiled: bool | None = None) -> None:
         self._setup = setup
         self._plain = plain_array_step(setup)
-        self._compiled = compiled
+        self._compiled = bool(compiled)
+        self._may_compile = compiled is None
         self._traced = self._trace() if compiled else None
         self._last: EnvState | None = None
         self._carried: Any = ()
         self._steps_to_trace = 0 if compiled else WARM_UP
+        self._taken = _Taken()
         self.alike: Mapping[str, Any] = {}
 
     def __getstate__(self) -> dict[str, Any]:
@@ -121,6 +135,24 @@ class LanesStep:
     def _trace(self) -> Any:
         setup = self._setup
         return compiled_array_step(setup) if self._compiled else trace_function(setup, array_step)
+
+    def _choose(self) -> None:
+        """Trace the step when it has been made often, and compile it when it has taken long."""
+        if self._steps_to_trace > 0:
+            self._steps_to_trace -= 1
+            if self._steps_to_trace and self._taken.seconds < TRACE_AFTER:
+                return
+            self._steps_to_trace = 0
+            self._traced = self._trace()
+            self._may_compile &= self._traced is not None
+            if self._may_compile:
+                self._taken = _taken_of(_Key(self._setup, array_step))
+        if self._may_compile and self._taken.seconds >= COMPILE_AFTER:
+            self._may_compile = False
+            if find_spec("numba") is not None:
+                with suppress(InputError):
+                    self._traced = compiled_array_step(self._setup)
+                    self._compiled = True
 
     @property
     def first(self) -> Callable[[EnvState], tuple[Component, ...]]:
@@ -152,10 +184,14 @@ class LanesStep:
 
     def __call__(self, state: EnvState, *given: Any) -> tuple[EnvState, Any, dict[str, Any]]:
         """As :func:`plain_array_step`'s, without the values that are :attr:`alike`."""
-        if self._steps_to_trace > 0:
-            self._steps_to_trace -= 1
-            if not self._steps_to_trace:
-                self._traced = self._trace()
+        begin = time.perf_counter()
+        self._choose()
+        try:
+            return self._advance(state, *given)
+        finally:
+            self._taken.seconds += time.perf_counter() - begin
+
+    def _advance(self, state: EnvState, *given: Any) -> tuple[EnvState, Any, dict[str, Any]]:
         with np.errstate(all="ignore"):
             if self._traced is not None:
                 try:
@@ -172,6 +208,17 @@ class LanesStep:
             after, rows, values = self._plain(state, *given)
         own = {n: x.copy() if np.ndim(x) else np.asarray(x).item() for n, x in values.items()}
         return after, rows, own
+
+
+@dataclass
+class _Taken:
+    """What steps have taken.
+
+    Attributes:
+        seconds: of all of them.
+    """
+
+    seconds: float = 0.0
 
 
 def _carry_nothing(state: EnvState) -> tuple[Component, ...]:
@@ -223,6 +270,12 @@ def _trace_once(key: _Key) -> Any:
     except Exception as error:  # whatever a part of the user's own does with what is not a float
         known = isinstance(error, NotTraceable)
         return NotTraceable(str(error) if known else f"{type(error).__name__}: {error}")
+
+
+@lru_cache(maxsize=_CACHE_SIZE)
+def _taken_of(key: _Key) -> _Taken:
+    """What traced steps of a setup's lanes have taken in this process; one object for all."""
+    return _Taken()
 
 
 @lru_cache(maxsize=_CACHE_SIZE)

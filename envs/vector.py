@@ -85,7 +85,8 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         max_episode_steps: decisions after which an episode is truncated, if sooner than by
             `duration`.
         compiled: whether Numba compiles the step into a few loops over lanes, which takes one to
-            five seconds at the second step, and gives the same numbers sooner.
+            five seconds, of the truth of contacts half a minute, and gives the same numbers sooner:
+            at the second step, or never; None: where Numba is there and steps have taken long.
         arguments: those of the single environment; a plant parameter may be an array of shape
             (num_envs,).
 
@@ -109,11 +110,11 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         mixture: Sequence[Mapping[str, Any]] | None = None,
         render_mode: str | None = None,
         max_episode_steps: int | None = None,
-        compiled: bool = False,
+        compiled: bool | None = None,
         **arguments: Any,
     ) -> None:
-        if not isinstance(compiled, (bool, np.bool_)):
-            raise InputError(f"`compiled` must be True or False, got {compiled!r}")
+        if compiled is not None and not isinstance(compiled, (bool, np.bool_)):
+            raise InputError(f"`compiled` must be True or False, or left out, got {compiled!r}")
         self.num_envs = num_envs
         self.autoreset_mode = _check_autoreset_mode(autoreset_mode)
         self.mixed = mixture is not None
@@ -139,7 +140,7 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         self._quiet = np.array([quiet_status(setup) for setup in self.setups])
         self._drawn = self.setup.timing.drawn
         self._info = LaneInfo(num_envs, blank_info(self.setup))
-        self._steps = [LanesStep(setup, bool(compiled)) for setup in self.setups]
+        self._steps = [LanesStep(setup, compiled) for setup in self.setups]
         self._rngs: list[np.random.Generator] = []
         self._seeds: list[int] = []
         self.episodes = np.full(num_envs, -1)

@@ -15,7 +15,7 @@ from variants import VARIANTS
 
 from integ_gym.envs.environment import environment_setup
 from integ_gym.envs.integrators.interface import Step
-from integ_gym.envs.ops.compiling import compile_trace
+from integ_gym.envs.ops.compiling import LaneLoop, compile_trace
 from integ_gym.envs.ops.dialects import ARRAYS, SCALARS
 from integ_gym.envs.ops.ops import ARRAY, SCALAR, NotTraceable, Unusual, along, leaves_of
 from integ_gym.envs.registries import ENVIRONMENTS, INTEGRATORS
@@ -290,6 +290,40 @@ def _compare(plain, made, steps=250, reset_ended=False):
             options = {"reset_mask": ended}
             assert_same(made.reset(options=dict(options)), plain.reset(options=dict(options)))
     np.testing.assert_array_equal(made.unwrapped.state, plain.unwrapped.state)
+
+
+@pytest.mark.parametrize(
+    ("compiled", "numba", "expected"),
+    [(None, True, True), (False, True, False), (None, False, False)],
+)
+def test_lanes_that_have_taken_long_are_compiled(compiled, numba, expected, monkeypatch):
+    """Soon traced, then compiled where Numba is there, to the same numbers; never if not wanted."""
+    monkeypatch.setattr("integ_gym.envs.steps.TRACE_AFTER", 0.0)
+    monkeypatch.setattr("integ_gym.envs.steps.COMPILE_AFTER", 0.0)
+    monkeypatch.setattr("integ_gym.envs.steps.find_spec", lambda name: numba or None)
+    arguments = {"num_envs": COMPILED, "integrator": "rk4", "dt": 0.05}
+    found, plain = (
+        gym.make_vec("IntegPendulum-v0", compiled=c, **arguments) for c in (compiled, False)
+    )
+    plain.action_space.seed(3)
+    _compare(plain, found, steps=5)
+    made = found.unwrapped._steps[0]._traced.step
+    assert isinstance(made, LaneLoop) is expected
+
+
+def test_the_time_of_lanes_counts_for_all_of_a_setup(monkeypatch):
+    """An environment is compiled at once that is made where another has taken long."""
+    monkeypatch.setattr("integ_gym.envs.steps.TRACE_AFTER", 0.0)
+    arguments = {"num_envs": COMPILED, "integrator": "rk4", "dt": 0.0625}
+    loops = []
+    for limit in (1e9, 1e-9):
+        monkeypatch.setattr("integ_gym.envs.steps.COMPILE_AFTER", limit)
+        env = gym.make_vec("IntegPendulum-v0", **arguments)
+        env.reset(seed=0)
+        env.step(np.zeros((COMPILED, 1)))
+        loops.append(isinstance(env.unwrapped._steps[0]._traced.step, LaneLoop))
+        env.step(np.zeros((COMPILED, 1)))
+    assert loops == [False, True]
 
 
 @pytest.mark.parametrize("integrator", ["symplectic_euler", "stormer_verlet", "reference"])
