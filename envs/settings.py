@@ -345,8 +345,8 @@ class Settings:
     observation_latency: float = parameter(
         0.0,
         "s",
-        "age of every sample that is shown, a whole multiple of `dt`; under a `sensor_period`, of "
-        "`control_period`",
+        "age of every sample that is shown, a whole multiple of `dt`, or of `control_period` if "
+        "there is a `sensor_period`",
         nonnegative,
     )
     sensor_period: float | None = parameter(

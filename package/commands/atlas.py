@@ -54,8 +54,9 @@ def parser() -> argparse.ArgumentParser:
     add("--only", nargs="+", metavar="BLOCK", help="run these blocks alone")
     add(
         "--again", metavar="BLOCK",
-        help="train the first two seeds of a finished block again, or all seeds if a bit of these "
-        "differs, and note in the summaries' folder that outcomes agree",
+        help="train the first two seeds of a finished block again, or all its seeds if the first "
+        "two come out otherwise on another processor; if the outcomes agree, note it in the "
+        "summaries' folder",
     )  # fmt: skip
     add(
         "--publish", type=Path, metavar="DIR",

@@ -56,8 +56,8 @@ def parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     add(
         "--dt", nargs="+", action="extend", default=[], type=float, metavar="S",
-        help="integration steps, s; one is halved twice; the largest is the control period; with "
-        "--example one step for both of its plants",
+        help="integration steps, s; if you give one, its half and its quarter are taken too. The "
+        "largest is the control period. With --example: the step of both of its plants",
     )  # fmt: skip
     add("--example", choices=("drift",), help="a worked example instead")
     add(

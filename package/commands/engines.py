@@ -35,12 +35,12 @@ def parser() -> argparse.ArgumentParser:
     arguments = CommandParser(
         prog="integ-gym engines",
         description="Measure, from outside, which one-step map every integrator of every installed "
-        "engine applies, and say what is not installed. APPLIES is the known map that is nearest, "
-        "OFF BY the largest error of one step against it, with and without control and damping; "
-        "DET J - 1 is what a step of 0.02 s without damping adds to a small volume of phase space, "
-        "FREQUENCY and ENERGY what such steps do to small oscillations; OWN STOPS says whether the "
-        "engine has joint stops. Below stand the settings of solvers, with the values that the "
-        f"engine has, which the argument `solver` changes. {FITS}",
+        "engine applies, and say what is not installed. APPLIES is the known map that is nearest. "
+        "OFF BY is the largest error of one step against it, with and without control and damping. "
+        "Three columns are of steps of 0.02 s without damping: DET J - 1 is by what share a step "
+        "enlarges a small volume of phase space, FREQUENCY and ENERGY say what such steps do to "
+        "small oscillations. OWN STOPS says whether the engine has joint stops. A second table has "
+        f"the solver settings that the argument `solver` can change, with their values. {FITS}",
         epilog=EXAMPLES,
     )
     arguments.add_argument("--engine", nargs="+", default=[], metavar="NAME", help="default: all")

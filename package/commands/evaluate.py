@@ -87,8 +87,8 @@ def parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     add(
         "--dt", action="append", default=[], type=float, metavar="S",
-        help="integration step, s; may be repeated (default: the control period, or a MuJoCo "
-        "task's own step, 1/2, 1/4 of it)",
+        help="integration step, s; may be repeated (default: a step, its half and its quarter; "
+        "that step is the control period, or a MuJoCo task's own)",
     )  # fmt: skip
     add(
         "--engine", action="append", default=[], metavar="NAME",

@@ -393,9 +393,9 @@ def parser() -> argparse.ArgumentParser:
     command.add_argument("sql", metavar="SQL", help="a statement in DuckDB's dialect")
     command.add_argument(
         "--format", choices=printing.TABLE_FORMATS, default="table",
-        help="csv and json give every value in full; a table shortens numbers and long lists, "
-        "and lists each row one column a line, with units, if the columns do not fit (default: "
-        "table)",
+        help="csv and json give every value in full; a table shortens numbers and long lists. If "
+        "its columns do not fit, each row is printed as a list, one line per column, with units "
+        "(default: table)",
     )  # fmt: skip
 
     command = add("verify", verify, "check a run: hashes, plan, traces, seal and replays")
@@ -419,7 +419,8 @@ def parser() -> argparse.ArgumentParser:
     )
     command.add_argument(
         "--exact", action="store_true",
-        help=f"require bit-identical replays; otherwise {replaying.ELSEWHERE:g} may differ",
+        help="require bit-identical replays; otherwise relative differences of "
+        f"{replaying.ELSEWHERE:g} pass",
     )  # fmt: skip
     command.add_argument(
         "--policy", action="store_true",
