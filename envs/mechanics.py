@@ -164,11 +164,23 @@ class Link:
         return self.direction or ((1, 0, 0) if self.joint == "slide" else (0, 1, 0))
 
 
+def floating_body(
+    mass: Component, inertia: Component, damping: Component = 0.0
+) -> tuple[Link, Link, Link]:
+    """A body that moves freely in the plane: slides along x and z, and a hinge in its middle."""
+    return (
+        Link("x", "slide", 0.0, 0.0, 0.0, damping),
+        Link("z", "slide", 0.0, 0.0, 0.0, damping, direction=(0, 0, 1)),
+        Link("theta", "hinge", mass, 0.0, inertia, 0.0),
+    )
+
+
 @dataclass(frozen=True)
 class Mechanism:
     """Links from the ground up, each hung on the joint of the one before; the first on the ground.
 
-    Joint coordinates are the plant's, in its order: where all hinges are at 0, all z axes point up.
+    Joint coordinates are the plant's, in its order, without those that have no mass, which are its
+    last: where all hinges are at 0, all z axes point up.
 
     Attributes:
         links: in the order of the plant's coordinates.
@@ -208,5 +220,5 @@ class Mechanism:
 
     def spring_forces(self, q: Components) -> Components:
         """Generalized force of the springs, N or N m."""
-        pairs = zip(self.links, q, strict=True)
+        pairs = zip(self.links, q[: len(self.links)], strict=True)
         return tuple([0.0 - link.stiffness * (x - link.slack) for link, x in pairs])

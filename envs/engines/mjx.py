@@ -10,10 +10,10 @@ import numpy as np
 from integ_gym.support.errors import InputError
 from integ_gym.support.optional import load
 
-from ..ops.ops import SCALAR, Component, Components, Ops
+from ..ops.ops import Component, Components, Ops
 from ..plants.system import PlantSystem
 from .mujoco_solver import SETTINGS, MujocoSettings
-from .rigid import MAPS, Array, LanesEngine, stop_law
+from .rigid import MAPS, Array, LanesEngine, joint_masses, stop_law
 from .simulator import Run, silence_output
 
 SETTABLE = tuple(name for name in SETTINGS if not name.startswith(("noslip", "cone")))
@@ -139,8 +139,8 @@ class MjxEngine(MujocoSettings, LanesEngine):
         stops, plant = self.system.engine_stops, self.system.plant
         if stops is None:
             return ()
-        at_zero = plant.mass_matrix(SCALAR, (0.0,) * len(plant.coordinates))
-        weight = np.linalg.inv(np.array(at_zero))[stops.coordinate, stops.coordinate]
+        at_zero = joint_masses(plant, (0.0,) * len(self.system.moving))
+        weight = np.linalg.inv(at_zero)[stops.coordinate, stops.coordinate]
         return stops.limit, float(weight)
 
     def _run_lanes(self, values: Any, starts: Array, count: int) -> tuple[Array, Any, Any]:

@@ -49,15 +49,14 @@ class PinocchioEngine(NativeEngine):
         if integrator not in self.maps and ":" not in integrator:
             raise integrator_error(self.name, integrator, self.maps)
         refuse_arrays(self.name, system)
-        jointed = getattr(system.plant, "bodies", system.plant)
-        self._bodies = bodies = ArticulatedBodies(mechanism_of(self.name, jointed))
+        self._bodies = bodies = ArticulatedBodies(mechanism_of(self.name, system.plant))
         moved = copy(system.plant)
         vars(moved).update(acceleration=bodies.accelerations, jacobian=bodies.slopes)
         stopped, servo = system.engine_stops is not None, system.servo or system.sampler
         moved_system = PlantSystem(moved, system.max_speed, stopped, servo)
         super().__init__(moved_system, integrator, dt, solver)
         self.map = integrator
-        check_agreement(self, jointed)
+        check_agreement(self, system.plant)
 
     def describe(self) -> dict[str, Any]:
         """What every engine says, and the map that is applied; no stops of its own."""

@@ -18,15 +18,20 @@ from ..mechanics import LEAST_SHARE, Link, Mechanism
 from ..ops.ops import SCALAR, Component, Components, Ops, along
 from ..plants.contact import Stops
 from ..plants.interface import Plant
-from ..plants.system import Motion, PlantSystem
 from .maps import one_step_map
 from .simulator import ASTRAY, ForeignEngine, Run
-from .stepping import Segments
 
 Array = npt.NDArray[np.float64]
 
 TOLERANCE = {64: 1e-9, 32: 1e-5}
 """Largest relative error of a mass matrix or gravity force, by the width of the engine's floats."""
+
+EXPLICIT_FORCES = (
+    "symplectic_euler",
+    "symplectic_euler_implicit_damping",
+    "symplectic_euler_sequential_damping",
+)
+"""Maps that take all forces but damping at the start of a step alone, and the lag of a control."""
 
 _PROBES = ((0.3, -0.7), (-1.1, 2.2), (0.6, 1.4))
 
@@ -49,7 +54,8 @@ def mechanism_of(engine: str, plant: Plant) -> Mechanism:
             "no `mechanism`; use engine 'native' or 'casadi'"
         )
     for q in probes(len(plant.coordinates)):
-        expected = sum(link.damping * x * x for link, x in zip(mechanism.links, q, strict=True))
+        pairs = zip(mechanism.links, q, strict=False)
+        expected = sum(link.damping * x * x for link, x in pairs)
         power = plant.dissipation(SCALAR, q, q)
         if not np.isclose(power, expected, rtol=1e-12, atol=0.0):
             raise InputError(
@@ -64,17 +70,18 @@ def check_agreement(model: Any, plant: Plant) -> None:
 
     Args:
         model: an engine with a model of its own, which :meth:`RigidBodyEngine.at_rest` tells of.
-        plant: with numbers as parameters.
+        plant: with numbers as parameters; of those of its coordinates that have a mass.
 
     Raises:
         ValueError: if they differ.
     """
+    n = len(model.system.moving)
     for q in probes(len(plant.coordinates)):
-        expected = np.array(plant.mass_matrix(SCALAR, q), dtype=np.float64)
+        expected = joint_masses(plant, q[:n])
         still = (0.0,) * len(q)
-        weight = expected @ np.array(plant.acceleration(SCALAR, q, still, still))
+        weight = expected @ np.array(plant.acceleration(SCALAR, q, still, still)[:n])
         weight -= plant.mechanism.spring_forces(q)  # type: ignore[attr-defined]
-        mass, gravity = model.at_rest(q)
+        mass, gravity = model.at_rest(q[:n])
         for what, got, wanted in (
             ("mass matrix", mass, expected),
             ("gravity force", gravity, weight),
@@ -88,13 +95,21 @@ def check_agreement(model: Any, plant: Plant) -> None:
                 )
 
 
+def joint_masses(plant: Plant, q: Components) -> Array:
+    """The plant's mass matrix, (n, n), of its n coordinates with mass."""
+    n, others = len(q), (0.0,) * (len(plant.coordinates) - len(q))
+    return np.array(plant.mass_matrix(SCALAR, (*q, *others)), dtype=np.float64)[:n, :n]
+
+
 class RigidBodyEngine(ForeignEngine):
     """Builds the plant's mechanism in a simulator and advances it under generalized forces.
 
     Friction, stops and contact points are forces of our own, taken at the start of each step and
     held during it: a simulator takes generalized forces once in a step. Under a map that evaluates
     forces once that is the map's own law; any other is of first order where they act. Springs at
-    joints are held likewise under those maps; under others they are the simulator's.
+    joints are held likewise under those maps; under others they are the simulator's. Controls that
+    are more than forces along coordinates are taken under :data:`EXPLICIT_FORCES` alone.
+    Coordinates without mass advance beside the simulator, by symplectic Euler.
 
     Raises:
         ValueError: for a plant without a mechanism or whose damping is not its mechanism's, for
@@ -114,14 +129,14 @@ class RigidBodyEngine(ForeignEngine):
     def prepare(self) -> None:
         """Build the simulator's model, and compare it with the plant without its clocks."""
         super().prepare()
-        system, bodies = self.system, getattr(self.system.plant, "bodies", None)
-        if bodies is not None:
-            stopped, servo = system.engine_stops is not None, system.servo or system.sampler
-            self.system = PlantSystem(bodies, system.max_speed, stopped, servo)
-        if self.system.input_forces is not None:
+        self._turning = self.system.input_forces is not None
+        if self._turning and self.map not in EXPLICIT_FORCES:
+            once = ", ".join(x for x, y in self.maps.items() if y in EXPLICIT_FORCES)
             raise InputError(
-                f"engine {self.name!r} applies forces along joints, and controls of the plant "
-                f"{self.system.plant.name!r} act otherwise; use engine 'native' or 'casadi'"
+                f"engine {self.name!r} holds forces over a step, and those of the controls of "
+                f"plant {self.system.plant.name!r} change within it under integrator "
+                f"{self.integrator!r}; use `integrator`: {once}, or engine 'native', 'casadi' or "
+                "'pinocchio'"
             )
         if self.system.servo is not None:
             raise InputError(
@@ -161,8 +176,9 @@ class RigidBodyEngine(ForeignEngine):
         """A generalized force with that of the springs that are held over a step."""
         if self.held_springs is None:
             return force
-        pairs = zip(force, self.held_springs.spring_forces(q), strict=True)
-        return tuple([a + b for a, b in pairs])
+        pulls = self.held_springs.spring_forces(q)
+        pairs = zip(force, pulls, strict=False)
+        return *[a + b for a, b in pairs], *force[len(pulls) :]
 
     @abstractmethod
     def build(self) -> None:
@@ -176,34 +192,11 @@ class RigidBodyEngine(ForeignEngine):
         """The simulator's accelerations under a generalized force, (dof,), if it reports any."""
         return None
 
-    def advance(
-        self,
-        ops: Ops,
-        q: Components,
-        v: Components,
-        segments: Segments,
-        sample_at: Component | None,
-    ) -> Motion:
-        """Advance through the segments of constant control; clocks go on at their speeds."""
-        n = len(self.mechanism.links)
-        motion = super().advance(ops, q[:n], v[:n], segments, sample_at)
-        if n == len(q):
-            return motion
-        steps = sum(count for _, count in segments)
-        sampled = steps if sample_at is None else ops.maximum(0, sample_at)
-        return motion._replace(
-            q=(*motion.q, *along(q[n:], steps * self.dt, v[n:])),
-            v=(*motion.v, *v[n:]),
-            sampled_q=(*motion.sampled_q, *along(q[n:], sampled * self.dt, v[n:])),
-            sampled_v=(*motion.sampled_v, *v[n:]),
-        )
-
     def acceleration(self, q: Components, v: Components, force: Components) -> Components | None:
         """The simulator's, with our stops and friction; None where it reports none."""
         n = len(self.mechanism.links)
-        q, v, own = q[:n], v[:n], force[:n]
-        own = self.with_springs(q, self.system.with_resistance(SCALAR, q, v, own))
-        found = self.forward_dynamics(q, v, own)
+        own = self.with_springs(q, self.system.with_resistance(SCALAR, q, v, force))
+        found = self.forward_dynamics(q[:n], v[:n], own[:n])
         return None if found is None else (*found.tolist(), *force[n:])
 
     def _check(self) -> None:
@@ -231,7 +224,7 @@ class RigidBodyEngine(ForeignEngine):
         """Whether nothing is booked between steps but work and the damping of the steps."""
         system = self.system
         limited = system.speed_limits is not None or system.engine_stops is not None
-        if system.steep or limited or self.held_springs is not None:
+        if system.steep or limited or self.held_springs is not None or self._turning:
             return False
         return not self._damped or (self.tells_speeds and self._map_losses_of is not None)
 
@@ -252,7 +245,7 @@ class RigidBodyEngine(ForeignEngine):
         if not self._damped:
             return super().stride(ops, q, v, losses, force, count)
         if count == 1:
-            end_q, end_v, *report = self.travel(ops, q, v, force, 1)
+            end_q, end_v, *report = self.take_steps(ops, q, v, force, 1)
             speeds = v if self._map_losses_of == "start" else end_v
         else:
             end_q, end_v, squares, *report = self._travel_with_speeds(ops, q, v, force, count)
@@ -269,20 +262,24 @@ class RigidBodyEngine(ForeignEngine):
         self, ops: Ops, q: Components, v: Components, force: Components, count: int
     ) -> tuple[Components, Components, Components, Component, Component, Component]:
         """As :meth:`travel`, with the mean squares of the velocities after q and v."""
-        n, run = len(q), self._run_with_speeds(count)
-        flat, report = self._call_engine(ops, run, (*q, *v, *force), 3 * n)
-        return flat[:n], flat[n : 2 * n], flat[2 * n :], *report
+        n, run = len(self.system.moving), self._run_with_speeds(count)
+        flat, report = self._call_engine(ops, run, (*q[:n], *v[:n], *force[:n]), 3 * n)
+        end = self.with_massless(q, v, force, count, (flat[:n], flat[n : 2 * n]))
+        return *end, (*flat[2 * n :], *[x * x for x in v[n:]]), *report
 
     def move(
         self, ops: Ops, q: Components, v: Components, losses: Components, control: Components
     ) -> Step:
         """One of the simulator's steps, with friction, contact and losses."""
         resisting, rates = self.system.resistance(ops, q, v)
-        drive = self.system.to_generalized_force(control)
+        drive = self.system.forces(ops, q, v, control)
         force = tuple([a + b for a, b in zip(drive, resisting, strict=True)])
-        end_q, end_v, iterations, residual, converged = self.travel(
+        end_q, end_v, iterations, residual, converged = self.take_steps(
             ops, q, v, self.with_springs(q, force), 1
         )
+        if self._turning:
+            losses = self._map.step(ops, self.system, q, v, losses, control, self.dt).losses
+            return Step(end_q, end_v, losses, iterations, residual, converged)
         losses = along(losses, self.dt, rates)
         if self._damped:
             losses = (self._damping(ops, (q, v), (end_q, end_v), force, losses[0]), *losses[1:])

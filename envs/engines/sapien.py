@@ -13,7 +13,7 @@ from integ_gym.support.errors import InputError
 
 from ..mechanics import Mechanism
 from ..ops.ops import SCALAR, Components
-from .rigid import TOLERANCE, Array, HeldForce, RigidBodyEngine, probes
+from .rigid import TOLERANCE, Array, HeldForce, RigidBodyEngine, joint_masses, probes
 from .simulator import Run, load_undisturbed
 
 SOLVERS = {
@@ -90,7 +90,7 @@ class SapienEngine(RigidBodyEngine):
         """
         _, system, articulation = self._weightless
         still = (0.0,) * len(q)
-        impulses = np.diag(np.diag(self.system.plant.mass_matrix(SCALAR, q)))
+        impulses = np.diag(np.diag(joint_masses(self.system.plant, q)))
         columns = []
         for impulse in impulses:
             _put(articulation, q, still, impulse / self.dt)
@@ -134,9 +134,10 @@ class SapienEngine(RigidBodyEngine):
 
     def _check(self) -> None:
         super()._check()
-        slack = tuple([link.slack for link in self.mechanism.links])
-        for q in (slack, *probes(len(slack))):
-            for v in probes(len(slack)):
+        size = len(self.system.plant.coordinates)
+        slack = [link.slack for link in self.mechanism.links]
+        for q in ((*slack, *(0.0,) * (size - len(slack))), *probes(size)):
+            for v in probes(size):
                 self._compare(q, v)
 
     def _compare(self, q: Components, v: Components) -> None:
@@ -148,8 +149,9 @@ class SapienEngine(RigidBodyEngine):
         force = (0.0,) * len(q)
         held = HeldForce(self.system.plant, force)
         step = self._map.step(SCALAR, held, q, v, (0.0,), 0.0, self.dt)
-        expected = np.array((*step.q, *step.v))
-        got = np.array(_run_in(self._free, len(q), 1)(*q, *v, *self.with_springs(q, force)))
+        n, pulls = len(self.mechanism.links), self.with_springs(q, force)
+        expected = np.array((*step.q[:n], *step.v[:n]))
+        got = np.array(_run_in(self._free, n, 1)(*q[:n], *v[:n], *pulls[:n]))
         if (np.abs(got - expected) > TOLERANCE[self.width] * (1.0 + np.abs(expected))).any():
             raise InputError(
                 f"engine 'sapien' with integrator {self.integrator!r} is not the map {self.map!r} "

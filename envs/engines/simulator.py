@@ -18,8 +18,8 @@ from integ_gym.support.errors import InputError
 from integ_gym.support.optional import load
 from integ_gym.support.parameters import suggestion
 
-from ..integrators.interface import Step
-from ..ops.ops import Component, Components, Ops
+from ..integrators.interface import State, Step
+from ..ops.ops import Component, Components, Ops, along
 from ..plants.system import Motion, PlantSystem
 from .stepping import DIVERGENCE_SPEED, Held, Segments, SteppedEngine, solver_with, within_bounds
 
@@ -209,13 +209,35 @@ class ForeignEngine(MappedEngine):
         count: int,
     ) -> Step:
         """Take ``count`` steps in one call, without a loss."""
-        q, v, *report = self.travel(ops, q, v, force, count)
+        q, v, *report = self.take_steps(ops, q, v, force, count)
         return Step(q, v, losses, *report)
+
+    def take_steps(
+        self, ops: Ops, q: Components, v: Components, force: Components, count: int
+    ) -> tuple[Components, Components, Component, Component, Component]:
+        """As :meth:`travel`, of all coordinates."""
+        n = len(self.system.moving)
+        end_q, end_v, *report = self.travel(ops, q[:n], v[:n], force[:n], count)
+        return *self.with_massless(q, v, force, count, (end_q, end_v)), *report
+
+    def with_massless(
+        self, q: Components, v: Components, force: Components, count: int, end: State
+    ) -> State:
+        """The end of ``count`` steps with the coordinates without mass, by symplectic Euler."""
+        end_q, end_v = end
+        n = len(end_q)
+        if n == len(q):
+            return end
+        last = along(v[n:], count * self.dt, force[n:])
+        return (*end_q, *along(q[n:], count * self.dt, last)), (*end_v, *last)
 
     def travel(
         self, ops: Ops, q: Components, v: Components, force: Components, count: int
     ) -> tuple[Components, Components, Component, Component, Component]:
-        """Take ``count`` steps; q, v, and the solver's iterations, residual and convergence."""
+        """Take ``count`` steps of the coordinates with mass.
+
+        Returns q, v, and the solver's iterations, residual and convergence.
+        """
         n = len(q)
         flat, report = self._call_engine(ops, self._run(count), (*q, *v, *force), 2 * n)
         return flat[:n], flat[n:], *report
@@ -233,7 +255,7 @@ class ForeignEngine(MappedEngine):
         if count > 1 and not self.guarded_strides:
             return run
         report = (0, 0.0, False) if self.reports else ()
-        return guard(run, (*(nan,) * (2 * len(self.system.plant.coordinates)), *report))
+        return guard(run, (*(nan,) * (2 * len(self.system.moving)), *report))
 
 
 def guard(run: Run, lost: tuple[Any, ...]) -> Run:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar
 
@@ -211,11 +211,6 @@ class ReachingArm(TwoJointArm):
     velocities: ClassVar[tuple[str, ...]] = ("theta_1_dot", "theta_2_dot", "marker_rate")
     coordinate_units: ClassVar[tuple[str, ...]] = ("rad", "rad", "rad")
     massless: ClassVar[tuple[int, ...]] = (2,)
-
-    @cached_property
-    def bodies(self) -> TwoJointArm:
-        """The arm alone."""
-        return TwoJointArm(**{f.name: getattr(self, f.name) for f in fields(TwoJointArm)})
 
     def acceleration(self, ops: Ops, q: Components, v: Components, force: Components) -> Components:
         """(θ̈₁, θ̈₂, φ̈), rad/s^2."""

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 from integ_gym.support.parameters import nonnegative, parameter, positive
 
-from ..mechanics import Link, Mechanism
+from ..mechanics import Link, Mechanism, floating_body
 from ..ops.ops import Component, Components, Ops
 from .contact import ContactFrame, ContactPoint
 
@@ -69,9 +69,7 @@ class Hopper:
     def mechanism(self) -> Mechanism:
         """Two slides and a hinge carry the torso, a hinge and a springy slide the foot."""
         links = (
-            Link("x", "slide", 0.0, 0.0, 0.0, 0.0),
-            Link("z", "slide", 0.0, 0.0, 0.0, 0.0, direction=(0, 0, 1)),
-            Link("theta", "hinge", self.mass, 0.0, self.inertia, 0.0),
+            *floating_body(self.mass, self.inertia),
             Link("hip", "hinge", 0.0, 0.0, 0.0, 0.0, direction=(0, -1, 0)),
             Link(
                 "leg", "slide", self.foot_mass, 0.0, 0.0, self.damping, direction=(0, 0, -1),

@@ -29,8 +29,6 @@ class Plant(Protocol):
     - ``massless``, indices of coordinates that stand for a first-order lag of a control, or
       for a clock: they have neither mass nor energy, a generalized force on one is its acceleration
       and does no work;
-    - ``bodies``, the plant without its clocks, which are the last coordinates: engines that move
-      rigid bodies move it alone, and the clocks go on at their speeds;
     - ``probe``, a state in state order, away from rest, symmetries and contact, where plants are
       examined in free motion;
     - ``hands``, for play: what each of two hands adds to every control, in shares of its limits;
@@ -39,7 +37,8 @@ class Plant(Protocol):
       given; or None;
     - ``dry_friction``, a :class:`integ_gym.envs.mechanics.Friction` or None;
     - ``mechanism``, a :class:`integ_gym.envs.mechanics.Mechanism`: without it, engines
-      that move rigid bodies refuse the plant.
+      that move rigid bodies refuse the plant. Its ``massless`` coordinates are the last, and
+      advance beside the engine by symplectic Euler.
 
     Stops, contact points and friction are forces that
     :class:`integ_gym.envs.plants.system.PlantSystem` adds to the control: ``acceleration``,

@@ -8,6 +8,7 @@ from typing import ClassVar
 
 from integ_gym.support.parameters import nonnegative, optional, parameter, positive
 
+from ..mechanics import Mechanism, floating_body
 from ..ops.ops import Component, Components, Ops
 from .interface import add_border
 
@@ -54,6 +55,11 @@ class Quadrotor:
     massless: ClassVar[tuple[int, ...]] = (3, 4)
     hands: ClassVar[tuple[tuple[float, ...], ...]] = ((0.02, -0.02), (0.3, 0.3))
     constant_mass_matrix: ClassVar[bool] = True
+
+    @cached_property
+    def mechanism(self) -> Mechanism:
+        """The body; the lag of its rotors is no link."""
+        return Mechanism(floating_body(self.mass, self.inertia, self.damping), self.gravity)
 
     @cached_property
     def weight(self) -> Component:

@@ -31,6 +31,7 @@ class PlantSystem:
         engine_stops: the plant's stops where the engine has them act by its own law, else None.
         contacts: the plant's contact points, with the names of its `contact_names`.
         resisted: whether there are stops, contact points or friction.
+        moving: indices of the coordinates with mass.
         steep: whether there are those, or a servo within the field.
         kinked: whether there are stops or contact points.
         servo: that acts within the vector field, or None.
@@ -76,7 +77,7 @@ class PlantSystem:
             self._carried += len(plant.controls)
         self.no_losses = (*self.no_losses, *(0.0,) * self._carried)
         self._jacobian = None if self.input_forces else getattr(plant, "jacobian", None)
-        self._moving = [i for i in range(len(plant.coordinates)) if i not in massless]
+        self.moving = [i for i in range(len(plant.coordinates)) if i not in massless]
 
     def to_generalized_force(self, controls: Components) -> Components:
         """Controls as a generalized force, one entry per coordinate, of a plant where they are."""
@@ -92,7 +93,7 @@ class PlantSystem:
         return self._power_of(self.forces(ops, q, v, controls), v)
 
     def _power_of(self, force: Components, v: Components) -> Component:
-        return reduce(add, [force[i] * v[i] for i in self._moving])
+        return reduce(add, [force[i] * v[i] for i in self.moving])
 
     def work(self, controls: Components, before: Components, after: Components) -> Component:
         """Of held controls between two configurations, J, by the coordinates that they drive.

@@ -109,7 +109,9 @@ def _scene(setup: Setup) -> dict[str, Any] | None:
     """Links of a mechanism, a point below the pivot of its spring, or a body that flies or hops."""
     plant: Any = setup.plant
     task: Any = setup.task
-    mechanism = getattr(plant, "mechanism", None)
+    flies_or_hops = tuple(plant.coordinate_units[:3]) == ("m", "m", "rad")
+    flies = flies_or_hops and hasattr(plant, "arm")
+    mechanism = None if flies else getattr(plant, "mechanism", None)
     links = [
         {
             "joint": link.joint,
@@ -122,8 +124,6 @@ def _scene(setup: Setup) -> dict[str, Any] | None:
         for link in (mechanism.links if mechanism else ())
     ]
     swings = tuple(plant.coordinate_units) == ("m", "m") and hasattr(plant, "hanging_length")
-    flies_or_hops = tuple(plant.coordinate_units[:3]) == ("m", "m", "rad")
-    flies = flies_or_hops and hasattr(plant, "arm")
     hops = flies_or_hops and hasattr(plant, "leg_length")
     if not links and not swings and not flies and not hops:
         return None
