@@ -92,6 +92,8 @@ class Outcome(NamedTuple):
     at the end of any sub-step."""
     slip_loss: Component = 0.0
     """What of the contact loss friction has taken at contact points."""
+    stops: Components = ()
+    """Of our stops: energy stored at the end of the period, and lost in it; empty without."""
     touches: tuple[Touch, ...] = ()
     """Of each contact point: deepest penetration at the end of any sub-step, the rest at the end of
     the period."""
@@ -352,6 +354,10 @@ def _outcome(
         contact_loss = ops.where(ok, reduce(add, motion.losses[1:]), 0.0)
         penetration = ops.where(ok, motion.penetration, 0.0)
         contact_force = ops.where(ok, motion.contact_force, 0.0)
+    stops = ()
+    if setup.system.stops is not None:
+        stored = setup.system.stops.contact(ops, after.q, after.v).energy
+        stops = tuple([ops.where(ok, x, 0.0) for x in (stored, motion.losses[1])])
     touches = _touches(ops, setup, after, motion)
     slip_loss = reduce(add, [touch.slip_loss for touch in touches], 0.0)
     failed = task.terminated(ops, after.q, after.v) & ok
@@ -400,6 +406,7 @@ def _outcome(
         penetration=penetration,
         contact_force=contact_force,
         slip_loss=slip_loss,
+        stops=stops,
         touches=touches,
     )
 
@@ -468,6 +475,7 @@ def reset_info(setup: Setup, state: EnvState) -> dict[str, Any]:
         efforts=(0.0,) * len(list(effort_columns(setup.plant))),
         commanded=none,
         status=quiet_status(setup),
+        stops=(0.0, 0.0) if setup.system.stops else (),
         touches=(Touch(),) * len(setup.system.contacts),
     )
     info = {**_info_dict(setup, 0.0, state, quiet), "sensor_time": 0.0}
@@ -506,16 +514,17 @@ def step_info(setup: Setup, state: EnvState, outcome: Outcome) -> dict[str, Any]
 
 
 def _contact_info(setup: Setup, outcome: Outcome) -> dict[str, Any]:
-    """Further entries of `info` of a plant with contact points."""
+    """Further entries of `info` of a plant with stops of ours or contact points."""
+    stops = dict(zip(("stop_stored_energy", "stop_contact_loss"), outcome.stops, strict=False))
     if not outcome.touches:
-        return {}
+        return stops
     names: tuple[str, ...] = setup.plant.contact_names  # type: ignore[attr-defined]
     figures = {
         f"{name}_{figure}": value
         for name, touch in zip(names, outcome.touches, strict=True)
         for figure, value in touch._asdict().items()
     }
-    return {"slip_loss": outcome.slip_loss, **figures}
+    return {"slip_loss": outcome.slip_loss, **stops, **figures}
 
 
 def _info_dict(setup: Setup, time: Component, state: EnvState, outcome: Outcome) -> dict[str, Any]:

@@ -125,6 +125,8 @@ class IntegCartPoleEnv(IntegEnv, Env[Any, Any]):
     | `sensor_time` | s | when the observed sample was taken |
     | `penetration` | m | deepest penetration of a stop at the end of any sub-step |
     | `contact_force` | N | force of the stops, that of largest magnitude at the end of any sub-step |
+    | `stop_stored_energy` | J | of `energy`, what the stops have stored at the end of the period; where there are stops (`track_limit`) |
+    | `stop_contact_loss` | J | of `contact_loss`, what the stops took: all of it; where there are stops (`track_limit`) |
     | `goal_since` | s | since when the state has been at the goal; −1 while it is not |
     | `success` | | true at the end of an episode that succeeded |
     | `solver_iterations` | | most iterations of any sub-step |

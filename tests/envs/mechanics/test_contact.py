@@ -15,7 +15,7 @@ from scipy.optimize import brentq
 
 from integ_gym.envs.engines.stepping import NativeEngine
 from integ_gym.envs.numerics.identity import declared
-from integ_gym.envs.ops.ops import ARRAY, SCALAR
+from integ_gym.envs.ops.ops import ARRAY, SCALAR, split_state
 from integ_gym.envs.plants.cart_pole import CartPole
 from integ_gym.envs.plants.contact import Stops
 from integ_gym.envs.plants.pendulum import Pendulum
@@ -160,6 +160,34 @@ def test_the_ledger_names_force_and_penetration_at_the_ends_of_sub_steps():
     assert info["penetration"] == max(step["penetration"] for step in steps) > 0.0
     assert info["contact_force"] == min(step["contact_force"] for step in steps) < 0.0
     assert info["contact_loss"] == pytest.approx(sum(step["contact_loss"] for step in steps))
+
+
+@pytest.mark.parametrize(
+    ("env_id", "start", "arguments"),
+    [
+        ("IntegPendulum-v0", (0.9, 4.0), {"joint_limit": 1.0, "damping": 0.1}),
+        ("IntegCartPoleSwingUp-v0", (2.35, 3.0, 3.0, 1.0), {"cart_damping": 0.2}),
+    ],
+)
+def test_what_stops_store_and_take_closes_the_ledger(env_id, start, arguments):
+    """On the truth: motion, what is stored in the stop, work, and what each of the losses took."""
+    given = {"integrator": "reference", "dt": 0.01, **arguments}
+    env = gym.make(env_id, **given).unwrapped
+    _, first = env.reset(options={"state": start})
+    plant, stored, gone, compressed = env.setup.plant, 0.0, 0.0, []
+    for k in range(30):
+        *_, info = env.step(np.full(1, np.sin(k)))
+        gone += info["actuator_work"] - info["dissipated"] - info["stop_contact_loss"]
+        stored = info["stop_stored_energy"]
+        moving = plant.energy(SCALAR, *split_state(env.state))
+        assert moving + stored == pytest.approx(first["energy"] + gone, abs=1e-9)
+        beyond = max(0.0, abs(env.state[0]) - plant.stops.limit)
+        assert stored == pytest.approx(0.5 * plant.stop_stiffness * beyond**2, abs=1e-12)
+        assert info["stop_contact_loss"] == info["contact_loss"] >= 0.0
+        compressed.append(stored)
+    assert max(compressed) > 0.1
+    assert first["stop_stored_energy"] == first["stop_contact_loss"] == compressed[-1] == 0.0
+    assert first.keys() == info.keys()
 
 
 @pytest.mark.parametrize(
