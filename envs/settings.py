@@ -545,8 +545,15 @@ def build_setup(
             "counts as diverged; give a smaller limit or None"
         )
     if settings.contact == "engine" and getattr(the_plant, "stops", None) is None:
+        remedy = "give its limit" if hasattr(the_plant, "stopped") else "leave `contact` out"
+        if getattr(the_plant, "contacts", ()):
+            remedy = (
+                "its contact points have our law in every engine, and the engines' own are "
+                "measured by benchmarks/engine_contact.py (docs/reference/environments.md, "
+                '"Contact of other engines")'
+            )
         raise InputError(
-            f"`contact`='engine' needs stops, and this {the_plant.name} has none; give its limit"
+            f"`contact`='engine' needs stops, and this {the_plant.name} has none; {remedy}"
         )
     the_task = _parse(task, values)
     system = _system(settings, the_plant, the_task, settings.max_speed)
