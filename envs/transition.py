@@ -515,7 +515,9 @@ def step_info(setup: Setup, state: EnvState, outcome: Outcome) -> dict[str, Any]
 
 def _contact_info(setup: Setup, outcome: Outcome) -> dict[str, Any]:
     """Further entries of `info` of a plant with stops of ours or contact points."""
-    stops = dict(zip(("stop_stored_energy", "stop_contact_loss"), outcome.stops, strict=False))
+    stops: dict[str, Any] = {}
+    if outcome.stops:
+        stops["stop_stored_energy"], stops["stop_contact_loss"] = outcome.stops
     if not outcome.touches:
         return stops
     names: tuple[str, ...] = setup.plant.contact_names  # type: ignore[attr-defined]
