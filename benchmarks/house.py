@@ -104,18 +104,31 @@ def print_size(tree: Path) -> None:
     )
 
 
+def _is_import(frame: FrameType | None) -> bool:
+    """Whether a frame runs because a module of the six roots is imported."""
+    while frame is not None:
+        code = frame.f_code
+        imported = code.co_name == "<module>" and frame.f_globals["__name__"] != "__main__"
+        if imported and code.co_filename.startswith(f"{ROOT}/"):
+            return True
+        frame = frame.f_back
+    return False
+
+
 def follow(folder: str) -> None:
     """Note in `folder` when a function of each file is first called in this process."""
     seen: set[str] = set()
     log = (Path(folder) / str(os.getpid())).open("a", encoding="utf-8", buffering=1)
 
     def note(frame: FrameType, event: str, _: object) -> None:
-        code = frame.f_code
-        if event != "call" or code.co_filename in seen or code.co_name == "<module>":
+        path = frame.f_code.co_filename
+        if event != "call" or path in seen:
             return
-        seen.add(code.co_filename)
-        name = code.co_filename.removeprefix(f"{ROOT}/")
-        if name.split("/")[0] in ROOTS:
+        name = path.removeprefix(f"{ROOT}/")
+        if name.split("/")[0] not in ROOTS:
+            seen.add(path)
+        elif not _is_import(frame):
+            seen.add(path)
             log.write(f"{time.time()} {name}\n")
 
     threading.setprofile(note)
@@ -200,10 +213,10 @@ WORDS = """
 import sys
 from pathlib import Path
 from integ_gym.eval.panel.outputs import panel_of, read_call
-from integ_gym.eval.panel.plan import planned_spec
+from integ_gym.eval.panel.plan import read_planned_spec
 from integ_gym.eval.panel.run_directory import RunDirectory
 directory = RunDirectory(Path(sys.argv[1]), {})
-spec = planned_spec(directory.manifest()["specification"])
+spec = read_planned_spec(directory.manifest()["specification"])
 called = read_call(directory)
 follow()
 print(panel_of(spec, directory, called).answer)

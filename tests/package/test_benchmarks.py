@@ -1,6 +1,7 @@
 """Every benchmark runs: short turns of what it measures, a table, and JSON with the machine."""
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -38,6 +39,15 @@ def test_other_libraries_are_run_where_they_are_installed(tmp_path):
     assert done.returncode == 0, done.stdout
     assert "PASS  sb3-contrib" in done.stdout
     assert "sbx is left out" in done.stdout
+
+
+@pytest.mark.slow
+def test_five_journeys_are_walked(tmp_path):
+    done = _run("house", "--journeys", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    counts = [int(n) for n in re.findall(r": (\d+) files$", done.stdout, re.MULTILINE)]
+    assert len(counts) == 5
+    assert min(counts) > 5
 
 
 @pytest.mark.slow

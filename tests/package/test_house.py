@@ -1,19 +1,20 @@
 """Imports run one way; the users' door, type checkers and registries agree with the files."""
 
 import ast
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import suppress
+from importlib import import_module
 from pathlib import Path
 
 import pytest
-from house import FLOORS, ROOT
+from house import FLOORS, ROOT, page_blocks
 
 import integ_gym
 from integ_gym.envs import registries
 from integ_gym.support.registry import Registry
-
-"""Part of ``envs`` to those that it may know: a plant knows no integrator, an engine no task."""
 
 
 def _imports(path: Path) -> Iterator[tuple[int, str]]:
@@ -42,6 +43,48 @@ def test_imports_run_downwards(floor):
     for path in files:
         for line, module in _imports(path):
             assert FLOORS.index(_floor(module)) <= FLOORS.index(floor), f"{path}:{line}: {module}"
+
+
+def _programs() -> Iterator[tuple[str, str]]:
+    """Path and text of each Python program outside the six roots."""
+    for folder in ("benchmarks", "tests", "examples", ".ci"):
+        for path in sorted((ROOT / folder).rglob("*.py")):
+            yield path.relative_to(ROOT).as_posix(), path.read_text(encoding="utf-8")
+    for path in [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]:
+        name = path.relative_to(ROOT).as_posix()
+        for block in page_blocks(name, "python"):
+            yield name, re.sub(r"^(>>>|\.\.\.) ?", "", block, flags=re.MULTILINE)
+
+
+def _trees(text: str) -> Iterator[ast.Module]:
+    """A program and those that it holds as strings, which other processes run."""
+    tree = ast.parse(text)
+    yield tree
+    for node in ast.walk(tree):
+        held = node.value if isinstance(node, ast.Constant) else None
+        if isinstance(held, str) and "\n" in held and "import" in held and "integ_gym" in held:
+            with suppress(SyntaxError):  # of a docstring
+                yield ast.parse(held)
+
+
+def _is_there(name: str) -> bool:
+    module, _, attribute = name.rpartition(".")
+    try:
+        return hasattr(import_module(module), attribute) or bool(import_module(name))
+    except ImportError:
+        return False
+
+
+def test_programs_import_names_that_exist():
+    used = {}
+    for path, text in _programs():
+        for node in (node for tree in _trees(text) for node in ast.walk(tree)):
+            if isinstance(node, ast.ImportFrom) and f"{node.module}".startswith("integ_gym"):
+                used |= {f"{node.module}.{alias.name}": path for alias in node.names}
+            elif isinstance(node, ast.Attribute) and ast.unparse(node.value) == "integ_gym":
+                used[f"integ_gym.{node.attr}"] = path
+    assert len(used) > 500
+    assert not {path: name for name, path in used.items() if not _is_there(name)}
 
 
 def test_type_checkers_are_told_what_the_users_door_offers():
