@@ -24,20 +24,10 @@ from gymnasium.envs.registration import EnvSpec, load_env_creator
 from integ_gym.support.errors import InputError, InputTypeError
 from integ_gym.support.parameters import unknown_name
 
-from .lanes import Array
-from .ops.ops import SCALAR, Components, split_state
+from . import starts
+from .ops.ops import SCALAR, Array, Components, split_state
 from .registries import ENVIRONMENTS, PLANTS, TASKS
 from .settings import NO_LIMIT, Mixture, Setup, build_setup, make_mixture
-from .starts import (
-    ARRIVAL,
-    MEMBER,
-    NOISE,
-    check_starts,
-    draw_start,
-    parse_episodes,
-    parse_members,
-    stream_of_episode,
-)
 from .steps import WARM_UP, trace_function
 from .tasks.interface import FLOAT32_ROUNDING
 from .transition import (
@@ -213,18 +203,20 @@ class IntegEnv(gym.Env[Observation, Any]):
         options = dict(options or {})
         self.episode = 0 if seed is not None else self.episode + 1
         if "episode" in options:
-            self.episode = int(parse_episodes(options["episode"], ()))
+            self.episode = int(starts.parse_episodes(options["episode"], ()))
         if self.mixed:
             self._take_member(options.pop("mixture_index", None))
-        q, v = split_state(draw_start(self.setup, self.np_random, options))
+        q, v = split_state(starts.draw_start(self.setup, self.np_random, options))
         if "state" not in options:
             q = self.setup.system.confine(SCALAR, q)
         state, observation, info = self._start(q, v)
         self._state = EnvState._make(state)
         if self._noise:
-            self._noise_stream = stream_of_episode(self.np_random, NOISE, self.episode)
+            self._noise_stream = starts.stream_of_episode(
+                self.np_random, starts.NOISE, self.episode
+            )
         if self.setup.timing.drawn:
-            self._arrivals = stream_of_episode(self.np_random, ARRIVAL, self.episode)
+            self._arrivals = starts.stream_of_episode(self.np_random, starts.ARRIVAL, self.episode)
         self._controls, self._sampled = self._idle, True
         self._terminated = self._warned = False
         self.status_code = info["solver_status"]
@@ -317,10 +309,10 @@ class IntegEnv(gym.Env[Observation, Any]):
     def _take_member(self, given: Any) -> None:
         """Run on a member of the mixture from this episode on; None draws it."""
         if given is None:
-            number = stream_of_episode(self.np_random, MEMBER, self.episode).random()
+            number = starts.stream_of_episode(self.np_random, starts.MEMBER, self.episode).random()
             member = self.mixture.member(number)
         else:
-            member = int(parse_members(given, (), len(self.mixture.setups)))
+            member = int(starts.parse_members(given, (), len(self.mixture.setups)))
         if member == self._member:
             return
         self._functions[self._member] = self._start, self._step
@@ -375,7 +367,7 @@ def make_setup(env: type[Any], arguments: Mapping[str, Any]) -> Setup:
     task = task_of(env, arguments)
     arguments = {k: x for k, x in arguments.items() if x is not None or k not in env.other_tasks}
     setup = build_setup(PLANTS.load(task.plant), task, env.defaults, arguments)
-    check_starts(setup)
+    starts.check_starts(setup)
     return setup
 
 

@@ -14,11 +14,9 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 
 from integ_gym.support.errors import InputError
 
-from .ops.ops import Component, map_leaves
+from .ops.ops import Array, Component, map_leaves
 from .settings import Mixture, Setup
 from .transition import STATUS_NAMES
-
-Array = npt.NDArray[Any]
 
 
 def zeros_like(tree: Any, num_envs: int) -> Any:

@@ -8,11 +8,9 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from .engines.mujoco_solver import NO_RESET, was_reset
-
-Array = npt.NDArray[Any]
+from .ops.ops import Array
 
 TAKEN_AT_THE_END = ("Euler", "implicit", "implicitfast", "discrete")
 """Integrators that take joint damping at the end of the step: its work is force · displacement."""

@@ -25,25 +25,11 @@ from integ_gym.support.parameters import (
     unknown_name,
 )
 
+from . import foreign
 from .delayed import CommandQueue
 from .engines.mujoco import silencer
 from .engines.mujoco_solver import NO_RESET, read_solver, write_solver
 from .environment import at_bounds, within_rounding
-from .foreign import (
-    COUNTS_DECISIONS,
-    ForeignPlant,
-    ForeignSetup,
-    ForeignTask,
-    ForeignWrapper,
-    ReturnGoal,
-    StatedEngine,
-    check_wrappers,
-    keep_duration,
-    observation_names,
-    return_of_success,
-    time_limit,
-    wrappers_of,
-)
 from .lanes import as_floats
 from .mujoco_ledger import NOTHING, Booked, Ledger, add_up
 from .ops.ops import join_state
@@ -120,7 +106,7 @@ def integrator_numbers() -> dict[str, int]:
     return {capitals.get(n, n): int(m) for n, m in zip(names, members, strict=True)}
 
 
-def plant_of(mujoco: Any, model: Any, name: str) -> ForeignPlant:
+def plant_of(mujoco: Any, model: Any, name: str) -> foreign.ForeignPlant:
     """Names and units of a compiled model's state and controls."""
     kinds = {int(getattr(mujoco.mjtJoint, f"mjJNT_{k.upper()}")): x for k, x in _JOINTS.items()}
     of_q, of_v = [], []
@@ -131,7 +117,7 @@ def plant_of(mujoco: Any, model: Any, name: str) -> ForeignPlant:
         of_v += [(f"{joint}{suffix}", unit) for suffix, unit in velocities]
     names, units = zip(*of_q, strict=True)
     rates, rate_units = zip(*of_v, strict=True)
-    return ForeignPlant(
+    return foreign.ForeignPlant(
         name, tuple(_controls(mujoco, model)), names, units, rates, rate_units, "the model's joints"
     )
 
@@ -211,7 +197,7 @@ def rediscretize(
     )  # fmt: skip
 
 
-class RediscretizedEnv(ForeignWrapper):
+class RediscretizedEnv(foreign.ForeignWrapper):
     """A MuJoCo task whose discretization was chosen; made by :func:`rediscretize`.
 
     ``info`` has, beside the task's own, what every integ-gym environment tells: ``time``,
@@ -234,7 +220,7 @@ class RediscretizedEnv(ForeignWrapper):
         self._mujoco = load("mujoco", "mujoco")
         self._inner = _mujoco_env(env)
         choice = Choice(**chosen)
-        self._goal = self._make_goal(return_of_success(choice.success_return, env.spec))
+        self._goal = self._make_goal(foreign.return_of_success(choice.success_return, env.spec))
         self._model, self._data = self._inner.model, self._inner.data
         write_solver(self._mujoco, self._model, solver or {})
         self._stretch = self._change_period(choice.control_period)
@@ -348,9 +334,9 @@ class RediscretizedEnv(ForeignWrapper):
         known = self._info(residual, valid and self._saturated, not valid, success)
         return observation, reward, bool(terminated), bool(truncated), {**info, **known}
 
-    def _make_goal(self, success_return: float | None) -> ReturnGoal:
+    def _make_goal(self, success_return: float | None) -> foreign.ReturnGoal:
         """What a success is."""
-        return ReturnGoal(success_return)
+        return foreign.ReturnGoal(success_return)
 
     def _idle_command(self) -> Any:
         """What acts until the first command arrives."""
@@ -360,7 +346,7 @@ class RediscretizedEnv(ForeignWrapper):
         """What evidence records of the model; nothing of Gymnasium's, which its id defines."""
         return {}
 
-    def _describe_plant(self) -> ForeignPlant:
+    def _describe_plant(self) -> foreign.ForeignPlant:
         """Names and units of state and commands."""
         return plant_of(self._mujoco, self._model, type(self._inner).__name__)
 
@@ -540,14 +526,16 @@ class RediscretizedEnv(ForeignWrapper):
         stretch = 1.0 if period is None else period / float(self._inner.dt)
         if period is None or math.isclose(stretch, 1.0):
             return 1.0
-        check_wrappers("another control period", wrappers_of(self.env), COUNTS_DECISIONS)
+        foreign.check_wrappers(
+            "another control period", foreign.wrappers_of(self.env), foreign.COUNTS_DECISIONS
+        )
         own = float(self._model.opt.timestep)
         count = whole_multiple("control_period", period, "the task's timestep", own)
         self._inner.frame_skip = count
-        keep_duration(self.env, stretch)
+        foreign.keep_duration(self.env, stretch)
         return stretch
 
-    def _discretize_model(self, choice: Choice) -> ForeignSetup:
+    def _discretize_model(self, choice: Choice) -> foreign.ForeignSetup:
         """Put the discretization into the model, and say what it is."""
         model, inner, mujoco = self._model, self._inner, self._mujoco
         period = float(inner.dt)
@@ -556,7 +544,7 @@ class RediscretizedEnv(ForeignWrapper):
         chosen, known = choice.integrator or integrator_of(model), integrator_numbers()
         if chosen not in known:
             raise InputError(unknown_name("integrator of MuJoCo", chosen, known))
-        limit = time_limit(self)
+        limit = foreign.time_limit(self)
         horizon = 1000 if limit is None else limit
         delays: dict[str, Any] = delays_in(vars(choice))
         timing = Timing.of(step, period, sensor_period=None, duration=horizon * period, **delays)
@@ -564,7 +552,7 @@ class RediscretizedEnv(ForeignWrapper):
         model.opt.integrator = known[chosen]
         model.opt.disableflags |= int(getattr(mujoco.mjtDisableBit, NO_RESET, 0))
         inner.frame_skip = timing.substeps
-        names = observation_names(self)
+        names = foreign.observation_names(self)
         goal = choice.success_return
         environment = {
             **(self.spec.kwargs if self.spec else {}),
@@ -572,7 +560,7 @@ class RediscretizedEnv(ForeignWrapper):
             **{name: value for name, value in delays.items() if value},
             "solver": read_solver(mujoco, model),
         }
-        return ForeignSetup(
+        return foreign.ForeignSetup(
             settings=Settings(
                 integrator=chosen, dt=step, control_period=period, engine="mujoco",
                 duration=horizon * period, start="the task's own",
@@ -580,8 +568,8 @@ class RediscretizedEnv(ForeignWrapper):
             ),
             timing=timing,
             plant=self._describe_plant(),
-            task=ForeignTask(self._goal.words, names, ("",) * len(names)),
-            engine=StatedEngine(
+            task=foreign.ForeignTask(self._goal.words, names, ("",) * len(names)),
+            engine=foreign.StatedEngine(
                 "mujoco", 64, True, accounted=Ledger(mujoco, model, chosen).accounted,
                 solver_tolerance=float(model.opt.tolerance), solver_cap=int(model.opt.iterations),
                 stretch=self._stretch, model=self._describe_model(),

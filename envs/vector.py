@@ -16,18 +16,8 @@ from gymnasium.vector.utils import batch_space
 
 from integ_gym.support.errors import InputError
 
-from .environment import (
-    IntegEnv,
-    check_render_mode,
-    frames_per_second,
-    is_own_horizon,
-    make_setups,
-    observation_space,
-    running_makers,
-    with_horizon,
-)
+from . import environment
 from .lanes import (
-    Array,
     DiscretizedVectorEnv,
     Info,
     LaneInfo,
@@ -42,7 +32,7 @@ from .lanes import (
     take,
     zeros_like,
 )
-from .ops.ops import ARRAY, Components, join_state, rows_of, split_state
+from .ops.ops import ARRAY, Array, Components, join_state, rows_of, split_state
 from .settings import Setup
 from .starts import (
     ARRIVAL,
@@ -95,7 +85,7 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         ModuleNotFoundError: with ``compiled`` and without Numba.
     """
 
-    env_class: ClassVar[type[IntegEnv]]
+    env_class: ClassVar[type[environment.IntegEnv]]
     metadata: dict[str, Any] = {  # noqa: RUF012
         "render_modes": ["rgb_array"],
         "render_fps": 30,
@@ -118,21 +108,23 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         self.num_envs = num_envs
         self.autoreset_mode = _check_autoreset_mode(autoreset_mode)
         self.mixed = mixture is not None
-        self.mixture = make_setups(self.env_class, {**arguments, "mixture": mixture})
+        self.mixture = environment.make_setups(self.env_class, {**arguments, "mixture": mixture})
         if not self._of_a_spec(max_episode_steps):
             self.mixture = self.mixture.limited(max_episode_steps)
         self.setups = self.mixture.setups
         for setup in self.setups:
             check_lanes(setup, num_envs)
         self.setup = self.setups[0]
-        self.render_mode = check_render_mode(render_mode, type(self).metadata["render_modes"])
+        self.render_mode = environment.check_render_mode(
+            render_mode, type(self).metadata["render_modes"]
+        )
         self.metadata = {
             **type(self).metadata,
-            "render_fps": frames_per_second(self.setup),
+            "render_fps": environment.frames_per_second(self.setup),
             "autoreset_mode": self.autoreset_mode,
         }
         self.single_action_space = self.setup.action_space
-        self.single_observation_space = observation_space(self.setup)
+        self.single_observation_space = environment.observation_space(self.setup)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._action_shape = self.action_space.shape
         self.observation_space = batch_space(self.single_observation_space, num_envs)
@@ -166,18 +158,20 @@ class IntegVectorEnv(DiscretizedVectorEnv):
 
     @spec.setter
     def spec(self, spec: EnvSpec | None) -> None:
-        self._spec = with_horizon(spec, self.mixture)
+        self._spec = environment.with_horizon(spec, self.mixture)
         if self._spec is not None:  # as gym.make_vec writes a limit that a spec has
             limit = {"max_episode_steps": self._spec.max_episode_steps}
             self._spec.kwargs = {**self._spec.kwargs, **limit}
 
     def _of_a_spec(self, limit: int | None) -> bool:
         """Whether ``gym.make_vec`` has a limit from a spec that says its horizon alone."""
-        makers = running_makers()
+        makers = environment.running_makers()
         if not makers or "max_episode_steps" in makers[0].f_locals.get("kwargs", {}):
             return False
 
-        return is_own_horizon(limit, makers, lambda a: make_setups(self.env_class, a).horizon)
+        return environment.is_own_horizon(
+            limit, makers, lambda a: environment.make_setups(self.env_class, a).horizon
+        )
 
     def __getstate__(self) -> dict[str, Any]:
         """Without drawing surfaces, which are made again."""

@@ -774,11 +774,11 @@ def draws_for(units: int, most: int = DRAWS) -> int:
     return max(1000, min(most, _MOST_NUMBERS // max(1, units)))
 
 
-def highest_share(count: int, of: int, level: float = 0.95) -> float:
-    """Upper end of the one-sided exact interval for a share (Clopper and Pearson 1934)."""
+def highest_share(count: int, of: int) -> float:
+    """Upper end of the one-sided exact 95 % interval for a share (Clopper and Pearson 1934)."""
     if count >= of:
         return 1.0
-    return float(load("scipy.stats", "report").beta.ppf(level, count + 1, of - count))
+    return float(load("scipy.stats", "report").beta.ppf(0.95, count + 1, of - count))
 
 
 def paired_success(
@@ -930,12 +930,7 @@ def pearson(judged: Floats, true: Floats) -> float:
 
 
 def ranking_intervals(
-    judged: Floats,
-    true: Floats,
-    seeds: npt.NDArray[np.int64],
-    level: float = 0.95,
-    *,
-    draws: int = RANKING_DRAWS,
+    judged: Floats, true: Floats, seeds: npt.NDArray[np.int64]
 ) -> tuple[Estimate | None, Estimate]:
     """Correlation and mean maximum rank violation, with bootstrap intervals over seeds.
 
@@ -947,10 +942,6 @@ def ranking_intervals(
         Shape (policies,), success rates in [0, 1].
     seeds
         Shape (policies,): which policies belong together.
-    level
-        Nominal coverage, in (0, 1).
-    draws
-        Number of resamples.
 
     Returns
     -------
@@ -959,7 +950,7 @@ def ranking_intervals(
     rng = generator(Stream.BOOTSTRAP)
     groups = [np.flatnonzero(seeds == seed) for seed in np.unique(seeds)]
     found = []
-    for _ in range(draws):
+    for _ in range(RANKING_DRAWS):
         chosen = np.concatenate([groups[k] for k in rng.integers(len(groups), size=len(groups))])
         one, other = judged[chosen], true[chosen]
         found.append((pearson(one, other), rank_violation(one, other)))
@@ -968,6 +959,6 @@ def ranking_intervals(
     whole = pearson(judged, true)
     known = correlations.size > 0 and np.isfinite(whole)
     return (
-        equal_tailed(whole, correlations, level) if known else None,
-        equal_tailed(rank_violation(judged, true), violations, level),
+        equal_tailed(whole, correlations, 0.95) if known else None,
+        equal_tailed(rank_violation(judged, true), violations, 0.95),
     )

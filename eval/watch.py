@@ -21,18 +21,7 @@ from integ_gym.support.terminal import fixed
 from integ_gym.train.policy import Policy
 from integ_gym.train.policy_files.sidecar import read_trained, readable_file
 
-from .film import (
-    TRUE_NAMES,
-    Asked,
-    Episode,
-    Film,
-    check_filmed,
-    episode_of_record,
-    episode_of_robot,
-    parse_discretization,
-    play_episode,
-    skeleton_of,
-)
+from . import film
 from .panel.cells import flatten, place_arguments
 from .panel.policies import policy_of, read_existing
 from .report.task import describe_motors
@@ -40,13 +29,13 @@ from .report.task import describe_motors
 
 def side_by_side(
     policy: Policy | str | os.PathLike[str],
-    discretizations: Sequence[Asked],
+    discretizations: Sequence[film.Asked],
     seed: int,
     *,
     env_id: str | None = None,
     environment: Mapping[str, Any] | None = None,
     own_code: bool = False,
-) -> Film:
+) -> film.Film:
     """One policy from one start in several discretizations, as a film.
 
     >>> film = side_by_side("runs/rk4", ["rk4", "explicit_euler", "truth"], 0)  # doctest: +SKIP
@@ -79,7 +68,7 @@ def side_by_side(
         if env_id is None:
             _, card = read_trained(path)
             env_id = str(card["config"]["env_id"])
-        check_filmed(env_id)
+        film.check_filmed(env_id)
         existing = read_existing(path, env_id, given, None, own_code)
         acting: Policy = existing.policy
         arguments, seed_of = dict(existing.provenance.environment), existing.seed
@@ -92,18 +81,18 @@ def side_by_side(
             )
         if env_id is None:
             raise InputError("a policy alone does not say what it acts in; give env_id as well")
-        check_filmed(env_id)
+        film.check_filmed(env_id)
         acting, arguments, homes, seed_of = policy, given, (), None
     like = homes[0] if homes else Discretization.of(environment_setup(env_id, arguments))
     cells = [
-        parse_discretization(asked, like, env_id)
+        film.parse_discretization(asked, like, env_id)
         for asked in discretizations or (*(homes or [like]), TRUTH)
     ]
     given_on = [place_arguments(cell, arguments) for cell in cells]
     for one in given_on:
         environment_setup(env_id, one)  # what cannot be is refused before any episode is played
-    episodes = [play_episode(acting, env_id, one, seed) for one in given_on]
-    return Film(
+    episodes = [film.play_episode(acting, env_id, one, seed) for one in given_on]
+    return film.Film(
         episodes,
         homes,
         describe_episodes(acting.policy_id, homes, seed_of, episodes, f"start {seed}"),
@@ -114,7 +103,7 @@ def describe_episodes(
     name: str,
     homes: Sequence[Discretization],
     seed: int | None,
-    episodes: Sequence[Episode],
+    episodes: Sequence[film.Episode],
     start: str,
 ) -> str:
     """What all episodes of a film have in common, in one line.
@@ -139,11 +128,11 @@ def describe_episodes(
 def watch(
     run: str | os.PathLike[str],
     record_id: str,
-    on: Sequence[Asked] = (),
+    on: Sequence[film.Asked] = (),
     *,
     own_code: bool = False,
     on_doubt: Callable[[str], None] = lambda doubt: None,
-) -> Film:
+) -> film.Film:
     """A recorded episode as a film.
 
     Episodes that have traces are shown as they were recorded, others are played again.
@@ -166,14 +155,14 @@ def watch(
     require("render", "evidence")
     store = open_run(Path(run))
     record = store.find(record_id)
-    if (skeleton := skeleton_of(record)) is not None:
+    if (skeleton := film.skeleton_of(record)) is not None:
         return _watch_robot(record, skeleton, on, store)
     _check_code(record, own_code)
-    check_filmed(record["env_id"])
+    film.check_filmed(record["env_id"])
     own = Discretization(**{name: record[name] for name in DISCRETIZATION})
 
-    def parse(asked: Iterable[Asked]) -> list[Discretization]:
-        cells = (parse_discretization(one, own, record["env_id"]) for one in asked)
+    def parse(asked: Iterable[film.Asked]) -> list[Discretization]:
+        cells = (film.parse_discretization(one, own, record["env_id"]) for one in asked)
         return list(dict.fromkeys(cells))
 
     trained = parse_field("training_discretization", record["training_discretization"]) or []
@@ -190,12 +179,15 @@ def watch(
     start = [f"start {record['episode_index']}", *(f"{k} {value}" for k, value in changed.items())]
     seed = record["training_seed"]
     note = describe_episodes(record["policy_id"], homes, seed, episodes, ", ".join(start))
-    return Film(episodes, homes, note)
+    return film.Film(episodes, homes, note)
 
 
 def _watch_robot(
-    record: EvidenceRecord, skeleton: Mapping[str, Any], on: Sequence[Asked], store: EvidenceStore
-) -> Film:
+    record: EvidenceRecord,
+    skeleton: Mapping[str, Any],
+    on: Sequence[film.Asked],
+    store: EvidenceStore,
+) -> film.Film:
     """Recorded episodes of a robot, of which no code is loaded: home, the record's, the finest."""
     own = Discretization(**{name: record[name] for name in DISCRETIZATION})
     twins = {
@@ -205,9 +197,9 @@ def _watch_robot(
     }
     trained = parse_field("training_discretization", record["training_discretization"]) or []
     homes = [Discretization(**one) for one in ([trained] if isinstance(trained, dict) else trained)]
-    if any(name in TRUE_NAMES for name in on):
+    if any(name in film.TRUE_NAMES for name in on):
         raise InputError("robots have no truth; leave it out")
-    cells = [parse_discretization(asked, own, record["env_id"]) for asked in on]
+    cells = [film.parse_discretization(asked, own, record["env_id"]) for asked in on]
     if not twins or not set(cells) <= set(twins):
         known = ", ".join(cell.name for cell in twins)
         raise InputError(
@@ -216,7 +208,7 @@ def _watch_robot(
         )
     finest = min(twins, key=lambda cell: cell.dt)
     shown = [cell for cell in dict.fromkeys(cells or (*homes, own, finest)) if cell in twins]
-    episodes = [episode_of_robot(twins[cell], skeleton) for cell in shown]
+    episodes = [film.episode_of_robot(twins[cell], skeleton) for cell in shown]
     title = record["env_id"].rpartition(":")[2]
     command = [
         f"{name.removeprefix(COMMANDED).replace('_', ' ')} {fixed(values[0], 2)}"
@@ -225,7 +217,7 @@ def _watch_robot(
     ]
     changed = parse_field("perturbation", record["perturbation"]) or {}
     words = [f"start {record['episode_index']}", *(f"{k} {value}" for k, value in flatten(changed))]
-    return Film(episodes, homes, ", ".join([title, *words, *command]))
+    return film.Film(episodes, homes, ", ".join([title, *words, *command]))
 
 
 _CANDIDATES = """
@@ -235,18 +227,17 @@ WHERE phase = 'evaluation' AND NOT success AND perturbation IS NULL AND policy_h
 QUALIFY row_number() OVER (
   PARTITION BY cell, failure_label ORDER BY energy IS NULL, episode_index, policy_id) = 1
 ORDER BY failure_label != 'discretization_error', alike DESC, cell
-LIMIT {limit}
+LIMIT 10
 """
 
 
-def candidates(run: str | os.PathLike[str], limit: int = 10) -> list[dict[str, Any]]:
-    """Failed episodes that are worth a film, those that succeed at home first.
+def candidates(run: str | os.PathLike[str]) -> list[dict[str, Any]]:
+    """Ten failed episodes at most that are worth a film, those that succeed at home first.
 
     Of each cell and failure label one, with a trace where there is one.
 
     Args:
         run: directory of the run.
-        limit: how many at most.
 
     Returns:
         For each `record_id`, `cell`, `failure_label`, and `alike`: how many episodes of that cell
@@ -255,8 +246,7 @@ def candidates(run: str | os.PathLike[str], limit: int = 10) -> list[dict[str, A
     Raises:
         EvidenceError: for a run that is not there.
     """
-    found = open_run(Path(run)).query(_CANDIDATES.format(limit=limit))
-    return list(found.to_pylist())
+    return list(open_run(Path(run)).query(_CANDIDATES).to_pylist())
 
 
 def _possible(
@@ -318,12 +308,12 @@ def _episode(
     twin: EvidenceRecord | bool | None,
     policy: Callable[[], Policy],
     on_doubt: Callable[[str], None],
-) -> Episode:
+) -> film.Episode:
     if isinstance(twin, EvidenceRecord):
-        return episode_of_record(twin)
+        return film.episode_of_record(twin)
     arguments = place_arguments(cell, record.arguments())
     start = record["initial_state"]
-    episode = play_episode(policy(), record["env_id"], arguments, record["seed"], start)
+    episode = film.play_episode(policy(), record["env_id"], arguments, record["seed"], start)
     if twin is not None and twin != episode.success:
         recorded, again = (
             "succeeds" if success else "fails" for success in (twin, episode.success)

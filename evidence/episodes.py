@@ -11,11 +11,10 @@ from operator import itemgetter
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from integ_gym.envs.environment import environment_setup
 from integ_gym.envs.foreign import FURTHER
-from integ_gym.envs.ops.ops import SCALAR
+from integ_gym.envs.ops.ops import SCALAR, Array
 from integ_gym.envs.plants.interface import state_names
 from integ_gym.envs.registries import TRUTH
 from integ_gym.envs.settings import NATIVE
@@ -23,8 +22,6 @@ from integ_gym.envs.settings import NATIVE
 from .fields import CONTACT_TRACE, SUMMARY_FIELDS, Field, further_of, record_fields
 from .labels import EpisodeContext
 from .schema import argument_values
-
-Array = npt.NDArray[Any]
 
 STATUS = "solver_status"
 """The solver's status, as a code."""

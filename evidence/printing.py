@@ -10,15 +10,7 @@ from typing import Any, Final, TextIO
 import numpy as np
 import numpy.typing as npt
 
-from integ_gym.support.terminal import (
-    column_widths,
-    hanging_indent,
-    print_columns,
-    print_lists,
-    print_wrapped,
-    visible,
-    width_of,
-)
+from integ_gym.support import terminal
 
 from .fields import SUMMARY_FIELDS
 from .record import EvidenceRecord, plain
@@ -46,12 +38,17 @@ def show(record: EvidenceRecord, bars: str = BARS, width: int | None = None) -> 
     fields = record.fields
     outcome = "succeeds" if fields["success"] else f"fails, {fields['failure_label']}"
     title = f"{fields['env_id']}, {fields['cell']}, episode {fields['episode_index']}: {outcome}"
-    lines = [hanging_indent("", title, width), hanging_indent("", record.reason, width)]
+    lines = [
+        terminal.hanging_indent("", title, width),
+        terminal.hanging_indent("", record.reason, width),
+    ]
 
     def add(name: str, value: Any, unit: str) -> None:
         shown = "" if value is None or unit == "1" else unit
         lines.append(
-            hanging_indent(f"  {name:<{_NAME - 2}}", f"{number(value)} {shown}".rstrip(), width)
+            terminal.hanging_indent(
+                f"  {name:<{_NAME - 2}}", f"{number(value)} {shown}".rstrip(), width
+            )
         )
 
     group = ""
@@ -103,7 +100,7 @@ def number(value: Any) -> str:
         return value.isoformat()
     if isinstance(value, list):
         return ", ".join(number(x) for x in value)
-    return visible(str(value))
+    return terminal.visible(str(value))
 
 
 TABLE_FORMATS = ("table", "csv", "json")
@@ -137,7 +134,7 @@ def print_table(table: Any, file: TextIO, form: str = "table") -> None:
         print(json.dumps(records, indent=2, allow_nan=False, default=str), file=file)
     elif form == "csv":
         writer = csv.writer(file, lineterminator="\n")
-        seen = visible if file.isatty() else str
+        seen = terminal.visible if file.isatty() else str
         writer.writerow(map(seen, names))
         for row in rows:
             cells = [json.dumps(plain(x)) if isinstance(x, list) else plain(x) for x in row]
@@ -148,14 +145,14 @@ def print_table(table: Any, file: TextIO, form: str = "table") -> None:
 
 def _print_readable(schema: Any, rows: list[list[Any]], file: TextIO) -> None:
     numeric = [all(isinstance(row[i], (int, float)) for row in rows) for i in range(len(schema))]
-    names = [visible(name) for name in schema.names]
+    names = [terminal.visible(name) for name in schema.names]
     cells = [
         [f"[{len(x)} values]" if isinstance(x, list) and len(x) > 4 else number(x) for x in row]
         for row in rows
     ]
-    width = width_of(file)
+    width = terminal.width_of(file)
     listed = width is not None or len(rows) <= _FEW
-    if listed and column_widths(names, cells, width or _UNREAD) is None:
+    if listed and terminal.column_widths(names, cells, width or _UNREAD) is None:
         fields = {(field.name, arrow_type(field.kind)): field.unit for field in SUMMARY_FIELDS}
         units = [fields.get((column.name, column.type), "") for column in schema]
         cells = [
@@ -165,12 +162,12 @@ def _print_readable(schema: Any, rows: list[list[Any]], file: TextIO) -> None:
             ]
             for row in cells
         ]
-        cut = print_lists(names, cells, file, width or _UNREAD, _LINES)
+        cut = terminal.print_lists(names, cells, file, width or _UNREAD, _LINES)
         print(end="\n" if cells else "", file=file)
         if cut:
-            print_wrapped(
+            terminal.print_wrapped(
                 "Cells that end with ... are cut; --format json gives every value in full.", file
             )
     else:
-        print_columns(names, cells, file, numeric)
+        terminal.print_columns(names, cells, file, numeric)
     print(f"({len(rows)} row{'' if len(rows) == 1 else 's'})", file=file)

@@ -10,10 +10,9 @@ from math import gcd
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from integ_gym.envs.environment import environment_setup
-from integ_gym.envs.ops.ops import ARRAY, split_state
+from integ_gym.envs.ops.ops import ARRAY, Array, split_state
 from integ_gym.envs.registries import ENVIRONMENTS
 from integ_gym.envs.settings import NATIVE
 from integ_gym.envs.transition import STATUS_NAMES
@@ -61,9 +60,6 @@ def same(recorded: Any, computed: Any, tolerance: float, scale: float = 0.0) -> 
 def is_number(value: Any) -> bool:
     """Whether a value is a number, which a flag is not."""
     return isinstance(value, int | float) and not isinstance(value, bool)
-
-
-Array = npt.NDArray[Any]
 
 
 GROWTH = 10.0

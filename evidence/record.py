@@ -10,13 +10,12 @@ from datetime import datetime
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
+
+from integ_gym.envs.ops.ops import Array
 
 from .fields import SUMMARY_FIELDS
 from .labels import failure_sentence
 from .schema import argument_values, described, is_trace, pyarrow
-
-Array = npt.NDArray[Any]
 
 
 @dataclass(frozen=True)

@@ -13,48 +13,29 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-import numpy.typing as npt
 
 from integ_gym.envs.environment import is_integ_environment
 from integ_gym.envs.foreign import ForeignSetup
+from integ_gym.envs.ops.ops import Array
 from integ_gym.envs.rediscretized import plant_of
 from integ_gym.envs.registries import ENVIRONMENTS, TESTBEDS
 from integ_gym.envs.settings import DISCRETIZATION, DRAWN, NATIVE, Discretization
 from integ_gym.envs.testbeds.gym_testbed import ClassicControl, class_path
 from integ_gym.envs.testbeds.making import MujocoTestbed, find_testbed, make_checked
 from integ_gym.envs.testbeds.mjcf import MjcfTestbed
-from integ_gym.support.interpreters import (
-    PACKAGES,
-    InterpreterError,
-    are_running,
-    call_there,
-    find_interpreter,
-    needed_versions,
-    parse_packages,
-)
+from integ_gym.support import interpreters
 from integ_gym.support.optional import package_version
 from integ_gym.support.parameters import texts_of
 from integ_gym.support.terminal import plural
 
+from . import recomputing
 from .episodes import choices, native_setup
 from .fields import FIRST_WRITTEN, LATER_ATTEMPT, SCHEMA_VERSION, SECOND_HORIZON, record_fields
 from .parquet_file import check_schema, read
-from .recomputing import (
-    UNFIT,
-    context_of,
-    deviation,
-    differences,
-    may_have_fallen_back,
-    noise_source,
-    replays_of,
-    start_follows_seed,
-)
 from .record import EvidenceRecord, records_of
 from .schema import ENV_KEY, VERSION_KEY, EvidenceError, Finding, described, parse_field
 from .store import EvidenceStore
 from .vector_recorder import RecordVectorEvidence
-
-Array = npt.NDArray[Any]
 
 ELSEWHERE = 1e-6
 """Relative tolerance where other versions, another processor or another engine computed."""
@@ -170,8 +151,8 @@ def replay(
         try:
             reason = _hindrance(record, own_code, policy is not None)
             if reason is None:
-                context_of(record.fields)
-        except UNFIT as error:
+                recomputing.context_of(record.fields)
+        except recomputing.UNFIT as error:
             name = str(record.fields["record_id"])
             done.findings.append(Finding(file, name, f"cannot be played again: {_line(error)}"))
             continue
@@ -200,8 +181,12 @@ def packages_of(record: EvidenceRecord) -> tuple[str, ...]:
         EvidenceError, ValueError: for a damaged field.
     """
     changed = parse_field("perturbation", record.fields["perturbation"]) or {}
-    packages = parse_packages(changed[PACKAGES]) if PACKAGES in changed else ()
-    return () if are_running(packages) else packages
+    packages = (
+        interpreters.parse_packages(changed[interpreters.PACKAGES])
+        if interpreters.PACKAGES in changed
+        else ()
+    )
+    return () if interpreters.are_running(packages) else packages
 
 
 def versions_for_replay(records: Iterable[EvidenceRecord]) -> dict[str, str]:
@@ -211,7 +196,7 @@ def versions_for_replay(records: Iterable[EvidenceRecord]) -> dict[str, str]:
         for fields in (record.fields for record in records)
         for name in (fields["env_id"].partition(":")[0], str(fields["engine"]))
     }
-    return needed_versions(sorted(names))
+    return interpreters.needed_versions(sorted(names))
 
 
 Named = tuple[str, EvidenceRecord]
@@ -236,7 +221,9 @@ def _replay_there(
     packages: tuple[str, ...], records: list[Named], how: dict[str, Any], done: Replayed
 ) -> None:
     """Play records again in the interpreter with their package versions, if it is there."""
-    interpreter = find_interpreter(packages, versions_for_replay(record for _, record in records))
+    interpreter = interpreters.find_interpreter(
+        packages, versions_for_replay(record for _, record in records)
+    )
     if interpreter is None:
         reason = (
             f"of {' '.join(packages)}, with which there is no interpreter here: verify with "
@@ -245,8 +232,8 @@ def _replay_there(
         done.skipped[reason] += len(records)
         return
     try:
-        (found,) = call_there(interpreter, _replay_records, records, how)
-    except InterpreterError as error:
+        (found,) = interpreters.call_there(interpreter, _replay_records, records, how)
+    except interpreters.InterpreterError as error:
         done.skipped[f"that cannot be played again: {_line(error)}"] += len(records)
         return
     done.add(found)
@@ -266,7 +253,7 @@ def records_by_packages(store: EvidenceStore) -> dict[tuple[str, ...], list[Evid
 
 _VARIED = f"""
 SELECT any_value(record_id) AS record_id FROM records
-WHERE perturbation LIKE '%"{PACKAGES}"%' GROUP BY perturbation, env_id, engine
+WHERE perturbation LIKE '%"{interpreters.PACKAGES}"%' GROUP BY perturbation, env_id, engine
 """
 
 
@@ -278,7 +265,7 @@ def _hindrance(record: EvidenceRecord, own_code: bool, decided: bool) -> str | N
     foreign = not is_integ_environment(fields["env_id"])
     if foreign and not _is_seeded(record):
         return "of an environment whose state cannot be set"
-    if foreign and not start_follows_seed(record):
+    if foreign and not recomputing.start_follows_seed(record):
         return "of training, whose starts are not drawn from seeds of their own"
     if not (record.trace or decided):
         return "without a trace"
@@ -286,7 +273,9 @@ def _hindrance(record: EvidenceRecord, own_code: bool, decided: bool) -> str | N
         return UNDECIDED
     if decided and _has_lost_noise(record):
         return "whose noise cannot be drawn again"
-    if noise_source(record) is None and any(record.arguments().get(name) for name in DRAWN):
+    if recomputing.noise_source(record) is None and any(
+        record.arguments().get(name) for name in DRAWN
+    ):
         return "whose delays cannot be drawn again"
     if fields["float_width"] != 64 and not foreign and not _is_own_width(record):
         return "computed in 32 bits, which no environment here does"
@@ -331,7 +320,7 @@ def _has_lost_actions(record: EvidenceRecord) -> bool:
 
 def _has_lost_noise(record: EvidenceRecord) -> bool:
     """Whether it has sensor noise that cannot be drawn again."""
-    return bool(record.fields["observation_noise"]) and noise_source(record) is None
+    return bool(record.fields["observation_noise"]) and recomputing.noise_source(record) is None
 
 
 def _play(
@@ -368,18 +357,18 @@ def _play(
         name = record.fields["record_id"]
         first = None
         if name in played:
-            first = next(differences(record, played[name], 0.0, decided), None)
+            first = next(recomputing.differences(record, played[name], 0.0, decided), None)
             if first is None:
                 done.exact += 1
                 continue
-        if first is None or any(differences(record, played[name], tolerance, decided)):
+        if first is None or any(recomputing.differences(record, played[name], tolerance, decided)):
             if not decided and _has_lost_actions(record):
                 done.records -= 1
                 done.skipped[_LOST_ACTIONS] += 1
                 continue
             off.append((file, record))
         elif record.fields["engine"] == NATIVE:
-            done.close.setdefault(file, []).append(deviation(file, name, *first))
+            done.close.setdefault(file, []).append(recomputing.deviation(file, name, *first))
     nudged: dict[str, EvidenceRecord] = {}
     settable = is_integ_environment(records[0].fields["env_id"])
     if off and settable and not (exact or any(_has_lost_noise(record) for _, record in off)):
@@ -391,8 +380,11 @@ def _play(
             message = "the episode does not end within its length when it is played again"
             done.findings.append(Finding(file, name, message))
             continue
-        found = [deviation(file, name, *x) for x in differences(record, again, tolerance, decided)]
-        if other is None or any(differences(record, again, tolerance, decided, other)):
+        found = [
+            recomputing.deviation(file, name, *x)
+            for x in recomputing.differences(record, again, tolerance, decided)
+        ]
+        if other is None or any(recomputing.differences(record, again, tolerance, decided, other)):
             done.findings += found
         else:
             done.sensitive.append(found)
@@ -429,7 +421,7 @@ def _simulate(
     evaluated.
     """
     indices = [record.fields["episode_index"] for record in records]
-    contexts = [context_of(record.fields) for record in records]
+    contexts = [recomputing.context_of(record.fields) for record in records]
     recorder = RecordVectorEvidence(env, "", contexts, episodes=indices, commit_on_close=False)
     setup = recorder.unwrapped.setup  # type: ignore[attr-defined]
     asked = _actions(setup, records) if policy is None else None
@@ -446,7 +438,7 @@ def _simulate(
             parts = [np.asarray(act(part), dtype=np.float64) for act, part in decided]
             actions = np.concatenate(parts).reshape(recorder.action_space.shape)
         observation = recorder.step(actions)[0]
-    replays = [{i: replays_of(r.fields)} for i, r in zip(indices, records, strict=True)]
+    replays = [{i: recomputing.replays_of(r.fields)} for i, r in zip(indices, records, strict=True)]
     table = recorder.take(replays)
     recorder.close()
     return {} if table is None else {r.fields["record_id"]: r for r in records_of(table)}
@@ -481,7 +473,7 @@ def play_substeps(record: EvidenceRecord, own_code: bool = False) -> dict[str, A
 
     robot.ledger.note_steps(note)
     played = _simulate(env, [record], None).get(record.fields["record_id"])
-    if played is None or any(differences(record, played, 0.0, False)):
+    if played is None or any(recomputing.differences(record, played, 0.0, False)):
         raise EvidenceError(f"{record.fields['record_id']} comes out otherwise here")
     forces = [f"{name.removesuffix('_control')}_force" for name, _ in plant.controls]
     names = "time", *plant.coordinates, *plant.velocities, *forces, "contacts", "solver_iterations"
@@ -490,11 +482,11 @@ def play_substeps(record: EvidenceRecord, own_code: bool = False) -> dict[str, A
 
 def _start(recorder: RecordVectorEvidence, records: Sequence[EvidenceRecord], nudge: float) -> Any:
     """First observations, from starts and noise that are drawn again where they can be."""
-    if not nudge and all(map(start_follows_seed, records)):
+    if not nudge and all(map(recomputing.start_follows_seed, records)):
         return recorder.reset(seed=[record.fields["seed"] for record in records])[0]
     states = np.array([record.fields["initial_state"] for record in records])
     states = states + nudge * np.maximum(1.0, np.abs(states))
-    noise = [noise_source(record) or (None, 0) for record in records]
+    noise = [recomputing.noise_source(record) or (None, 0) for record in records]
     options = {"state": states, "episode": np.array([episode for _, episode in noise])}
     return recorder.reset(seed=[seed for seed, _ in noise], options=options)[0]
 
@@ -657,7 +649,7 @@ def replay_some(
             for _, record in block
             if record.fields["policy_hash"]
             and record.fields["fallback_count"] is not None
-            and may_have_fallen_back(record)
+            and recomputing.may_have_fallen_back(record)
         )
     for of_file in _by_file(store, decided):
         again(of_file, policy=policy, report=report, done=done)

@@ -11,8 +11,8 @@ from functools import cached_property
 from typing import Any, TextIO
 
 import numpy as np
-import numpy.typing as npt
 
+from integ_gym.envs.ops.ops import Array
 from integ_gym.envs.registries import ENVIRONMENTS
 from integ_gym.support.terminal import plural
 
@@ -22,8 +22,6 @@ from .parquet_file import check_schema, parts, read
 from .record import EvidenceRecord, records_of
 from .schema import EvidenceError, described, is_trace, pyarrow
 from .store import EvidenceStore
-
-Array = npt.NDArray[Any]
 
 
 def write_csv(records: Iterable[EvidenceRecord], file: TextIO) -> int:

@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from integ_gym.envs.ops.ops import Array
 from integ_gym.envs.settings import DISCRETIZATION, Setup
 from integ_gym.envs.transition import STATUS_NAMES
 
-from .episodes import Array, EpisodeLog, Episodes, Layout
+from .episodes import EpisodeLog, Episodes, Layout
 from .fields import SUMMARY_FIELDS, Field, staleness
 from .labels import EpisodeContext, EpisodeFacts, Replays, failure_label
 from .schema import arrow_schema, arrow_type, pyarrow

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 
 from integ_gym.envs.lanes import DiscretizedVectorEnv
+from integ_gym.envs.ops.ops import Array
 from integ_gym.support.errors import InputError
 
 from .episodes import EpisodeHeads
@@ -18,8 +18,6 @@ from .labels import EpisodeContext
 from .recorder import Recorder, all_setups, now, recorded
 from .reservation import Episodes, from_on
 from .store import EvidenceStore
-
-Array = npt.NDArray[Any]
 
 _WIDE, _GAP = 64, 8
 """Lanes in whole multiples of the first are set apart by a gap, for a processor's cache keeps few

@@ -17,6 +17,8 @@ Component: TypeAlias = Any
 Components: TypeAlias = tuple[Component, ...]
 """Generalized coordinates, velocities or forces: one entry per degree of freedom."""
 
+Array: TypeAlias = npt.NDArray[Any]
+
 Carry = TypeVar("Carry", bound=tuple[Any, ...])
 
 FLOAT32_MAX = 3.4028234663852886e38
@@ -196,9 +198,6 @@ def rebuild(pattern: Any, leaves: Sequence[Any]) -> Any:
     rest = iter(leaves)
     (tree,) = map_leaves(lambda _: next(rest), (pattern,))
     return tree
-
-
-Array = npt.NDArray[Any]
 
 
 class ArrayOps:

@@ -43,7 +43,7 @@ class Skeleton:
     """A robot's bodies, joints and geoms.
 
     Args:
-        described: see :func:`integ_gym.envs.testbeds.mjcf_skeleton.describe_skeleton`.
+        described: see :func:`integ_gym.envs.testbeds.mjcf_model.describe_skeleton`.
         start: joint positions that the picture is to hold, shape (nq,).
     """
 

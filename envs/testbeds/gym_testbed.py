@@ -16,19 +16,7 @@ from gymnasium.wrappers import TimeLimit
 from integ_gym.support.errors import InputError, translate_errors
 from integ_gym.support.parameters import unknown_name
 
-from ..foreign import (
-    COUNTS_DECISIONS,
-    Repeated,
-    ReturnGoal,
-    Rewards,
-    SequentialVectorEnv,
-    StatedEnv,
-    check_wrappers,
-    return_of_success,
-    time_limit,
-    without_time_limit,
-    wrappers_of,
-)
+from .. import foreign
 from ..lanes import DiscretizedVectorEnv
 from ..rediscretized import is_mujoco_task
 from ..settings import DELAYS, Discretization, whole_multiple
@@ -244,7 +232,7 @@ class SequentialTestbed:
 
     def join(self, make: Any, lanes: int, autoreset_mode: Any) -> DiscretizedVectorEnv:
         """The vector environment of what ``make`` makes for each lane."""
-        return SequentialVectorEnv(make, lanes, autoreset_mode)
+        return foreign.SequentialVectorEnv(make, lanes, autoreset_mode)
 
     def boundaries(self, environments: DiscretizedVectorEnv) -> Boundaries:
         """All four of a task of Gymnasium's MuJoCo environments; else observation and action."""
@@ -306,7 +294,7 @@ class GymTestbed(SequentialTestbed):
         self,
         env: gym.Env[Any, Any],
         discretization: Discretization,
-        rewards: Rewards | None = None,
+        rewards: foreign.Rewards | None = None,
     ) -> gym.Env[Any, Any]:
         """An environment whose step is one integration step, with an action per control period.
 
@@ -331,9 +319,9 @@ class GymTestbed(SequentialTestbed):
                 for a wrapper that would mean something else at another step.
         """
         period, count = split_period(self, discretization)
-        limit, stretch = time_limit(env), self._stretch(period)
-        lifted = without_time_limit(env)
-        env_of_periods: gym.Env[Any, Any] = Repeated(lifted, count, rewards, stretch)
+        limit, stretch = foreign.time_limit(env), self._stretch(period)
+        lifted = foreign.without_time_limit(env)
+        env_of_periods: gym.Env[Any, Any] = foreign.Repeated(lifted, count, rewards, stretch)
         return env_of_periods if limit is None else TimeLimit(env_of_periods, limit)
 
     def as_applied(self, integrator: str, dt: float, env: gym.Env[Any, Any]) -> Applied:
@@ -364,7 +352,7 @@ class GymTestbed(SequentialTestbed):
         """
         spec, wanted = self.registered, self.arguments.get("success_return")
         known = None if spec is None else spec.reward_threshold
-        goal = ReturnGoal(return_of_success(wanted, spec))
+        goal = foreign.ReturnGoal(foreign.return_of_success(wanted, spec))
         return Success(goal.words, "success_return", known)
 
     @cached_property
@@ -379,7 +367,7 @@ class GymTestbed(SequentialTestbed):
         """Those that can be chosen."""
         return self.choices
 
-    def lane(self, discretization: Discretization, arguments: dict[str, Any]) -> StatedEnv:
+    def lane(self, discretization: Discretization, arguments: dict[str, Any]) -> foreign.StatedEnv:
         """What was built, and what it applies.
 
         Raises:
@@ -393,8 +381,10 @@ class GymTestbed(SequentialTestbed):
         applied, wanted = self.read(env).discretization, arguments.get("success_return")
         stretch = self._stretch(applied.control_period)
         if stretch != 1.0:
-            check_wrappers("another control period", wrappers_of(env), COUNTS_DECISIONS)
-        return StatedEnv(env, applied, wanted, arguments, stretch)
+            foreign.check_wrappers(
+                "another control period", foreign.wrappers_of(env), foreign.COUNTS_DECISIONS
+            )
+        return foreign.StatedEnv(env, applied, wanted, arguments, stretch)
 
     def _stretch(self, period: float) -> float:
         """A control period, s, over the home's."""

@@ -23,14 +23,8 @@ from integ_gym.support.errors import (
 from integ_gym.support.optional import check_versions, load
 from integ_gym.support.parameters import suggestion
 
+from .. import environment
 from ..engines.stepping import without_idle_solver
-from ..environment import (
-    OTHER_TESTBEDS,
-    environment_class,
-    environment_setup,
-    is_integ_environment,
-    task_of,
-)
 from ..foreign import MixedEnv, SequentialVectorEnv
 from ..lanes import DiscretizedVectorEnv
 from ..rediscretized import RediscretizedEnv, integrator_numbers, rediscretize
@@ -145,7 +139,7 @@ def stock_task(env_id: str, arguments: Mapping[str, Any]) -> gym.Env[Any, Any]:
         ValueError: for an environment that Gymnasium cannot make or that is no MuJoCo task, or one
             without a time limit.
     """
-    possible = f"give {', '.join(ENVIRONMENTS)}, {OTHER_TESTBEDS}"
+    possible = f"give {', '.join(ENVIRONMENTS)}, {environment.OTHER_TESTBEDS}"
     module, _, name = env_id.rpartition(":")
     if module:
         with translate_errors(f"{module} cannot be imported"):
@@ -156,7 +150,7 @@ def stock_task(env_id: str, arguments: Mapping[str, Any]) -> gym.Env[Any, Any]:
         own = suggestion(env_id, ENVIRONMENTS)
         meant = "" if own.startswith("Did you mean") else f" {error}"
         raise InputError(
-            f"unknown environment: {env_id!r}.{meant} {own}, {OTHER_TESTBEDS}"
+            f"unknown environment: {env_id!r}.{meant} {own}, {environment.OTHER_TESTBEDS}"
         ) from error
     check_versions("robotics" if module else "mujoco")
     load("mujoco", "mujoco")
@@ -200,17 +194,19 @@ class IntegTestbed:
     @property
     def home(self) -> Discretization:
         """The environment's defaults."""
-        return Discretization.of(environment_setup(self.env_id, {}))
+        return Discretization.of(environment.environment_setup(self.env_id, {}))
 
     @property
     def success(self) -> Success:
         """The task's goal."""
-        return Success(task_of(environment_class(self.env_id), self.arguments).goal)
+        return Success(
+            environment.task_of(environment.environment_class(self.env_id), self.arguments).goal
+        )
 
     @property
     def controller(self) -> str:
         """Hand-made controllers are named as their tasks."""
-        return environment_class(self.env_id).task_name
+        return environment.environment_class(self.env_id).task_name
 
     def integrators(self, engine: str) -> tuple[str, ...]:
         """The engine's own names."""
@@ -275,7 +271,7 @@ def find_testbed(env_id: str, arguments: Mapping[str, Any]) -> Testbed:
 @lru_cache(maxsize=64)
 def _load_testbed(env_id: str, arguments: str) -> Testbed:
     given = json.loads(arguments)
-    if is_integ_environment(env_id):
+    if environment.is_integ_environment(env_id):
         return IntegTestbed(env_id, **given)
     if env_id in CLASSIC:
         return ClassicControl(env_id, **given)
@@ -399,7 +395,7 @@ def make_training_environments(
         TypeError, ValueError: for what cannot be made.
     """
     mode = AutoresetMode.SAME_STEP.value
-    if is_integ_environment(env_id):
+    if environment.is_integ_environment(env_id):
         return gym.make_vec(  # type: ignore[return-value]
             env_id, lanes, vectorization_mode="vector_entry_point", autoreset_mode=mode, **arguments
         )

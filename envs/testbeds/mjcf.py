@@ -12,7 +12,6 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-import numpy.typing as npt
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers import TimeLimit
@@ -22,6 +21,7 @@ from integ_gym.support.optional import load
 from integ_gym.support.parameters import positive, unknown_name
 
 from ..lanes import DiscretizedVectorEnv
+from ..ops.ops import Array
 from ..rediscretized import RediscretizedEnv, integrator_of
 from ..settings import DELAYS, TOLERANCE, Discretization
 from .boundaries import Boundaries
@@ -29,8 +29,6 @@ from .gym_testbed import Applied, Success, class_path, split_period, without_sta
 from .making import ENGINE, MujocoTestbed
 from .mjcf_engines import MODEL_ENGINES, ModelBoundaries, integrators_of_model
 from .mjcf_model import CompiledModel, compile_model
-
-Array = npt.NDArray[Any]
 
 TOGETHER = 64
 """Most robots that act together; for so many is a graph's batch probed."""

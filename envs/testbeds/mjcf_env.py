@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
 import numpy as np
-import numpy.typing as npt
 from gymnasium import spaces
 from gymnasium.envs.mujoco import MujocoEnv
 
@@ -23,19 +22,17 @@ from integ_gym.support.errors import InputError
 from ..environment import at_bounds
 from ..foreign import FURTHER, ForeignPlant, ReturnGoal, part_names
 from ..mujoco_ledger import Contacts
+from ..ops.ops import Array
 from ..rediscretized import RediscretizedEnv
 from ..registries import ENGINES
 from .making import ENGINE
 from .mjcf import Memory, Robot, read_only
 from .mjcf_engines import engine_of_model, integrators_of_model
 from .mjcf_figures import Figures, OneOfOne
-from .mjcf_model import describe_actuators
-from .mjcf_skeleton import describe_skeleton
+from .mjcf_model import describe_actuators, describe_skeleton
 
 if TYPE_CHECKING:
     from .mjcf import MjcfTestbed
-
-Array = npt.NDArray[Any]
 
 
 class Acting:

@@ -7,12 +7,10 @@ from math import hypot, nan
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from ..foreign import Further
 from ..mujoco_ledger import Contacts
-
-Array = npt.NDArray[Any]
+from ..ops.ops import Array
 
 
 class Look(NamedTuple):

@@ -11,7 +11,6 @@ from collections.abc import Callable
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 from gymnasium.vector.utils import batch_space
 
 from integ_gym.support.errors import InputError
@@ -19,12 +18,10 @@ from integ_gym.support.errors import InputError
 from ..foreign import FURTHER, SequentialVectorEnv, time_limit
 from ..lanes import as_floats, lane_seeds, mask_names
 from ..mujoco_ledger import NOTHING, Booked, Readings
-from ..ops.ops import join_state
+from ..ops.ops import Array, join_state
 from ..transition import DIVERGED, NOT_CONVERGED, OK, STATUS_NAMES
 from .mjcf import Memory
 from .mjcf_env import Acting, MjcfEnv
-
-Array = npt.NDArray[Any]
 
 _WORDS = np.array(STATUS_NAMES, dtype=object)
 

@@ -87,14 +87,14 @@ def rest_energy(plant: Plant, rest: Array) -> float:
     return float(plant.energy(ARRAY, *split_state(tuple(rest))))
 
 
-def energy_defect(plant: Plant, states: Array, control: float = 1.0) -> float:
+def energy_defect(plant: Plant, states: Array) -> float:
     """Largest |dE/dt − power + losses| by the largest of the terms, over states (lanes, n).
 
-    The power is that of the controls, each at ``control``, in its unit.
+    The power is that of the controls, each at 1, in its unit.
     """
     q, v = split_state(tuple(states.T))
     system = PlantSystem(plant)
-    controls = controls_of(plant, control)
+    controls = controls_of(plant, 1.0)
     acceleration, losses = system.rates(ARRAY, q, v, controls)
 
     def energy(shift: Array) -> Array:

@@ -20,8 +20,8 @@ from ..verdict import PolicyCell, PolicyComparison, compare_policies
 from . import result
 from .cells import Cell
 from .checking.comparing import ROUNDING, find_differences
-from .extrapolation import entry_at_limit
 from .findings import limits, paired_episodes, rankings, remedies, separations
+from .limit import entry_at_limit
 from .matrix import Matrix, PanelLayout, mean_success
 from .run_directory import RunDirectory
 

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from gymnasium.vector import AutoresetMode, VectorEnv
 
 from integ_gym.envs.lanes import DiscretizedVectorEnv
+from integ_gym.envs.ops.ops import Array
 from integ_gym.envs.settings import DELAYS, Discretization, Settings
 from integ_gym.evidence.fields import ATTEMPT, LATER_ATTEMPT, SECOND_HORIZON
 from integ_gym.evidence.labels import EpisodeContext, Replays
@@ -163,8 +164,6 @@ def _key(cell: Cell) -> Key:
 def _episode(said: Flags | HomeReplay, episode: int) -> Any:
     return bool(said[episode]) if isinstance(said, np.ndarray) else said
 
-
-Array = npt.NDArray[Any]
 
 Numbers = Callable[[int, int], int]
 

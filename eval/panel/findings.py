@@ -9,10 +9,10 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from integ_gym.envs import numerics
 from integ_gym.envs.engines.stepping import is_engine, map_of
+from integ_gym.envs.ops.ops import Array
 from integ_gym.envs.plants.interface import Plant
 from integ_gym.envs.registries import ENGINES, TRUTH
 from integ_gym.envs.settings import NATIVE, Discretization
@@ -23,8 +23,7 @@ from ..verdict import FAIL_MARGIN, UNSOLVED, Loss, adjust_for_look, share_of_loo
 from . import result
 from .cells import Cell, axes_between, changes_name
 from .conclusions import RETURN_MARGIN
-from .extrapolation import widen
-from .limit import order_of
+from .limit import order_of, widen
 from .matrix import Matrix, PanelLayout
 from .spec import PanelSpec
 
@@ -116,9 +115,6 @@ def _agreement(
 
 def _mean(values: Sequence[Any]) -> float:
     return float(np.concatenate([v.ravel() for v in values]).mean())
-
-
-Array = npt.NDArray[Any]
 
 
 def limits(layout: PanelLayout, matrix: Matrix) -> tuple[result.Limit, ...]:

@@ -13,14 +13,8 @@ from integ_gym.envs.testbeds.making import find_testbed, make_training_environme
 from integ_gym.envs.testbeds.mjcf import stock_arguments
 from integ_gym.support.errors import InputError
 from integ_gym.support.parameters import texts_of
+from integ_gym.train.policy_files import sidecar
 from integ_gym.train.policy_files.card import HASH_KEY
-from integ_gym.train.policy_files.sidecar import (
-    STOCK,
-    UNKNOWN,
-    Stated,
-    how_to_state,
-    stated_arguments,
-)
 
 from .cells import UNNAMED, DiscretizationMixture, Home, main_home
 
@@ -96,7 +90,7 @@ def card_arguments(card: Mapping[str, Any], env_id: str, own_code: bool) -> dict
 def provenance(
     env_id: str,
     card: Mapping[str, Any] | None,
-    stated: Stated,
+    stated: sidecar.Stated,
     given: Mapping[str, Any],
     own_code: bool = False,
 ) -> tuple[Provenance, DiscretizedVectorEnv]:
@@ -122,7 +116,7 @@ def provenance(
                 f"`{name}` is what the evaluation varies; leave it out of --env-arg, state the "
                 "policy's home with --home and choose cells with --integrator and --dt"
             )
-    stated_args = stated_arguments(stated, env_id, given)
+    stated_args = sidecar.stated_arguments(stated, env_id, given)
     arguments, origin = stated_args, _origin(stated, stated_args, env_id)
     known = "integrator" in stated_args
     if card is not None:
@@ -151,7 +145,10 @@ def provenance(
         _check_same(stated_args, _defaults(env_id, arguments) | arguments)
     trained_with = {name: x for name, x in arguments.items() if name not in VARIED}
     told_of = trained_with
-    if (card is not None or stated == STOCK) and set(given) - {*trained_with, *_OF_THE_EPISODE}:
+    if (card is not None or stated == sidecar.STOCK) and set(given) - {
+        *trained_with,
+        *_OF_THE_EPISODE,
+    }:
         without = stock_arguments(find_testbed(env_id, given)) if ":" in env_id else {}
         told_of = _defaults(env_id, {**without, **arguments}) | trained_with
     overridden = {n: x for n, x in told_of.items() if n in given and given[n] != x}
@@ -159,11 +156,13 @@ def provenance(
     return Provenance(home, period, environment, origin, trained_with, overridden), environments
 
 
-def _check_period_of(stated: Stated, arguments: Mapping[str, Any], home: Home, origin: str) -> None:
+def _check_period_of(
+    stated: sidecar.Stated, arguments: Mapping[str, Any], home: Home, origin: str
+) -> None:
     """Refuse to state less than a side-car says, unless it is the same."""
     periods = {member.control_period for member in home.shares}
     said = arguments.get("control_period")
-    if stated == UNKNOWN or not all(said is None or math.isclose(said, p) for p in periods):
+    if stated == sidecar.UNKNOWN or not all(said is None or math.isclose(said, p) for p in periods):
         says = "the home is unknown" if said is None else f"control period {said:g} s"
         raise InputError(
             f"--home says {says} and {origin} {_home_words(home)}; leave out --home, or write the "
@@ -218,12 +217,12 @@ def _defaults(env_id: str, arguments: Mapping[str, Any]) -> dict[str, Any]:
     return {name: x for name, x in setup.arguments().items() if name not in _OF_THE_EPISODE}
 
 
-def _origin(stated: Stated, arguments: Mapping[str, Any], env_id: str) -> str:
-    if stated == STOCK:
+def _origin(stated: sidecar.Stated, arguments: Mapping[str, Any], env_id: str) -> str:
+    if stated == sidecar.STOCK:
         return "stated: the environment as its library makes it"
     if "integrator" in arguments:
         return "stated"
-    return f"no side-car says it, and none was stated; {how_to_state(env_id)}"
+    return f"no side-car says it, and none was stated; {sidecar.how_to_state(env_id)}"
 
 
 def _with_step(arguments: Mapping[str, Any]) -> dict[str, Any]:

@@ -9,9 +9,9 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from integ_gym.envs.foreign import ASSUMED_RATE
+from integ_gym.envs.ops.ops import Array
 from integ_gym.evidence.labels import SENTENCE_COLUMNS, failure_sentence
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.support.errors import InputError
@@ -22,13 +22,10 @@ from ..power import Comparison
 from .achieve import Tried
 from .cells import AppliedDiscretization, Cell, Home, cell_at, main_home
 from .contracts import Contracts, is_kept
-from .extrapolation import AtLimit, extrapolate, widen
-from .limit import PARTS
+from .limit import PARTS, AtLimit, extrapolate, widen
 from .result import Entry, Failure, Limit, Look, Measure, Policy, Row
 from .run_directory import Seen, looks_before, spent_by
 from .spec import PanelSpec
-
-Array = npt.NDArray[Any]
 
 COLUMNS = (
     "policy_id", "cell", "episode_index", "record_id", "success", '"return"', "time_to_success",

@@ -12,10 +12,9 @@ from pathlib import Path
 from typing import Any, Final, Literal, NamedTuple, TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 
 from integ_gym.envs.environment import environment_setup
-from integ_gym.envs.ops.ops import SCALAR
+from integ_gym.envs.ops.ops import SCALAR, Array
 from integ_gym.envs.registries import ENVIRONMENTS, INTEGRATORS
 from integ_gym.envs.settings import NATIVE, Setup
 from integ_gym.envs.steps import Script, script_of
@@ -34,8 +33,6 @@ from ..power import WITHOUT_VERDICT
 from ..verdict import UNSOLVABLE
 from .forests import ordered_verdicts
 from .task import panel_setup, typical_start, visible_places
-
-Array = npt.NDArray[Any]
 
 LEDGER: Final = ("motor", "numerics", "losses")
 """What adds up to the change of energy, losses taken away."""
@@ -189,7 +186,7 @@ class Episodes:
         traces: of the leads.
         live: what can be simulated anew; None where nothing can.
         skeleton: of which a robot is drawn, see
-            :func:`integ_gym.envs.testbeds.mjcf_skeleton.describe_skeleton`; None: no robot.
+            :func:`integ_gym.envs.testbeds.mjcf_model.describe_skeleton`; None: no robot.
     """
 
     outcomes: AllOutcomes

@@ -18,7 +18,7 @@ from typing import Any, Final
 import numpy as np
 from gymnasium import spaces
 
-from integ_gym.envs.ops.ops import split_state
+from integ_gym.envs.ops.ops import Array, split_state
 from integ_gym.evidence.labels import failure_sentence
 from integ_gym.support.terminal import compact, fixed, nonbreaking, percent, step
 from integ_gym.train.policy import MlpPolicy
@@ -28,7 +28,7 @@ from ..panel.cells import Cell
 from ..panel.result import Entry, Panel, Row
 from ..statistics import Estimate
 from . import matrices
-from .episodes import LEDGER, Array, Episodes, Trace, choice_words
+from .episodes import LEDGER, Episodes, Trace, choice_words
 from .task import Task
 
 UNKNOWN: Final = -32768

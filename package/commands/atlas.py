@@ -6,8 +6,7 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from integ_gym.eval.atlas.publishing import publish
-from integ_gym.eval.atlas.running import again, missing, run_blocks
+from integ_gym.eval.atlas.running import again, missing, publish, run_blocks
 from integ_gym.eval.atlas.specification import Atlas, Block, read_atlas
 from integ_gym.eval.atlas.summaries import Agreement
 from integ_gym.eval.panel.costs import policy_costs, total_cost

@@ -20,8 +20,7 @@ from small_panel import every_format
 
 from integ_gym.cli import main
 from integ_gym.envs.settings import Discretization
-from integ_gym.eval.atlas.publishing import publish
-from integ_gym.eval.atlas.running import finished, missing, summary_path
+from integ_gym.eval.atlas.running import finished, missing, publish, summary_path
 from integ_gym.eval.atlas.specification import (
     critical_limit,
     read_atlas,

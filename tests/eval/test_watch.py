@@ -176,7 +176,7 @@ def test_a_record_is_refused_in_one_line(
 ):
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
     monkeypatch.setattr(
-        of_record, "play_episode", lambda *a, **k: pytest.fail("an episode was run")
+        of_record.film, "play_episode", lambda *a, **k: pytest.fail("an episode was run")
     )
     if " = " in record or " LIKE " in record:
         record = record_where(panel_directory, record)["record_id"]

@@ -304,9 +304,7 @@ def train_chunk(
         return trainer.outcomes(trainer.train(on_steps))
 
 
-def train_in_stages(
-    stages: Sequence[Sequence[PPOConfig]], on_steps: Callable[[int], None] | None = None
-) -> list[Outcome]:
+def train_in_stages(stages: Sequence[Sequence[PPOConfig]]) -> list[Outcome]:
     """Train policies in one environment after another, in this process.
 
     Each stage takes an equal share of the rollouts of a whole run. Networks, optimizer and learning
@@ -315,7 +313,6 @@ def train_in_stages(
     Args:
         stages: the runs of each stage, in the same order; they differ in environment arguments
             alone.
-        on_steps: see :func:`train_chunk`.
 
     Returns:
         What the last stage gave, with its time alone.
@@ -334,7 +331,7 @@ def train_in_stages(
             raise InputError(f"{len(stages)} stages of {rollouts} rollouts: some would have none")
         ends = [round(place * rollouts / len(stages)) for place in range(len(stages) + 1)]
         for trainer, begun, ended in zip(trainers, ends, ends[1:], strict=False):
-            learner = trainer.train(on_steps, ended - begun, learner)
+            learner = trainer.train(None, ended - begun, learner)
         assert learner is not None
         return trainers[-1].outcomes(learner)
 

@@ -29,39 +29,22 @@ from ..policy import (
     ObservationStatistics,
     expand_bound,
 )
-from . import card
+from . import card, sb3_weights
 from .card import DAMAGED, PolicyFileError
 from .pickles import looks_pickled, read_number_type, read_vec_normalize
-from .sb3_weights import (
-    SHARED,
-    Json,
-    activation_name,
-    actor_class,
-    average_quantiles,
-    hidden_sizes,
-    json_object,
-    layers_of,
-    load_tensors,
-    mean_limit,
-    parse_class_name,
-    policy_kwargs,
-    quantile_count,
-    section,
-    squashed,
-)
 
 _PASS_BOUNDS = "pass action_bounds=(low, high)"
 _NUMBER_TEXT = re.compile(r"[-+]?(?:inf|\d+\.(?P<decimals>\d*)(?P<exponent>e[-+]\d+)?)")
 
 
-def _space_kind(space: Json) -> str:
+def _space_kind(space: sb3_weights.Json) -> str:
     """Class name of a Gymnasium (or Gym) space, for example `Box`."""
     text = str(space.get(":type:", "a space without a readable type"))
-    parts = parse_class_name(text).split(".")
+    parts = sb3_weights.parse_class_name(text).split(".")
     return parts[-1] if parts[:2] in (["gymnasium", "spaces"], ["gym", "spaces"]) else text
 
 
-def box_size(space: Json, what: str) -> int:
+def box_size(space: sb3_weights.Json, what: str) -> int:
     """How many numbers a `Box` has, which SB3 flattens; a message calls it ``what``."""
     kind, shape = _space_kind(space), _shape(space)
     sizes = shape if isinstance(shape, list) else []
@@ -74,13 +57,13 @@ def box_size(space: Json, what: str) -> int:
     return math.prod(sizes)
 
 
-def _shape(space: Json) -> Any:
+def _shape(space: sb3_weights.Json) -> Any:
     """Of a space: files that were written under gym store ``shape``, later ones ``_shape``."""
     return space.get("_shape", space.get("shape"))
 
 
 def make_decoder(
-    space: Json,
+    space: sb3_weights.Json,
     squash: bool,
     action_bounds: tuple[ArrayLike, ArrayLike] | None,
     limit: float = math.inf,
@@ -108,7 +91,7 @@ def make_decoder(
 
 
 def _discrete_actions(
-    space: Json, squash: bool, action_bounds: tuple[ArrayLike, ArrayLike] | None
+    space: sb3_weights.Json, squash: bool, action_bounds: tuple[ArrayLike, ArrayLike] | None
 ) -> DiscreteActions:
     """A `Discrete` space that counts from 0."""
     n, start = str(space.get("n")), str(space.get("start", "0"))
@@ -125,7 +108,7 @@ def _discrete_actions(
     return DiscreteActions(int(n))
 
 
-def _parse_bound(space: Json, name: str, size: int) -> FloatArray:
+def _parse_bound(space: sb3_weights.Json, name: str, size: int) -> FloatArray:
     """A bound from the text NumPy printed for it, float32 of shape (size,).
 
     NumPy prints eight decimals. From 0.125 up that settles a float32; below, a number of more than
@@ -210,7 +193,7 @@ def read_observation_statistics(path: str | os.PathLike[str]) -> ObservationStat
         content = read_bounded(file, card.MAX_JSON_BYTES)
         if looks_pickled(content):
             return read_vec_normalize(content)
-        return _statistics(json_object(content, "the file {}"))
+        return _statistics(sb3_weights.json_object(content, "the file {}"))
     except OSError as error:
         reason = f"cannot be opened ({error.strerror})"
         raise PolicyFileError(f"{file}: {reason}; {remedy}") from error
@@ -218,7 +201,7 @@ def read_observation_statistics(path: str | os.PathLike[str]) -> ObservationStat
         raise PolicyFileError(f"{file}: {error}; {remedy}") from error
 
 
-def _statistics(fields: Json) -> ObservationStatistics:
+def _statistics(fields: sb3_weights.Json) -> ObservationStatistics:
     """Statistics from parsed JSON; raises ValueError with what is wrong."""
     if not {"mean", "var"} <= set(fields) <= {"mean", "var", *_DEFAULTS}:
         raise InputError(
@@ -362,7 +345,7 @@ def read_archive(
     policy_id: str,
     statistics: ObservationStatistics | None,
     action_bounds: tuple[ArrayLike, ArrayLike] | None,
-    load: Callable[[bytes], Mapping[str, Any]] = load_tensors,
+    load: Callable[[bytes], Mapping[str, Any]] = sb3_weights.load_tensors,
 ) -> MlpPolicy:
     """The policy in a zip of that name.
 
@@ -377,27 +360,34 @@ def read_archive(
         ValueError: what is wrong with the zip or the policy, without a file's name.
     """
     data, weights = _read_members(archive)
-    actor, kwargs = actor_class(data), policy_kwargs(data)
-    inputs = box_size(section(data, "observation_space"), "observation space")
-    activation, squash = activation_name(kwargs, actor), squashed(data, kwargs, actor)
-    limit = mean_limit(data, kwargs, actor)
-    actions = make_decoder(section(data, "action_space"), squash, action_bounds, limit)
+    actor, kwargs = sb3_weights.actor_class(data), sb3_weights.policy_kwargs(data)
+    inputs = box_size(sb3_weights.section(data, "observation_space"), "observation space")
+    activation, squash = (
+        sb3_weights.activation_name(kwargs, actor),
+        sb3_weights.squashed(data, kwargs, actor),
+    )
+    limit = sb3_weights.mean_limit(data, kwargs, actor)
+    actions = make_decoder(sb3_weights.section(data, "action_space"), squash, action_bounds, limit)
     if actor.discrete not in (None, isinstance(actions, DiscreteActions)):
         raise PolicyFileError(
             f"the action space {actions} is none that {actor.algorithms[0]} can have; {DAMAGED}"
         )
     tensors = load(weights)
-    shared, own = hidden_sizes(kwargs, actor, any(name.startswith(SHARED) for name in tensors))
+    shared, own = sb3_weights.hidden_sizes(
+        kwargs, actor, any(name.startswith(sb3_weights.SHARED) for name in tensors)
+    )
     names = actor.names(len(shared), len(own), limit < math.inf)
-    quantiles = quantile_count(kwargs, actor)
+    quantiles = sb3_weights.quantile_count(kwargs, actor)
     sizes = (inputs, *shared, *own, quantiles * actions.size)
-    layers = layers_of(tensors, dict(zip(names, pairwise(sizes), strict=True)), actor.unused)
+    layers = sb3_weights.layers_of(
+        tensors, dict(zip(names, pairwise(sizes), strict=True)), actor.unused
+    )
     return MlpPolicy(
-        average_quantiles(layers, quantiles), activation, actions, statistics, policy_id
+        sb3_weights.average_quantiles(layers, quantiles), activation, actions, statistics, policy_id
     )
 
 
-def _read_members(file: Path | BinaryIO) -> tuple[Json, bytes]:
+def _read_members(file: Path | BinaryIO) -> tuple[sb3_weights.Json, bytes]:
     """What `data` says, and the bytes of `policy.pth`, checked for presence and size."""
     try:
         if isinstance(file, Path):
@@ -405,7 +395,7 @@ def _read_members(file: Path | BinaryIO) -> tuple[Json, bytes]:
         with zipfile.ZipFile(file) as archive:
             data = read_member(archive, "data", card.MAX_JSON_BYTES)
             weights = read_member(archive, "policy.pth", card.MAX_WEIGHTS_BYTES)
-        return json_object(data, f"its member 'data' {{}}; {DAMAGED}"), weights
+        return sb3_weights.json_object(data, f"its member 'data' {{}}; {DAMAGED}"), weights
     except PolicyFileError:
         raise
     except zipfile.BadZipFile as error:

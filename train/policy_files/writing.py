@@ -20,16 +20,10 @@ from integ_gym.support.errors import InputError, InputTypeError
 from integ_gym.support.files import replace_file
 
 from ..policy import BoxActions, MlpPolicy
+from . import reading
 from .card import FORMAT, PolicyFileError, card_bytes, hashed
 from .onnx import onnx_bytes
 from .programs import ProgramPolicy, is_torchscript
-from .reading import (
-    ONNX_ENDING,
-    SAFETENSORS_ENDING,
-    STATE_DICT_ENDINGS,
-    read_weights,
-    unscaled,
-)
 from .safetensors_file import safetensors_bytes
 from .sb3_zip import GivenStatistics, lacks_statistics, observation_statistics_of, read_sb3_model
 from .sidecar import Stated, has_sidecar, read_trained, stated_arguments
@@ -114,9 +108,9 @@ def write_sidecar(
             **_describe_training(env_id, home, environment),
         }
     )
-    card["content_hash"] = read_weights(file, card).content_hash
-    if unscaled(file, card):
-        if file.suffix.lower() not in STATE_DICT_ENDINGS:
+    card["content_hash"] = reading.read_weights(file, card).content_hash
+    if reading.unscaled(file, card):
+        if file.suffix.lower() not in reading.STATE_DICT_ENDINGS:
             raise PolicyFileError(f"{file}: {_UNSCALED}")
         card["network"]["scaled"] = True
         warnings.warn(f"{file}: {_NORMALIZED}", stacklevel=2)
@@ -127,9 +121,9 @@ def write_sidecar(
 
 def _check_arguments(file: Path, activation: Any, actions: Any, action_bounds: Any) -> None:
     """Refuse what is said of a file that says it itself, or twice."""
-    of_state_dict = file.suffix.lower() in STATE_DICT_ENDINGS and not is_torchscript(file)
+    of_state_dict = file.suffix.lower() in reading.STATE_DICT_ENDINGS and not is_torchscript(file)
     given = {"activation": activation, "actions": actions}
-    if file.suffix.lower() in (ONNX_ENDING, SAFETENSORS_ENDING):
+    if file.suffix.lower() in (reading.ONNX_ENDING, reading.SAFETENSORS_ENDING):
         given["action_bounds"] = action_bounds
     for name, value in given.items():
         if value is not None and not of_state_dict:
@@ -208,11 +202,11 @@ def save_policy(
             policy's.
     """
     file, name = Path(path), policy_id or Path(path).stem
-    if file.suffix not in (ONNX_ENDING, SAFETENSORS_ENDING):
+    if file.suffix not in (reading.ONNX_ENDING, reading.SAFETENSORS_ENDING):
         raise InputError(f"a policy is saved as .onnx or .safetensors, got {file.name!r}")
     own = _feed_forward(policy, name, obs_stats)
     training = _describe_training(env_id, home, environment)
-    if file.suffix == SAFETENSORS_ENDING:
+    if file.suffix == reading.SAFETENSORS_ENDING:
         sidecar = file.with_suffix(".json")
         others = [p for p in file.parent.glob(f"{file.stem}.*") if p not in (file, sidecar)]
         if not file.exists() and sidecar.exists() and others:
@@ -235,9 +229,9 @@ def _feed_forward(policy: Any, name: str, obs_stats: GivenStatistics) -> MlpPoli
         if has_sidecar(path):
             policy, card = read_trained(path)
         if card is None or obs_stats is not None:
-            policy = read_weights(path, card, obs_stats)
-        if obs_stats is None and unscaled(path, card):
-            known = path.suffix.lower() in STATE_DICT_ENDINGS
+            policy = reading.read_weights(path, card, obs_stats)
+        if obs_stats is None and reading.unscaled(path, card):
+            known = path.suffix.lower() in reading.STATE_DICT_ENDINGS
             raise PolicyFileError(f"{path}: {_NORMALIZED if known else _UNSCALED}")
     else:
         given = observation_statistics_of(obs_stats)

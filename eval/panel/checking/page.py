@@ -9,6 +9,7 @@ from pathlib import Path
 
 import msgspec
 
+from integ_gym.evidence.recomputing import UNFIT
 from integ_gym.evidence.schema import Finding
 from integ_gym.evidence.sealing import find_broken_seals
 from integ_gym.evidence.store import EvidenceStore
@@ -23,7 +24,7 @@ from ..result import FILE_NAME, OtherVersionError, Panel, read_panel
 from ..run_directory import MANIFEST, RunDirectory, RunDirectoryError
 from ..spec import PanelSpec
 from .comparing import ROUNDING, denial, deny
-from .plan import UNFIT, of_sample, planned, refuse_first
+from .plan import of_sample, planned, refuse_first
 
 
 def deviations(

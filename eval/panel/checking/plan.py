@@ -12,7 +12,7 @@ from typing import Any
 
 from integ_gym.envs.engines.stepping import engine_versions
 from integ_gym.evidence.fields import FIRST_WRITTEN, SCHEMA_VERSION
-from integ_gym.evidence.recomputing import recompute
+from integ_gym.evidence.recomputing import UNFIT, recompute
 from integ_gym.evidence.replaying import replay_some
 from integ_gym.evidence.schema import Finding
 from integ_gym.evidence.sealing import SEAL_FILE
@@ -120,10 +120,6 @@ def planned(path: Path, own_code: bool, all_searches: bool = False) -> Iterator[
             yield from part
         except UNFIT as error:  # what cannot be read ends its own part alone
             yield Finding(MANIFEST, None, unfit(error))
-
-
-UNFIT = (ArithmeticError, AttributeError, LookupError, TypeError, ValueError)
-"""What values of a stranger's end in, where others were expected."""
 
 
 def unfit(error: Exception) -> str:

@@ -19,8 +19,7 @@ from integ_gym.envs.testbeds.making import find_testbed
 from integ_gym.eval.panel.cells import Cell, SpecError
 from integ_gym.eval.panel.claims import parse_claim
 from integ_gym.eval.panel.conclusions import answer_lines, finding_of, limit_words
-from integ_gym.eval.panel.extrapolation import extrapolate
-from integ_gym.eval.panel.limit import PARTS, order_of, steps_of_limit
+from integ_gym.eval.panel.limit import PARTS, extrapolate, order_of, steps_of_limit
 from integ_gym.eval.panel.matrix import PanelLayout
 from integ_gym.eval.panel.plan import read_planned_spec
 from integ_gym.eval.panel.result import Panel, Policy, Row, read_panel
