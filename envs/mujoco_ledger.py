@@ -83,8 +83,8 @@ class Contacts(dict[int, Any]):
         return self.data.solver.gradient
 
 
-ROOM = {"distances": 8, "positions": 64}
-"""Contacts and rows of constraints in a timestep of which all are kept, not the least alone."""
+_NEAREST = ("distances", "positions")
+"""Of contacts, and of rows of constraints."""
 
 
 class Readings:
@@ -97,9 +97,12 @@ class Readings:
         data: in which the lanes are stepped.
         lanes: how many.
         count: timesteps.
+        room: contacts and rows of constraints in a timestep of which all are kept, not the least
+            alone.
 
     Attributes:
         contacts: of the data.
+        room: as given.
         start: where to the positions and velocities before the first timestep are read.
         steps: of each timestep, where to forces, positions, velocities, iterations, distances of
             contacts and positions of constraints after it are read.
@@ -108,15 +111,17 @@ class Readings:
         constrained: whether a constraint acted, of each lane.
     """
 
-    def __init__(self, model: Any, data: Any, lanes: int, count: int) -> None:
-        self.contacts = Contacts(data)
+    def __init__(
+        self, model: Any, data: Any, lanes: int, count: int, room: tuple[int, int] = (8, 64)
+    ) -> None:
+        self.contacts, self.room = Contacts(data), room
         self.constrained, self.taken = np.zeros(lanes, bool), np.zeros(lanes, np.int64)
         shapes = {
             "q": (count + 1, model.nq),
             "v": (count + 1, model.nv),
             "force": (count, model.nv),
         }
-        shapes |= {name: (count, size) for name, size in ROOM.items()}
+        shapes |= {name: (count, size) for name, size in zip(_NEAREST, room, strict=True)}
         ends = np.cumsum([0, *(steps * size for steps, size in shapes.values())]).tolist()
         self._row, self._rows = np.zeros(ends[-1]), np.zeros((lanes, ends[-1]))
         one, every = {}, {}
@@ -128,7 +133,7 @@ class Readings:
         self.used = np.zeros((lanes, *self._used.shape), np.int32)
         self.start = one["q"][0], one["v"][0]
         ends_of_steps = one["q"][1:], one["v"][1:]
-        parts = one["force"], *ends_of_steps, self._used, *(one[name] for name in ROOM)
+        parts = one["force"], *ends_of_steps, self._used, *(one[name] for name in _NEAREST)
         self.steps = [*zip(*parts, strict=True)]
 
     def __getitem__(self, name: str) -> Array:
@@ -267,7 +272,7 @@ class Ledger:
         contacts, model, step = readings.contacts, self._model, self._step
         data, staged, resets = contacts.data, self.staged, self._resets
         q, v, force, used = data.qpos, data.qvel, data.qfrc_actuator, data.solver_niter
-        room_of_contacts, room_of_rows = ROOM.values()
+        room_of_contacts, room_of_rows = readings.room
         readings.begin()
         first_q, first_v = readings.start
         first_q[:], first_v[:] = q, v
@@ -313,7 +318,7 @@ class Ledger:
         worst = [
             # what is beyond in no timestep is 0.0, and not -0.0
             0.0 + np.fmax.reduce(-values.min(axis=2), axis=1, initial=0.0)
-            for values in map(readings.__getitem__, ROOM)
+            for values in map(readings.__getitem__, _NEAREST)
         ]
         return Booked(work, lost, readings.constrained.copy(), used, *worst)
 

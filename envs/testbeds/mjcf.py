@@ -28,7 +28,7 @@ from .boundaries import Boundaries
 from .gym_testbed import Applied, Success, class_path, split_period, without_stated
 from .making import ENGINE, MujocoTestbed
 from .mjcf_engines import MODEL_ENGINES, ModelBoundaries, integrators_of_model
-from .mjcf_model import CompiledModel, compile_model
+from .mjcf_model import CompiledModel, compile_model, compile_sensing
 
 TOGETHER = 64
 """Most robots that act together; for so many is a graph's batch probed."""
@@ -261,6 +261,11 @@ class MjcfTestbed(MujocoTestbed):
                 f"{signature(self.model)}: {error}"
             ) from error
         return compile_model(self.model(**own))
+
+    @cached_property
+    def sensing(self) -> Any:
+        """See :func:`.mjcf_model.compile_sensing`."""
+        return compile_sensing(self.model(**model_arguments(self.arguments)))
 
     @property
     def home(self) -> Discretization:

@@ -21,18 +21,10 @@ from ..mujoco_ledger import NOTHING, Booked, Readings
 from ..ops.ops import Array, join_state
 from ..transition import DIVERGED, NOT_CONVERGED, OK, STATUS_NAMES
 from .mjcf import Memory
+from .mjcf_batch import ROOM, BatchSteps, steps_in_batch
 from .mjcf_env import Acting, MjcfEnv
 
 _WORDS = np.array(STATUS_NAMES, dtype=object)
-
-CARRIED: Final = (
-    "qpos", "qvel", "act", "qacc_warmstart", "ctrl", "mocap_pos", "mocap_quat", "userdata",
-    "eq_active",
-)  # fmt: skip
-"""Fields of `MjData` that are a lane's own from one step to the next, beside the time."""
-
-LOADS: Final = ("qfrc_applied", "xfrc_applied")
-"""Likewise, as they were when its episode began."""
 
 RAGGED: Final = ("contact", "efc_", "iefc_", "solver", "warning", "timer")
 """How names of fields begin that lanes have not of one size."""
@@ -45,69 +37,60 @@ class LaneData:
         mujoco: the module.
         model: compiled.
         data: holds the state of one lane after the other.
-        lanes: how many.
+        states: of all, as `mj_getState` gives what a step begins with, shape (lanes, numbers).
     """
 
-    def __init__(self, mujoco: Any, model: Any, data: Any, lanes: int) -> None:
-        self._forward, self._model, self._data = mujoco.mj_forward, model, data
-        self.time = np.zeros(lanes)
-        self.rows: dict[str, Array] = {}
+    def __init__(self, mujoco: Any, model: Any, data: Any, states: Array) -> None:
+        self._mujoco, self._model, self._data = mujoco, model, data
+        self._states, self._whole = [*states], int(mujoco.mjtState.mjSTATE_INTEGRATION)
+        self.rows = _state_fields(mujoco, model, data, states)
         self._kept: list[tuple[Any, Array]] = []
-        self._carried: list[tuple[Any, Array]] = []
-        for name in (*CARRIED, *LOADS):
-            self._note(name)
 
     def __getattr__(self, name: str) -> Array:
         if name.startswith("__"):  # as copying asks
             raise AttributeError(name)
         if name not in self.rows:
-            self._note(name)
-            for lane in range(len(self.time)):
+            field = getattr(self._data, name, None)
+            if not isinstance(field, np.ndarray) or name.startswith(RAGGED):
+                raise InputError(
+                    f"`robot.data.{name}` is not there for many robots at once; use what is an "
+                    "array of one size, such as `xpos`, or leave out `together = True`"
+                )
+            self.rows[name] = np.zeros((len(self._states), *field.shape), field.dtype)
+            for lane in range(len(self._states)):
                 self.put(lane)
-                self._forward(self._model, self._data)
-                self.rows[name][lane] = getattr(self._data, name)
-            self._kept.append((getattr(self._data, name), self.rows[name]))
+                self._mujoco.mj_forward(self._model, self._data)
+                self.rows[name][lane] = field
+            self._kept.append((field, self.rows[name]))
         shown = self.rows[name].view()
         shown.setflags(write=False)
         return shown
 
-    def _note(self, name: str) -> None:
-        """Make room for a field."""
-        field = getattr(self._data, name, None)
-        if not isinstance(field, np.ndarray) or name.startswith(RAGGED):
-            raise InputError(
-                f"`robot.data.{name}` is not there for many robots at once; use what is an array "
-                "of one size, such as `xpos`, or leave out `together = True`"
-            )
-        self.rows[name] = np.zeros((len(self.time), *field.shape), field.dtype)
-
-    def begin(self, lane: int) -> None:
-        """Keep the state in which a lane's episode begins."""
-        for name, rows in self.rows.items():
-            rows[lane] = getattr(self._data, name)
-        self.time[lane] = self._data.time
-
-    def carry(self) -> None:
-        """Choose what is a lane's own: loads that all lanes are without are left out."""
-        for name in LOADS:
-            getattr(self._data, name)[:] = 0.0
-        own = [name for name in CARRIED if self.rows[name].size]
-        loaded = [name for name in LOADS if self.rows[name].any()]
-        self._carried = [(getattr(self._data, n), self.rows[n]) for n in (*own, *loaded)]
-        read = [name for name in self.rows if name in own or name not in (*CARRIED, *LOADS)]
-        self._kept = [(getattr(self._data, name), self.rows[name]) for name in read]
-
     def put(self, lane: int) -> None:
         """Put a lane's state into the data."""
-        for field, rows in self._carried:
-            field[:] = rows[lane]
-        self._data.time = self.time[lane]
+        self._mujoco.mj_setState(self._model, self._data, self._states[lane], self._whole)
+
+    def take(self, lane: int) -> None:
+        """Take a lane's state from the data."""
+        self._mujoco.mj_getState(self._model, self._data, self._states[lane], self._whole)
 
     def keep(self, lane: int) -> None:
-        """Keep the fields as they are for a lane."""
+        """Keep what else is read of a lane as it is in the data, where `mj_forward` was called."""
         for field, rows in self._kept:
             rows[lane] = field
-        self.time[lane] = self._data.time
+
+
+def _state_fields(mujoco: Any, model: Any, data: Any, states: Array) -> dict[str, Array]:
+    """Parts of some data's states, by the names of its fields."""
+    fields, begin = {}, 0
+    kinds = {int(k): n for n, k in mujoco.mjtState.__members__.items() if n.startswith("mjSTATE")}
+    for kind in sorted(kind for kind in kinds if kind.bit_count() == 1):
+        name = kinds[kind].removeprefix("mjSTATE_").lower()
+        name = {"warmstart": "qacc_warmstart", "plugin": "plugin_state"}.get(name, name)
+        end = begin + mujoco.mj_stateSize(model, kind)
+        shape = np.shape(getattr(data, name))
+        fields[name], begin = states[:, begin:end].reshape(len(states), *shape), end
+    return fields
 
 
 class ActingTogether(Acting):
@@ -151,8 +134,17 @@ class RobotLanes(SequentialVectorEnv):
         self._model, self._mujoco = self._env.model, self._env.mujoco
         data, timing = self._task.data, self._env.setup.timing
         self._data = data
-        self._lane_data = LaneData(self._mujoco, self._model, data, n)
-        self._readings = Readings(self._model, data, n, timing.substeps)
+        of_all = n, timing.substeps
+        self._batch: BatchSteps | None = None
+        if steps_in_batch(self._mujoco, self._model):
+            sensing = self._task.testbed.sensing
+            self._batch = BatchSteps(self._mujoco, self._model, sensing, *of_all)
+            states, self._readings = self._batch.states, Readings(self._model, data, *of_all, ROOM)
+        else:
+            whole = int(self._mujoco.mjtState.mjSTATE_INTEGRATION)
+            states = np.zeros((n, self._mujoco.mj_stateSize(self._model, whole)))
+            self._readings = Readings(self._model, data, *of_all)
+        self._lane_data = LaneData(self._mujoco, self._model, data, states)
         self._period, self._horizon = timing.control_period, timing.horizon
         self._limit = time_limit(self._env) or math.inf
         self._flags = int(self._model.opt.disableflags)
@@ -216,7 +208,8 @@ class RobotLanes(SequentialVectorEnv):
             self._goals[lane].begin()
             self._commands[lane] = task.command
             self._energy[lane], self._control[lane] = self._env.start
-            self._lane_data.begin(lane)
+            self._lane_data.take(lane)
+            self._lane_data.keep(lane)
             self._looks[lane] = self._env.figures.look(self._readings.contacts)
         for values in (self._steps, self._least, self._earned, self._diverged):
             values[begun] = 0
@@ -225,7 +218,6 @@ class RobotLanes(SequentialVectorEnv):
         commands = self._commands.copy()
         commands.setflags(write=False)
         self._acting = ActingTogether(task, self._lane_data, commands)
-        self._lane_data.carry()
         return self._seen.copy(), info
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
@@ -264,22 +256,26 @@ class RobotLanes(SequentialVectorEnv):
         """One control period of the lanes that go on; the energy at its end, J."""
         mujoco, ledger, readings = self._mujoco, self._env.ledger, self._readings
         model, data, flags, quiet = self._model, self._data, self._flags, self._quiet
-        put, keep, look = self._lane_data.put, self._lane_data.keep, self._env.figures.look
-        options, control, energy, energies = model.opt, data.ctrl, data.energy, self._energies
+        lane_data, look = self._lane_data, self._env.figures.look
+        options, energy, energies = model.opt, data.energy, self._energies
         self._env.silence()
-        for lane in np.flatnonzero(live).tolist():
-            put(lane)
-            control[:] = controls[lane]
-            options.disableflags = quiet
-            is_whole = ledger.follow(readings, lane)
-            options.disableflags = flags
-            if not is_whole:
-                data.qpos[:], data.qvel[:] = readings.start
+        lanes = np.flatnonzero(live)
+        lane_data.rows["ctrl"][lanes] = controls[lanes]
+        alone = {*(lanes if self._batch is None else self._batch.take(readings, lanes)).tolist()}
+        for lane in lanes.tolist():
+            lane_data.put(lane)
+            if lane in alone:
+                options.disableflags = quiet
+                is_whole = ledger.follow(readings, lane)
+                options.disableflags = flags
+                if not is_whole:
+                    data.qpos[:], data.qvel[:] = readings.start
+                lane_data.take(lane)
             mujoco.mj_forward(model, data)
             mujoco.mj_energyPos(model, data)
             mujoco.mj_energyVel(model, data)
             energies[lane] = energy
-            keep(lane)
+            lane_data.keep(lane)
             self._looks[lane] = look(readings.contacts)
         self._diverged = np.where(live, readings.lost, self._diverged)
         booked = ledger.book(readings)

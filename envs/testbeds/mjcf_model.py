@@ -60,6 +60,27 @@ def _compile_file(path: str, modified: int) -> CompiledModel:
     return _compile(path)
 
 
+def compile_sensing(source: Any) -> Any:
+    """The same model with one sensor in place of its own: how many contacts, and the least distance
+    of them, m."""
+    mujoco = load("mujoco", "mujoco")
+    spec, *_ = _read(mujoco, source)
+    for own in list(spec.sensors):
+        spec.delete(own)
+    sensor, told, nearest = spec.add_sensor(), mujoco.mjtConDataField, 1
+    sensor.type = mujoco.mjtSensor.mjSENS_CONTACT
+    sensor.intprm[:] = 1 << int(told.mjCONDATA_FOUND) | 1 << int(told.mjCONDATA_DIST), nearest, 1
+    return spec.compile()
+
+
+def _read(mujoco: Any, source: Any) -> tuple[Any, Path, list[str]]:
+    """A copy of a model's `MjSpec`, the folder of its files, and which were left out."""
+    is_path = isinstance(source, str | os.PathLike)
+    spec = mujoco.MjSpec.from_file(os.fspath(source)) if is_path else source.copy()
+    folder = Path(source).parent if is_path else Path(spec.modelfiledir)
+    return spec, folder, _leave_out_missing(mujoco, spec, folder)
+
+
 def _compile(source: Any) -> CompiledModel:
     mujoco = load("mujoco", "mujoco")
     is_path = isinstance(source, str)
@@ -67,9 +88,7 @@ def _compile(source: Any) -> CompiledModel:
     try:
         if is_path and not hasattr(mujoco, "MjSpec"):  # as before MuJoCo 3.2
             return CompiledModel(mujoco.MjModel.from_xml_path(source))
-        spec = mujoco.MjSpec.from_file(source) if is_path else source.copy()
-        folder = Path(source).parent if is_path else Path(spec.modelfiledir)
-        left_out = _leave_out_missing(mujoco, spec, folder)
+        spec, folder, left_out = _read(mujoco, source)
         model = spec.compile()
     except InputError:
         raise

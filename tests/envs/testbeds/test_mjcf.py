@@ -4,6 +4,7 @@ import importlib
 import warnings
 
 import gymnasium as gym
+import mujoco
 import numpy as np
 import onnx
 import pytest
@@ -14,7 +15,9 @@ from swaying import MONOPED, record_swaying
 
 import integ_gym
 from integ_gym import Discretization, IntegGymError, MjcfTestbed, cli
+from integ_gym.envs.testbeds import mjcf_lanes
 from integ_gym.envs.testbeds.making import find_testbed, make_checked
+from integ_gym.envs.testbeds.mjcf_batch import steps_in_batch
 from integ_gym.envs.testbeds.mjcf_model import compile_model
 from integ_gym.eval.panel.cells import Cell
 from integ_gym.eval.panel.episodes import Subject, evaluate
@@ -366,6 +369,43 @@ def test_a_record_is_the_same_whoever_runs_beside(kind, different, tmp_path, mon
     assert all(table.equals(tables[0]) for table in tables[1:])
     assert tables[0]["seed"].to_pylist() == [1000, 1001, 1002, 1003, 1004]
     assert kind != "random" or len(set(tables[0]["length"].to_pylist())) > 1
+
+
+def test_a_batch_tells_what_is_read_after_each_timestep(monkeypatch):
+    testbed, told = find_testbed(MONOPED, {"duration": 2.0}), []
+    for is_batch in (True, False):
+        monkeypatch.setattr(mjcf_lanes, "steps_in_batch", lambda *model, own=is_batch: own)
+        place = Discretization("implicitfast", 0.02, 0.02, "mujoco")
+        lanes, rng = testbed.make(place, 6, autoreset_mode="Disabled"), np.random.default_rng(0)
+        _, info = lanes.reset(seed=3)
+        lanes.unwrapped._lane_data.rows["qvel"][4, 3:] = 9e5
+        ended, parts, limits = np.zeros(6, bool), [], 0.0
+        while not ended.all():
+            *seen, terminated, truncated, info = lanes.step(rng.uniform(-1.0, 1.0, (6, 3)))
+            ended = terminated | truncated
+            parts += [*seen, terminated, *info.values(), lanes.unwrapped.state]
+            limits = max(limits, (info["constraint_violation"] - info["penetration"]).max())
+        told.append(parts)
+        assert limits > 0.1
+        assert info["solver_status"].tolist().count("diverged") == 1
+    for one, other in zip(*told, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "is_told"),
+    [
+        ("", "", True),
+        ('integrator="Euler"', 'integrator="RK4"', False),  # contacts of another stage
+        ('eulerdamp="disable"', 'limit="disable"', False),
+        ('eulerdamp="disable"', 'override="enable"', False),
+        ("<worldbody>", '<equality><joint joint1="knee"/></equality><worldbody>', False),
+        ('conaffinity="1"', 'conaffinity="1" gap="0.01"', False),  # contacts that do not act
+    ],
+)
+def test_what_a_batch_does_not_tell_is_read_one_by_one(old, new, is_told):
+    model = (ROOT / "examples" / "robots" / "monoped.xml").read_text("utf-8").replace(old, new)
+    assert steps_in_batch(mujoco, mujoco.MjModel.from_xml_string(model)) is is_told
 
 
 def test_robots_that_act_together_begin_together_and_show_arrays_alone():
