@@ -332,6 +332,9 @@ def print_lists(
 MOST_BEFORE_END: Final = 0.99
 """Share of a bar that is full while work goes on, however far the estimate was off."""
 
+LEAST_TOLD: Final = 0.01
+"""Share of the work that must have been done until it is said how long the rest takes."""
+
 _DRAW_SECONDS, _LOG_SECONDS = 0.5, 15.0
 """Least time between two pictures of a bar on a terminal, and in a file, s."""
 
@@ -358,7 +361,7 @@ class WorkBar:
 
     def __init__(self, label: str, total: float, shown: bool, unit: str = "") -> None:
         self.label, self.total, self.unit = label, total, unit
-        self.n = 0.0
+        self.n = self._begun = 0.0
         self._filled, self._phase, self._drawn = False, "", -math.inf
         self._progress: Any = None
         if shown:
@@ -404,7 +407,7 @@ class WorkBar:
 
     def begin_at(self, amount: float) -> None:
         """Begin with work that was done before, which says nothing of how long the rest takes."""
-        self.n = amount
+        self.n = self._begun = amount
         if self._progress is not None:
             self._progress.reset(self._task, completed=self._shown)
 
@@ -432,12 +435,14 @@ class WorkBar:
         parts = [f"{self._shown / (self.total or 1.0):.0%}"]
         if self.unit:
             parts.append(f"{self._shown:,.0f} of {self.total:,.0f}{self.unit}")
-        taken = seconds(round(task.elapsed or 0.0))
+        elapsed, done = task.elapsed or 0.0, self.n - self._begun
+        taken = seconds(round(elapsed))
         parts.append(taken if self._filled else f"{taken} so far")
         if not self._filled and self.n > MOST_BEFORE_END * self.total:
             parts.append("nearly done")
-        elif not self._filled and task.time_remaining is not None:
-            parts.append(f"about {seconds(round(task.time_remaining))} left")
+        elif not self._filled and done > LEAST_TOLD * self.total:
+            # by all that was done: units that end together say nothing of the pace
+            parts.append(f"about {seconds(round(elapsed * (self.total - self.n) / done))} left")
         if self._phase:
             parts.append(self._phase)
         if self.unit and len(", ".join((self.label, *parts))) > self._width - _LEAST_BAR:

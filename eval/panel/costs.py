@@ -77,7 +77,7 @@ def cell_seconds(spec: PanelSpec, cell: Cell) -> float:
 
 def trying_seconds(spec: PanelSpec, cell: Cell) -> float:
     """Time of finding out whether a cell can be solved, from the starts that came last, s."""
-    starts = len(spec.start_sets) * len(spec.latest) / spec.episodes
+    starts = len(spec.start_sets) * len(spec.latest) / spec.episodes if has_controller(spec) else 0
     searched = 0 if spec.testbed.horizon is None else cell_timing(spec, cell).horizon
     return searched * SEARCH_SECONDS + starts * cell_seconds(spec, cell)
 

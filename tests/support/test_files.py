@@ -184,6 +184,18 @@ def test_a_bar_is_not_full_before_the_work_is_done(capsys):
     assert "100%" in capsys.readouterr().err
 
 
+def test_what_is_left_is_told_by_all_that_was_done(capsys):
+    with WorkBar("work", 100.0, shown=True) as bar:
+        bar.begin_at(20.0)
+        bar._progress.tasks[0].start_time -= 60.0
+        bar.describe("the first units")
+        assert " left" not in capsys.readouterr().err
+        bar.update(2.0)
+        bar.update(2.0)  # which ended at the same time
+        bar.describe("others")
+        assert "about 19 min" in capsys.readouterr().err
+
+
 def test_a_full_bar_and_how_it_went_fit_a_terminal(monkeypatch, capsys):
     for name, value in {"FORCE_COLOR": "1", "TERM": "xterm", "COLUMNS": "80"}.items():
         monkeypatch.setenv(name, value)

@@ -7,8 +7,11 @@ from typing import Any
 
 import pytest
 from small_panel import small_data
+from swaying import MONOPED
 
+from integ_gym.envs.testbeds.making import find_testbed
 from integ_gym.eval.panel.cells import SpecError
+from integ_gym.eval.panel.costs import trying_seconds
 from integ_gym.eval.panel.plan import (
     MOST_SEEDS,
     STAGES,
@@ -20,7 +23,7 @@ from integ_gym.eval.panel.plan import (
     with_episode_parts,
     with_seed_count,
 )
-from integ_gym.eval.panel.spec import parse_spec
+from integ_gym.eval.panel.spec import PanelSpec, parse_spec
 
 SWEEP = {"argument": "action_latency", "values": [0.0, 0.05, 0.1]}
 MIXED = {"mixture": "both", "members": [{"integrator": ["rk4", "explicit_euler"], "dt": 0.05}]}
@@ -218,3 +221,14 @@ def test_of_another_librarys_environment_what_is_stated_is_swept():
 
 def test_what_is_swept_twice_is_swept_once():
     assert _swept(LATENCY, LATENCY).to_json() == _swept(LATENCY).to_json()
+
+
+def test_cells_that_no_controller_tries_cost_no_time():
+    pendulum, home = parse_spec(small_data(), "small"), find_testbed(MONOPED, {}).home
+    monoped = PanelSpec(
+        name="robot", env_id=MONOPED, environment={}, control_period=0.02, train=(), grid=(home,),
+        seeds=(), episodes=2, ladder=False,
+    )  # fmt: skip
+    assert [trying_seconds(own, own.columns()[0]) > 0.0 for own in (pendulum, monoped)] == [
+        True, False,
+    ]  # fmt: skip
