@@ -244,7 +244,8 @@ class LaneLoop:
     def __call__(self, *arguments: Any) -> Any:
         if self._build_step is not None:
             return self._build_step(*arguments)
-        like = self._of_arrays(*arguments)
+        lanes = leaves_of(arguments[-1:])[0]
+        like = self._of_arrays(*map_leaves(lambda x: in_lanes(x, lanes), arguments))
         with self._making:
             if self._make is not None:
                 self._build_step, self._make = self._make(like), None

@@ -297,16 +297,23 @@ def _compare(plain, made, steps=250, reset_ended=False):
     [(None, True, True), (False, True, False), (None, False, False)],
 )
 def test_lanes_that_have_taken_long_are_compiled(compiled, numba, expected, monkeypatch):
-    """Soon traced, then compiled where Numba is there, to the same numbers; never if not wanted."""
+    """In the midst of an episode, where Numba is there and wanted, to the same numbers.
+
+    Traced steps leave numbers in the state, in the place of arrays.
+    """
     monkeypatch.setattr("integ_gym.envs.steps.TRACE_AFTER", 0.0)
-    monkeypatch.setattr("integ_gym.envs.steps.COMPILE_AFTER", 0.0)
     monkeypatch.setattr("integ_gym.envs.steps.find_spec", lambda name: numba or None)
-    arguments = {"num_envs": COMPILED, "integrator": "rk4", "dt": 0.05}
+    arguments = {"num_envs": COMPILED, "integrator": "rk4", "dt": 0.05, "action_latency": 0.05}
     found, plain = (
         gym.make_vec("IntegPendulum-v0", compiled=c, **arguments) for c in (compiled, False)
     )
     plain.action_space.seed(3)
-    _compare(plain, found, steps=5)
+    assert_same(found.reset(seed=5), plain.reset(seed=5))
+    for limit in (math.inf, 0.0):
+        monkeypatch.setattr("integ_gym.envs.steps.COMPILE_AFTER", limit)
+        for _ in range(5):
+            actions = plain.action_space.sample()
+            assert_same(found.step(actions), plain.step(actions))
     made = found.unwrapped._steps[0]._traced.step
     assert isinstance(made, LaneLoop) is expected
 
