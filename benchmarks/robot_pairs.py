@@ -2,7 +2,8 @@
 
 ``python benchmarks/robot_pairs.py go1:Go1 DIR``: the policy at its file's settings, from the same
 starts, in pairs: the loop on one core, then the evaluation with its traces written on several. By
-processor time it is how many times as fast it is where no other program runs.
+processor time it is how many times as fast it is where no other program runs. MuJoCo's share of the
+loop, on as many cores, is the ceiling.
 """
 
 import resource
@@ -14,6 +15,7 @@ from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
 
+import mujoco
 from robot_plain import load_model, plain_episode
 from robots import open_robot, robot_parser
 
@@ -34,6 +36,15 @@ def record(spec, episodes, out):
     store.commit_all(f"from-{episodes.start}", evaluate(spec, subjects, episodes, store, {}))
     spent = time.perf_counter() - begin, time.process_time() - busy
     return *spent, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
+
+
+def stand(model, period, qpos, qvel, command):
+    """An episode's steps and readings by MuJoCo, under the controls of the keyframe."""
+    data = mujoco.MjData(model)
+    data.qpos[:], data.qvel[:], data.ctrl[:] = qpos, qvel, model.key_ctrl[0]
+    for _ in range(round(10.0 / period)):
+        mujoco.mj_step(model, data, round(period / model.opt.timestep))
+        mujoco.mj_forward(model, data)
 
 
 def main():
@@ -60,18 +71,23 @@ def main():
             for start in starts:
                 plain_episode(name, model, session, *start)
             plain = time.perf_counter() - begin, time.process_time() - busy
+            bare = time.process_time()
+            for start in starts:
+                stand(model, home.control_period, *start)
+            bare = time.process_time() - bare
             with tempfile.TemporaryDirectory() as out:
                 measured = pool.map(record, [spec] * len(parts), parts, [out] * len(parts))
                 *spent, memory = zip(*measured, strict=True)
             if pair >= 0:
                 own = [one / max(each) for one, each in zip(plain, spent, strict=True)]
-                ratios.append(own)
+                ratios.append([*own, given.workers * plain[1] / bare])
                 each = [1e3 * one / given.episodes for one in (plain[0], max(spent[0]))]
                 words = "{:.0f} ms an episode by the loop, {:.0f} ms evaluated".format(*each)
                 speedup = f"{own[0]:.2f} times as fast, by processor time {own[1]:.2f}"
                 print(f"{words}: {speedup}, {sum(memory):.0f} MB", flush=True)
-    clock, processor = map(statistics.median, zip(*ratios, strict=True))
-    print(f"median {clock:.2f} times as fast, by processor time {processor:.2f}")
+    clock, processor, ceiling = map(statistics.median, zip(*ratios, strict=True))
+    words = f"median {clock:.2f} times as fast, by processor time {processor:.2f}"
+    print(f"{words}; MuJoCo alone on as many cores: {ceiling:.2f}")
 
 
 if __name__ == "__main__":
