@@ -114,9 +114,8 @@ class LanesStep:
     def __init__(self, setup: Setup, compiled: bool | None = None) -> None:
         self._setup = setup
         self._plain = plain_array_step(setup)
-        self._compiled = bool(compiled)
-        self._may_compile = compiled is None
-        self._traced = self._trace() if compiled else None
+        self._asked, self._may_compile = compiled, False
+        self._traced: Any = compiled_array_step(setup) if compiled else None
         self._last: EnvState | None = None
         self._carried: Any = ()
         self._steps_to_trace = 0 if compiled else WARM_UP
@@ -130,11 +129,13 @@ class LanesStep:
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
         if not self._steps_to_trace:
-            self._traced = self._trace()
+            self._trace()
 
-    def _trace(self) -> Any:
+    def _trace(self) -> None:
+        """Trace the step, or compile it where that is asked for."""
         setup = self._setup
-        return compiled_array_step(setup) if self._compiled else trace_function(setup, array_step)
+        found = compiled_array_step(setup) if self._asked else trace_function(setup, array_step)
+        self._traced, self._may_compile = found, self._asked is None and found is not None
 
     def _choose(self) -> None:
         """Trace the step when it has been made often, and compile it when it has taken long."""
@@ -143,16 +144,14 @@ class LanesStep:
             if self._steps_to_trace and self._taken.seconds < TRACE_AFTER:
                 return
             self._steps_to_trace = 0
-            self._traced = self._trace()
-            self._may_compile &= self._traced is not None
+            self._trace()
             if self._may_compile:
                 self._taken = _taken_of(_Key(self._setup, array_step))
         if self._may_compile and self._taken.seconds >= COMPILE_AFTER:
             self._may_compile = False
             if find_spec("numba") is not None:
-                with suppress(InputError):
+                with suppress(Exception):  # such as of a Numba that is too old for NumPy
                     self._traced = compiled_array_step(self._setup)
-                    self._compiled = True
 
     @property
     def first(self) -> Callable[[EnvState], tuple[Component, ...]]:
@@ -204,6 +203,11 @@ class LanesStep:
                     return self._last, rows, values
                 except Unusual:
                     pass
+                except Exception:  # of Numba, which nobody has asked for
+                    if self._asked is not None or self._may_compile:
+                        raise
+                    self._trace()
+                    self._may_compile = False
             self.alike = {}
             after, rows, values = self._plain(state, *given)
         own = {n: x.copy() if np.ndim(x) else np.asarray(x).item() for n, x in values.items()}

@@ -41,7 +41,8 @@ def steps_in_batch(mujoco: Any, model: Any) -> bool:
     others = model.neq or model.nflex or model.nhistory or model.tendon_limited.any()
     others = others or model.jnt_limited[ball].any()
     others = others or model.geom_gap.any() or model.pair_gap.any()
-    off = sum(int(getattr(flag, f"mjDSBL_{n}")) for n in ("CONSTRAINT", "CONTACT", "LIMIT"))
+    names = ("CONSTRAINT", "CONTACT", "LIMIT", "SENSOR")
+    off = sum(int(getattr(flag, f"mjDSBL_{name}")) for name in names)
     changed = option.enableflags or option.disableflags & off
     hooks = [getattr(mujoco, name)() for name in dir(mujoco) if name.startswith("get_mjcb_")]
     staged = option.integrator == int(mujoco.mjtIntegrator.mjINT_RK4)

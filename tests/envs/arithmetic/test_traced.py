@@ -1,6 +1,7 @@
 """The traced step of one environment and of many lanes does what the plain one does."""
 
 import math
+import pickle
 import sys
 from functools import partial
 
@@ -316,6 +317,29 @@ def test_lanes_that_have_taken_long_are_compiled(compiled, numba, expected, monk
             assert_same(found.step(actions), plain.step(actions))
     made = found.unwrapped._steps[0]._traced.step
     assert isinstance(made, LaneLoop) is expected
+
+
+@pytest.mark.parametrize(("name", "dt"), [("load", 0.04), ("_build_step", 0.03)])
+def test_lanes_go_on_where_numba_fails_unasked(name, dt, monkeypatch):
+    """At its import or its compilation; a copy goes on likewise, and who asks is told."""
+    monkeypatch.setattr("integ_gym.envs.steps.TRACE_AFTER", 0.0)
+    monkeypatch.setattr("integ_gym.envs.steps.COMPILE_AFTER", 0.0)
+
+    def fail(*arguments):
+        raise ImportError("Numba needs an older NumPy")
+
+    monkeypatch.setattr(f"integ_gym.envs.ops.compiling.{name}", fail)
+    actions = np.ones((COMPILED, 1), np.float32)
+
+    def play(compiled):
+        made = {"num_envs": COMPILED, "integrator": "rk4", "dt": dt, "compiled": compiled}
+        env = gym.make_vec("IntegPendulum-v0", **made).unwrapped
+        told = [env.reset(seed=5), *(env.step(actions) for _ in range(4))]
+        return [*told, pickle.loads(pickle.dumps(env)).step(actions)]
+
+    assert_same(play(None), play(False))
+    with pytest.raises(ImportError, match="older NumPy"):
+        play(True)
 
 
 def test_the_time_of_lanes_counts_for_all_of_a_setup(monkeypatch):

@@ -398,6 +398,7 @@ def test_a_batch_tells_what_is_read_after_each_timestep(monkeypatch):
         ("", "", True),
         ('integrator="Euler"', 'integrator="RK4"', False),  # contacts of another stage
         ('eulerdamp="disable"', 'limit="disable"', False),
+        ('eulerdamp="disable"', 'sensor="disable"', False),
         ('eulerdamp="disable"', 'override="enable"', False),
         ("<worldbody>", '<equality><joint joint1="knee"/></equality><worldbody>', False),
         ('conaffinity="1"', 'conaffinity="1" gap="0.01"', False),  # contacts that do not act
