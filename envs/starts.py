@@ -8,19 +8,24 @@ from operator import itemgetter
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from integ_gym.support.errors import InputError
 from integ_gym.support.parameters import unknown_name
 
 from .engines.stepping import DIVERGENCE_SPEED
-from .ops.ops import ARRAY, FLOAT32_MAX, Component, Components, leaves_of, rows_of, split_state
+from .ops.ops import (
+    ARRAY,
+    FLOAT32_MAX,
+    Array,
+    Component,
+    Components,
+    leaves_of,
+    rows_of,
+    split_state,
+)
 from .plants.interface import state_names
 from .settings import Setup
 from .transition import EnvState, initial_state
-
-Array = npt.NDArray[Any]
-
 
 NOISE, MEMBER, ARRIVAL = 0x4E01, 0x4E02, 0x4E03
 """What streams beside that of the starts are for; apart from the numbers that ``spawn`` gives."""

@@ -45,13 +45,20 @@ def mechanism_of(engine: str, plant: Plant) -> Mechanism:
     """The plant's links.
 
     Raises:
-        ValueError: if it has none, and if their dampers do not take what the plant's damping takes.
+        ValueError: if it has none or not one for each coordinate with mass, and if their dampers do
+            not take what the plant's damping takes.
     """
     mechanism: Mechanism | None = getattr(plant, "mechanism", None)
     if mechanism is None:
         raise InputError(
             f"engine {engine!r} moves rigid links, and the plant {plant.name!r} has none: it gives "
             "no `mechanism`; use engine 'native' or 'casadi'"
+        )
+    moving = len(plant.coordinates) - len(getattr(plant, "massless", ()))
+    if len(mechanism.links) != moving:
+        raise InputError(
+            f"plant {plant.name!r} has {moving} coordinates with mass and its `mechanism` "
+            f"{len(mechanism.links)} links; give one for each"
         )
     for q in probes(len(plant.coordinates)):
         pairs = zip(mechanism.links, q, strict=False)

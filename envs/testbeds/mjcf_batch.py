@@ -9,14 +9,12 @@ import copy
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from integ_gym.support.optional import load, not_installed
 
 from ..mujoco_ledger import FASTEST, Readings
+from ..ops.ops import Array
 from .making import ENGINE
-
-Array = npt.NDArray[Any]
 
 _BATCH = "mujoco.batch"
 

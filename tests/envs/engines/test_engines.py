@@ -283,7 +283,11 @@ def test_a_divergence_ends_the_episode(engine, integrator):
 )
 @pytest.mark.parametrize(
     ("wrong", "message"),
-    [("mass", "another mass matrix"), ("damping", "dampers of its `mechanism` take")],
+    [
+        ("mass", "another mass matrix"),
+        ("damping", "dampers of its `mechanism` take"),
+        (None, "1 coordinates with mass and its `mechanism` 2 links"),
+    ],
 )
 def test_a_model_that_is_not_the_plant_is_refused(engine, integrator, wrong, message, monkeypatch):
     """Where the link that engines are told of is not the plant's; CasADi is told none."""
@@ -292,8 +296,10 @@ def test_a_model_that_is_not_the_plant_is_refused(engine, integrator, wrong, mes
 
     def changed(plant):
         (link,) = right(plant).links
-        other = replace(link, **{wrong: 1.01 * getattr(link, wrong)})
-        return Mechanism((other,), right(plant).gravity)
+        links = (link, link)
+        if wrong is not None:
+            links = (replace(link, **{wrong: 1.01 * getattr(link, wrong)}),)
+        return Mechanism(links, right(plant).gravity)
 
     monkeypatch.setattr(Pendulum, "mechanism", property(changed))
     with pytest.raises(ValueError, match=message):
