@@ -67,9 +67,9 @@ def compile_sensing(source: Any) -> Any:
     spec, *_ = _read(mujoco, source)
     for own in list(spec.sensors):
         spec.delete(own)
-    sensor, told, nearest = spec.add_sensor(), mujoco.mjtConDataField, 1
+    sensor, data, nearest = spec.add_sensor(), mujoco.mjtConDataField, 1
     sensor.type = mujoco.mjtSensor.mjSENS_CONTACT
-    sensor.intprm[:] = 1 << int(told.mjCONDATA_FOUND) | 1 << int(told.mjCONDATA_DIST), nearest, 1
+    sensor.intprm[:] = 1 << int(data.mjCONDATA_FOUND) | 1 << int(data.mjCONDATA_DIST), nearest, 1
     return spec.compile()
 
 

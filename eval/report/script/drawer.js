@@ -64,11 +64,11 @@ class Drawer {
     const entry = this.carried.entry(r, c);
     this.title.replaceChildren(...this.names({ r, c }));
     const first = ["success", "loss against home", "of it overfitting"];
-    const told = entry.facts.filter(([name]) => first.includes(name));
+    const chosen = entry.facts.filter(([name]) => first.includes(name));
     const facts = entry.facts.filter(([name]) => !first.includes(name)).map(([name, text]) =>
       make("div", {}, make("dt", {}, name), make("dd", {}, text)));
     return [
-      make("p", { class: "summary" }, told.map(([name, text]) => make("span", {}, `${name} `, make("b", {}, text)))),
+      make("p", { class: "summary" }, chosen.map(([name, text]) => make("span", {}, `${name} `, make("b", {}, text)))),
       ...this.episodes(r, c),
       make("h3", {}, "In numbers"),
       make("dl", { class: "facts" }, facts),

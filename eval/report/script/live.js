@@ -38,7 +38,7 @@ class Live {
     return Math.max(middle - this.reach, Math.min(middle + this.reach, value));
   }
 
-  // A start as it is told: from the middle.
+  // A start in words, from the middle.
   shown(value, middle = 0) {
     const text = this.turns ? `${(((value - middle) * 180) / Math.PI).toFixed(1)}°`
       : `${value.toFixed(3)} ${this.unit}`;
@@ -51,20 +51,20 @@ class Live {
     const network = this.networks.get(`${r}/${s}`);
     const moved = q.map((x, k) => (k === this.coordinate && value !== null ? value : x));
     let [now, observation] = start(moved, v);
-    let told = null;
-    yield { now, told };
-    for (let k = 0; k < MOST_DECISIONS && !(told && told.ended); k += 1) {
+    let outcome = null;
+    yield { now, outcome };
+    for (let k = 0; k < MOST_DECISIONS && !(outcome && outcome.ended); k += 1) {
       const after = step(now, network.action(observation));
       if (after === null) return;
-      [now, observation, told] = after;
-      yield { now, told };
+      [now, observation, outcome] = after;
+      yield { now, outcome };
     }
   }
 
   // Whether the policy succeeds.
   succeeds(like, c, value) {
     let last = null;
-    for (const { told } of this.decisions(like, c, value)) last = told;
+    for (const { outcome } of this.decisions(like, c, value)) last = outcome;
     return Boolean(last && last.success);
   }
 
@@ -73,13 +73,13 @@ class Live {
     const [r, , s, e] = like.at;
     const found = [...this.decisions(like, c, value)];
     const [first, last] = [found[0].now, found.at(-1)];
-    const { ended = false, success = false } = last.told || {};
-    const controls = found.slice(1).map(({ told }) => told.controls);
+    const { ended = false, success = false } = last.outcome || {};
+    const controls = found.slice(1).map(({ outcome }) => outcome.controls);
     const columns = (names, values) => Object.fromEntries(names.map((name, k) =>
       [name, Float64Array.from(values(name, k))]));
     const summed = (name) => {
       let sum = 0;
-      return found.map(({ told }) => { sum += told ? told[name] : 0; return sum; });
+      return found.map(({ outcome }) => { sum += outcome ? outcome[name] : 0; return sum; });
     };
     const ledger = columns(PARTS, summed);
     return {

@@ -51,9 +51,9 @@ class Player {
       children.push(curves.svg);
     }
     if (skeleton) {
-      const told = new Followed(this.carried, trace, this.traces);
-      this.parts.push(told);
-      children.push(told.element);
+      const followed = new Followed(this.carried, trace, this.traces);
+      this.parts.push(followed);
+      children.push(followed.element);
     } else if (trace.totals.every(known)) {
       const bars = new Bars(this.carried, trace, amounts, mark);
       this.parts.push(bars);

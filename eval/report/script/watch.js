@@ -75,7 +75,7 @@ class Watch {
     const { at: [r, , s] } = this.lead;
     const { rows } = this.carried;
     const moved = this.value === null ? this.words(this.lead)
-      : `${this.seed(r, s)}${this.what()} ${this.toldOf(this.value)}`;
+      : `${this.seed(r, s)}${this.what()} ${this.describe(this.value)}`;
     this.caption.replaceChildren(make("b", {}, rows[r].shown), ` · ${moved}`);
   }
 
@@ -84,7 +84,7 @@ class Watch {
     return live.middle(this.like) ? "start angle from hanging" : `start ${spaced(live.name)}`;
   }
 
-  toldOf(value) {
+  describe(value) {
     const { live } = this.carried;
     return live.shown(value, live.middle(this.like));
   }
@@ -95,13 +95,13 @@ class Watch {
     if (!live) return make("div", { hidden: true });
     this.slider = make("input", { type: "range", id: "watch-start",
       step: live.turns ? Math.PI / 360 : live.reach / 200 });
-    this.told = make("output", { class: "angle", for: "watch-start" });
+    this.readout = make("output", { class: "angle", for: "watch-start" });
     this.back = make("button", { type: "button", class: "chip" }, "as recorded");
     this.slider.addEventListener("input", () => this.startAt(Number(this.slider.value)));
     this.slider.addEventListener("change", () => this.begin());
     this.back.addEventListener("click", () => { this.startAt(null); this.begin(); });
     this.named = make("label", { for: "watch-start" });
-    return make("div", { class: "start" }, this.named, this.told, this.slider, this.back);
+    return make("div", { class: "start" }, this.named, this.readout, this.slider, this.back);
   }
 
   get like() { return this.carried.trace(...this.lead.at); }
@@ -239,8 +239,8 @@ class Watch {
     this.slider.max = middle + live.reach;
     this.slider.value = value;
     this.named.textContent = this.what();
-    this.told.textContent = this.toldOf(value);
-    this.slider.setAttribute("aria-valuetext", this.told.textContent);
+    this.readout.textContent = this.describe(value);
+    this.slider.setAttribute("aria-valuetext", this.readout.textContent);
     this.back.setAttribute("aria-pressed", String(this.value === null));
   }
 
