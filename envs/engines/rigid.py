@@ -252,7 +252,7 @@ class RigidBodyEngine(ForeignEngine):
         if not self._damped:
             return super().stride(ops, q, v, losses, force, count)
         if count == 1:
-            end_q, end_v, *report = self.take_steps(ops, q, v, force, 1)
+            end_q, end_v, *report = self.travel_whole(ops, q, v, force, 1)
             speeds = v if self._map_losses_of == "start" else end_v
         else:
             end_q, end_v, squares, *report = self._travel_with_speeds(ops, q, v, force, count)
@@ -281,7 +281,7 @@ class RigidBodyEngine(ForeignEngine):
         resisting, rates = self.system.resistance(ops, q, v)
         drive = self.system.forces(ops, q, v, control)
         force = tuple([a + b for a, b in zip(drive, resisting, strict=True)])
-        end_q, end_v, iterations, residual, converged = self.take_steps(
+        end_q, end_v, iterations, residual, converged = self.travel_whole(
             ops, q, v, self.with_springs(q, force), 1
         )
         if self._turning:

@@ -209,10 +209,10 @@ class ForeignEngine(MappedEngine):
         count: int,
     ) -> Step:
         """Take ``count`` steps in one call, without a loss."""
-        q, v, *report = self.take_steps(ops, q, v, force, count)
+        q, v, *report = self.travel_whole(ops, q, v, force, count)
         return Step(q, v, losses, *report)
 
-    def take_steps(
+    def travel_whole(
         self, ops: Ops, q: Components, v: Components, force: Components, count: int
     ) -> tuple[Components, Components, Component, Component, Component]:
         """As :meth:`travel`, of all coordinates."""

@@ -120,7 +120,8 @@ def test_residual_falls_with_dt(name, integrator):
     def check(parameters, controls, shift):
         plant = owner(**parameters)
         state = probe_state(plant) + shift
-        period = 0.3 / fastest_rate(plant, state)
+        # Without gravity and springs the linear rate is near 0, and controls set the pace.
+        period = 0.3 / max(fastest_rate(plant, state), 2.0)
         coarse = [ledger(integrator, plant, state, controls, period, n) for n in (3, 4, 5)]
         fine = ledger(integrator, plant, state, controls, period, 32)
         size = 1.0 + abs(fine.energy_change_j) + abs(fine.work_j) + fine.losses_j
