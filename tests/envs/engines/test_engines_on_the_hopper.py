@@ -10,7 +10,7 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
-from engine_cases import EVERY, FIRST, TOLERANCE, lighter, needs, setup_of
+from engine_cases import EVERY, FIRST, TOLERANCE, assert_accelerations, lighter, needs, setup_of
 from house import ROOT
 
 import integ_gym  # noqa: F401
@@ -110,16 +110,7 @@ def test_steps_at_once_are_single_ones_with_a_spring(engine, integrator):
 def test_accelerations_before_a_step_are_the_plants(engine, integrator):
     """With the spring's force, whoever applies it, and the ground's."""
     setup = _setup(engine, integrator)
-    told = 0
-    for height in (2.0, 0.25):
-        for q, v in _states(height):
-            force = setup.system.forces(SCALAR, q, v, CONTROL)
-            found = setup.engine.acceleration(q, v, force)
-            if found is not None:
-                expected, _ = setup.system.rates(SCALAR, q, v, CONTROL)
-                np.testing.assert_allclose(found, expected, rtol=1e-8, atol=1e-8)
-                told += 1
-    assert told in (0, 8)
+    assert_accelerations(setup, [*_states(2.0), *_states(0.25)], CONTROL)
 
 
 @pytest.mark.parametrize(("engine", "integrator"), sorted(SPRINGLESS))

@@ -7,7 +7,16 @@ import re
 import gymnasium as gym
 import numpy as np
 import pytest
-from engine_cases import EVERY, FIRST, TOLERANCE, lighter, native_name, needs, setup_of
+from engine_cases import (
+    EVERY,
+    FIRST,
+    TOLERANCE,
+    assert_accelerations,
+    lighter,
+    native_name,
+    needs,
+    setup_of,
+)
 from functional_checks import compare
 
 import integ_gym  # noqa: F401
@@ -152,9 +161,4 @@ def test_mjx_in_jax_equals_its_vector_environment():
 def test_accelerations_before_a_step_are_the_plants(engine, integrator):
     """And the rates of the thrusts."""
     setup = _setup(engine, integrator, "way-points")
-    for q, v in _states(setup):
-        force = setup.system.forces(SCALAR, q, v, THRUSTS)
-        found = setup.engine.acceleration(q, v, force)
-        if found is not None:
-            expected, _ = setup.system.rates(SCALAR, q, v, THRUSTS)
-            np.testing.assert_allclose(found, expected, rtol=1e-8, atol=1e-8)
+    assert_accelerations(setup, _states(setup), THRUSTS)

@@ -129,3 +129,15 @@ def mapped(one_step_map: Any, setup: Setup, q: Any, v: Any, control: float) -> n
     system = setup.system
     end = one_step_map.step(SCALAR, system, q, v, system.no_losses, (control,), setup.timing.dt)
     return np.array((*end.q, *end.v))
+
+
+def assert_accelerations(setup: Setup, states: Sequence[tuple[Any, Any]], controls: Any) -> None:
+    """Those that an engine reports before a step, at every state or at none, are the plant's."""
+    reported = 0
+    for q, v in states:
+        found = setup.engine.acceleration(q, v, setup.system.forces(SCALAR, q, v, controls))
+        if found is not None:
+            expected, _ = setup.system.rates(SCALAR, q, v, controls)
+            np.testing.assert_allclose(found, expected, rtol=1e-8, atol=1e-8)
+            reported += 1
+    assert reported in (0, len(states))
