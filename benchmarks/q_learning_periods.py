@@ -142,7 +142,7 @@ def tables(done: Done) -> str:
 def _tests(done: Done) -> list[str]:
     compared = comparisons(done)
     corrected = holm([one.p_greater() for one in compared.values()])
-    lines = ["| at the shortest period | difference | p (Holm) |", "|---|---|---|"]
+    lines = ["| compared | difference | p (Holm) |", "|---|---|---|"]
     for (what, one), p in zip(compared.items(), corrected, strict=True):
         lines.append(f"| {what} | {gained(one)} | {p_value(p)} |")
     return lines
@@ -156,8 +156,8 @@ def comparisons(done: Done) -> Mapping[str, Difference]:
         for period, arm in ((PERIOD, "DQN"), (shortest, "DQN"), (shortest, "PPO"))
     )
     return {
-        "PPO less DQN": unpaired_difference(advantages, values),
-        f"DQN at {PERIOD:g} s less DQN": unpaired_difference(at_home, values),
+        f"PPO less DQN, both at {shortest:g} s": unpaired_difference(advantages, values),
+        f"DQN at {PERIOD:g} s less DQN at {shortest:g} s": unpaired_difference(at_home, values),
     }
 
 
