@@ -73,8 +73,8 @@ class Case(NamedTuple):
 
 
 CASES = (
-    Case("smooth: RK4", "rk4"),
-    Case("hard: symplectic Euler alone", "symplectic_euler"),
+    Case("RK4", "rk4"),
+    Case("symplectic Euler alone", "symplectic_euler"),
     Case("explicit Euler alone", "explicit_euler"),
 )
 
