@@ -62,7 +62,7 @@ def test_its_numbers_are_those_of_the_published_engines():
         return row["trained_on"] == row["judged_on"]
 
     assert f"lose {lost('as got'):.2f} of success in the five others" in BODY
-    assert f"one step in all engines they lose {lost('matched'):z.2f}." in BODY
+    assert f"same step in all engines they lose {lost('matched'):z.2f}." in BODY
 
 
 def test_its_numbers_are_those_of_the_published_control_periods():
