@@ -131,7 +131,9 @@ def part_seconds(configs: Sequence[PPOConfig]) -> dict[str, float]:
     given = learner.stack, knobs, steps, outcome, tuple(observed)
     batch = part("values and advantages", program._batch, *given)
     orders = part(
-        "random orders of the samples, for minibatches", partial(permutations, program.algorithm), learner.keys
+        "random orders of the samples, for minibatches",
+        partial(permutations, program.algorithm),
+        learner.keys,
     )
     given = learner.stack, learner.adam, batch, orders, knobs, knobs.learning_rate
     learn = partial(update, program.algorithm)
