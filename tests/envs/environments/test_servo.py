@@ -11,11 +11,9 @@ from functional_checks import compare
 from recording import CONTEXT, made, play
 from scipy.integrate import solve_ivp
 
-from integ_gym.envs.environment import environment_setup
-from integ_gym.envs.numerics import goal_energy
-from integ_gym.envs.registries import INTEGRATORS
-from integ_gym.evidence.store import EvidenceStore
-from integ_gym.train.baselines import has_handmade, possible_baselines
+from integ_gym.envs.environment import environment_setup from integ_gym.envs.numerics import goal_energy from integ_gym.envs.ops.ops import
+SCALAR from integ_gym.envs.registries import INTEGRATORS from integ_gym.evidence.store import EvidenceStore from integ_gym.train.baselines
+import has_handmade, possible_baselines
 
 STIFFNESS, DAMPING, TARGETS = 40.0, 2.0, (0.4, -0.6, 0.2)
 SERVO = {
@@ -54,6 +52,25 @@ def test_a_continuous_servo_is_the_closed_loop_that_scipy_solves():
         assert info["actuator_work"] == pytest.approx(end[2] - start[2], abs=1e-8)
         assert (info["control"], info["energy_residual"]) == (target, pytest.approx(0, abs=1e-11))
         start = end
+
+
+@pytest.mark.parametrize(
+    "env_id",
+    ["IntegPendulum-v0", "IntegElasticPendulum-v0", "IntegAcrobotSwingUp-v0", "IntegReacher-v0"],
+) def test_slopes_have_those_of_a_continuous_servo(env_id):
+    """What implicit integrators solve with, by differences of the closed loop's accelerations."""
+    system = environment_setup(env_id, {"actuator": "position", "servo": "continuous"}).system
+    n, rng, small = len(system.plant.coordinates), np.random.default_rng(0), 1e-6
+    controls = tuple(rng.uniform(-0.5, 0.5, len(system.plant.controls)))
+
+    def accelerations(y):
+        return np.array(system.rates(SCALAR, tuple(y[:n]), tuple(y[n:]), controls)[0])
+
+    for _ in range(20):
+        y, shifts = rng.uniform(-0.3, 0.3, 2 * n), small * np.eye(2 * n)
+        wanted = [(accelerations(y + s) - accelerations(y - s)) / (2.0 * small) for s in shifts]
+        found = np.hstack(system.slopes(SCALAR, tuple(y[:n]), tuple(y[n:]), controls))
+        np.testing.assert_allclose(found, np.transpose(wanted), rtol=1e-5, atol=1e-4)
 
 
 def test_an_effort_beyond_the_motors_limit_is_cut():

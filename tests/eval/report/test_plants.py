@@ -13,15 +13,10 @@ import report_example as example
 from driving import Browser
 from report_pages import panel_from, pixels
 
-from integ_gym.envs.environment import environment_setup
-from integ_gym.envs.ops.ops import SCALAR
-from integ_gym.eval.report.episodes import read_episodes
-from integ_gym.eval.report.page import render
-from integ_gym.evidence.labels import EpisodeContext
-from integ_gym.evidence.recorder import RecordEvidence
-from integ_gym.evidence.store import EvidenceStore
-from integ_gym.train.policy import BoxActions, MlpPolicy
-from integ_gym.train.policy_files.writing import save_policy
+from integ_gym.envs.environment import environment_setup from integ_gym.envs.ops.ops import SCALAR from integ_gym.eval.report.episodes
+import read_episodes from integ_gym.eval.report.page import render from integ_gym.evidence.labels import EpisodeContext from
+integ_gym.evidence.recorder import RecordEvidence from integ_gym.evidence.store import EvidenceStore from integ_gym.train.policy import
+BoxActions, DiscreteActions, MlpPolicy from integ_gym.train.policy_files.writing import save_policy
 
 pytestmark = pytest.mark.slow
 
@@ -40,6 +35,7 @@ CASES: dict[str, dict[str, Any]] = {
     "IntegQuadrotor-v0": {"duration": 6.0, "way_point_period": 1.0},
     "IntegCartPoleSwingUp-v0": {"duration": 2.0},
     "IntegAcrobotSwingUp-v0": {"duration": 2.0},
+    "IntegAcrobot-v0": {"duration": 2.0},
 }
 MADE = "const watch = watched && carried.leads.length ? new Watch(carried, watched) : null;"
 RECOMPUTED = """carried.leads.flatMap((lead) => lead.cells.map((c) => {
@@ -58,9 +54,14 @@ SHOWN = """(() => {
 })()"""
 
 
-def small_policy(space: gym.Space[Any], actions: gym.spaces.Box) -> MlpPolicy:
+def small_policy(space: gym.Space[Any], actions: gym.Space[Any]) -> MlpPolicy:
     """A network of drawn weights, whose actions are not far from the middle of their limits."""
     rng = np.random.default_rng(0)
+    if isinstance(actions, gym.spaces.Discrete):
+        count = int(actions.n)
+        first, last = rng.normal(0.0, 1.0, (16, *space.shape)), rng.normal(0.0, 1.0, (count, 16))
+        layers = (first, np.zeros(16)), (last, np.zeros(count))
+        return MlpPolicy(layers, "Tanh", DiscreteActions(count))
     low, high = actions.low.astype(float), actions.high.astype(float)
     first, last = rng.normal(0.0, 0.2, (16, *space.shape)), rng.normal(0.0, 0.2, (len(low), 16))
     layers = ((first, np.zeros(16)), (0.1 * high[:, None] * last, 0.5 * (low + high)))
