@@ -60,6 +60,9 @@ NEAR = 0.001
 SUBJECTS: dict[str, tuple[str, ...]] = {
     NATIVE: ("reference", "rk4", "implicit_midpoint", "symplectic_euler"),
     "mujoco": ("Euler", "RK4"),
+    "mjx": ("Euler", "RK4"),
+    "mujoco_warp": ("Euler", "RK4"),
+    "newton": ("featherstone",),
     "drake": ("tamsi", "sap"),
     "dart": ("semi_implicit_euler",),
     "pybullet": ("semi_implicit_euler",),

@@ -8,9 +8,12 @@ m/s), one entry for each step.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from functools import cache
 from itertools import product
 from math import sqrt
 from typing import Any
+
+import numpy as np
 
 from integ_gym.envs.engines.simulator import load_undisturbed
 
@@ -25,6 +28,8 @@ FOOT = 0.01
 Start = tuple[float, float]
 """Height of the lower side, m, and speed along, m/s."""
 Motion = Iterator[tuple[float, float, float, float]]
+States = Iterator[tuple[Any, Any]]
+"""(q, v) after each step."""
 
 
 def rigid(start: Start) -> tuple[float, float]:
@@ -35,22 +40,91 @@ def rigid(start: Start) -> tuple[float, float]:
     return falls, speed * falls + left * left / (2.0 * FRICTION * GRAVITY)
 
 
-def mujoco(integrator: str, dt: float, start: Start) -> Motion:
-    """Soft contact, MuJoCo's default impedance."""
+def mujoco_states(model: Any, data: Any) -> States:
+    """(q, v) after each step by MuJoCo: soft contact, its default impedance."""
     import mujoco as mj
 
-    sides = " ".join(map(str, HALF))
-    model = mj.MjModel.from_xml_string(
-        f'<mujoco><option timestep="{dt}" integrator="{integrator}" gravity="0 0 {-GRAVITY}"/>'
-        f'<default><geom friction="{FRICTION} 0.005 0.0001"/></default><worldbody>'
-        '<geom type="plane" size="9 9 1"/><body><freejoint/>'
-        f'<geom type="box" size="{sides}" mass="{MASS}"/></body></worldbody></mujoco>'
-    )
-    data = mj.MjData(model)
-    data.qpos[2], data.qvel[0] = start[0] + HALF[2], start[1]
     while True:
         mj.mj_step(model, data)
-        q, v = data.qpos, data.qvel
+        yield data.qpos, data.qvel
+
+
+def mjx_states(model: Any, data: Any) -> States:
+    """The same in JAX, in float64."""
+    import jax
+    from mujoco import mjx
+
+    step = _compiled(mjx.step)
+    with jax.enable_x64(True):
+        own, state = mjx.put_model(model), mjx.put_data(model, data)
+    while True:
+        with jax.enable_x64(True):
+            state = step(own, state)
+        yield np.asarray(state.qpos), np.asarray(state.qvel)
+
+
+@cache
+def _compiled(step: Callable[..., Any]) -> Callable[..., Any]:
+    import jax
+
+    return jax.jit(step)
+
+
+def mujoco_warp_states(model: Any, data: Any) -> States:
+    """The same in Warp, in float32, on the CPU."""
+    warp = load_undisturbed("warp", "mujoco_warp")
+    engine = load_undisturbed("mujoco_warp", "mujoco_warp")
+    with warp.ScopedDevice("cpu"):
+        own, state = engine.put_model(model), engine.put_data(model, data)
+    while True:
+        with warp.ScopedDevice("cpu"):
+            engine.step(own, state)
+        yield state.qpos.numpy()[0], state.qvel.numpy()[0]
+
+
+def _in_mujoco(states: Callable[[Any, Any], States]) -> Callable[[str, float, Start], Motion]:
+    def motion(integrator: str, dt: float, start: Start) -> Motion:
+        import mujoco as mj
+
+        sides = " ".join(map(str, HALF))
+        model = mj.MjModel.from_xml_string(
+            f'<mujoco><option timestep="{dt}" integrator="{integrator}" gravity="0 0 {-GRAVITY}"/>'
+            f'<default><geom friction="{FRICTION} 0.005 0.0001"/></default><worldbody>'
+            '<geom type="plane" size="9 9 1"/><body><freejoint/>'
+            f'<geom type="box" size="{sides}" mass="{MASS}"/></body></worldbody></mujoco>'
+        )
+        data = mj.MjData(model)
+        data.qpos[2], data.qvel[0] = start[0] + HALF[2], start[1]
+        for q, v in states(model, data):
+            yield float(q[2]) - HALF[2], float(q[0]), float(v[2]), float(v[0])
+
+    return motion
+
+
+def newton(integrator: str, dt: float, start: Start) -> Motion:
+    """Springs and dampers between shapes, with Newton's default stiffness, in float32."""
+    warp, engine = (load_undisturbed(name, "newton") for name in ("warp", "newton"))
+    with warp.ScopedDevice("cpu"):
+        builder = engine.ModelBuilder(up_axis=engine.Axis.Z, gravity=(0.0, 0.0, -GRAVITY))
+        builder.default_shape_cfg.mu = FRICTION
+        builder.add_ground_plane()
+        height = start[0] + HALF[2]
+        body = builder.add_body(xform=warp.transform((0.0, 0.0, height), warp.quat_identity()))
+        builder.default_shape_cfg.density = MASS / (8 * HALF[0] * HALF[1] * HALF[2])
+        builder.add_shape_box(body, hx=HALF[0], hy=HALF[1], hz=HALF[2])
+        builder.joint_qd[0] = start[1]
+        model = builder.finalize()
+        solver = engine.solvers.SolverFeatherstone(model, angular_damping=0.0)
+        now, then, control = model.state(), model.state(), model.control()
+        engine.eval_fk(model, model.joint_q, model.joint_qd, now)
+        pipeline = engine.CollisionPipeline(model)
+        contacts = pipeline.contacts()
+    while True:
+        with warp.ScopedDevice("cpu"):
+            pipeline.collide(now, contacts)
+            solver.step(now, then, control, contacts, dt)
+        now, then = then, now
+        q, v = now.joint_q.numpy().tolist(), now.joint_qd.numpy().tolist()
         yield q[2] - HALF[2], q[0], v[2], v[0]
 
 
@@ -181,7 +255,7 @@ def drake_ground(
 
 def drake_states(
     builder: Any, plant: Any, dt: float, q: Sequence[float], v: Sequence[float]
-) -> Iterator[tuple[Any, Any]]:
+) -> States:
     """(q, v) after each step from these."""
     from pydrake.systems.analysis import Simulator
 
@@ -200,7 +274,10 @@ def drake_states(
 
 
 BOXES: dict[str, Callable[[str, float, Start], Motion]] = {
-    "mujoco": mujoco,
+    "mujoco": _in_mujoco(mujoco_states),
+    "mjx": _in_mujoco(mjx_states),
+    "mujoco_warp": _in_mujoco(mujoco_warp_states),
+    "newton": newton,
     "pybullet": pybullet,
     "dart": dart,
     "sapien": sapien,

@@ -19,7 +19,14 @@ from integ_gym.envs.ops.ops import SCALAR, Components
 from integ_gym.envs.plants.hopper import Hopper
 from integ_gym.envs.plants.system import PlantSystem
 
-from .boxes import drake_ground, drake_states
+from .boxes import (
+    States,
+    drake_ground,
+    drake_states,
+    mjx_states,
+    mujoco_states,
+    mujoco_warp_states,
+)
 
 BALL = 0.005
 """Radius, m."""
@@ -38,23 +45,24 @@ MECHANISM = GROUNDLESS.mechanism.solid
 FRICTION = GROUNDLESS.ground_friction
 
 
-def mujoco(integrator: str, dt: float, start: State) -> Motion:
-    """Soft contact, MuJoCo's default impedance."""
-    import mujoco as mj
+def _in_mujoco(states: Callable[[Any, Any], States]) -> Callable[[str, float, State], Motion]:
+    def motion(integrator: str, dt: float, start: State) -> Motion:
+        import mujoco as mj
 
-    spec = mj.MjSpec.from_string(mjcf(MECHANISM, dt, integrator))
-    spec.option.disableflags &= ~int(mj.mjtDisableBit.mjDSBL_CONTACT)
-    rubs = [FRICTION, 0.005, 0.0001]
-    spec.worldbody.add_geom(
-        type=mj.mjtGeom.mjGEOM_PLANE, size=[9.0, 9.0, 1.0], pos=[0.0, 0.0, -BALL], friction=rubs
-    )
-    spec.body("leg").add_geom(type=mj.mjtGeom.mjGEOM_SPHERE, size=[BALL, 0, 0], friction=rubs)
-    model = spec.compile()
-    data = mj.MjData(model)
-    data.qpos[:], data.qvel[:] = start
-    while True:
-        mj.mj_step(model, data)
-        yield tuple(data.qpos), tuple(data.qvel)
+        spec = mj.MjSpec.from_string(mjcf(MECHANISM, dt, integrator))
+        spec.option.disableflags &= ~int(mj.mjtDisableBit.mjDSBL_CONTACT)
+        rubs = [FRICTION, 0.005, 0.0001]
+        spec.worldbody.add_geom(
+            type=mj.mjtGeom.mjGEOM_PLANE, size=[9.0, 9.0, 1.0], pos=[0.0, 0.0, -BALL], friction=rubs
+        )
+        spec.body("leg").add_geom(type=mj.mjtGeom.mjGEOM_SPHERE, size=[BALL, 0, 0], friction=rubs)
+        model = spec.compile()
+        data = mj.MjData(model)
+        data.qpos[:], data.qvel[:] = start
+        for q, v in states(model, data):
+            yield tuple(map(float, q)), tuple(map(float, v))
+
+    return motion
 
 
 def drake(integrator: str, dt: float, start: State) -> Motion:
@@ -121,7 +129,9 @@ def _engine_states(kind: type[RigidBodyEngine]) -> Callable[[str, float, State],
 
 
 HOPPERS: dict[str, Callable[[str, float, State], Motion]] = {
-    "mujoco": mujoco,
+    "mujoco": _in_mujoco(mujoco_states),
+    "mjx": _in_mujoco(mjx_states),
+    "mujoco_warp": _in_mujoco(mujoco_warp_states),
     "pybullet": _engine_states(GroundedBullet),
     "dart": _engine_states(GroundedDart),
     "drake": drake,

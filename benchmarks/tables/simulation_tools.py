@@ -326,6 +326,7 @@ def _box(unit: Unit, dt: float, start: tuple[float, ...]) -> Found:
         {
             "penetration": float(max(0.0, -path[:, 0].min())),
             "bounce": float(max(0.0, after[:, 2].max()) / (GRAVITY * landed)),
+            "slip": float(abs(along)),
             "energy": float(abs(energy)),
         },
         min(one, other),
@@ -384,7 +385,7 @@ NAMES = tuple(TABLE.columns)[: TABLE.cell]
 KEEP = ("from the truth", "from its finest step")
 SHOWN = {
     "chain": (*KEEP, "energy", "momentum"),
-    "box": (*KEEP, "penetration", "bounce", "energy"),
+    "box": (*KEEP, "penetration", "bounce", "slip", "energy"),
     "servo": KEEP,
 }
 """Columns of each kind of block's table."""

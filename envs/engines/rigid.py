@@ -174,9 +174,9 @@ class RigidBodyEngine(ForeignEngine):
             return None
         once = ", ".join(x for x, y in self.maps.items() if y.startswith("symplectic_euler"))
         raise InputError(
-            f"engine {self.name!r} has no springs at joints that integrator {self.integrator!r} "
-            f"takes in all its stages; use `integrator`: {once}, or engine 'native', 'mujoco' or "
-            "'drake'"
+            f"springs at joints are not given to engine {self.name!r} here, so integrator "
+            f"{self.integrator!r} cannot take them in all its stages; use `integrator`: {once}, or "
+            "engine 'native', 'mujoco' or 'drake'"
         )
 
     def with_springs(self, q: Components, force: Components) -> Components:

@@ -115,7 +115,7 @@ def test_accelerations_before_a_step_are_the_plants(engine, integrator):
 
 @pytest.mark.parametrize(("engine", "integrator"), sorted(SPRINGLESS))
 def test_a_spring_that_an_engine_has_not_in_all_stages_is_refused(engine, integrator):
-    with pytest.raises(ValueError, match="has no springs at joints that integrator"):
+    with pytest.raises(ValueError, match="springs at joints are not given to engine"):
         _setup(engine, integrator)
 
 
@@ -127,7 +127,7 @@ def test_damping_that_physx_does_not_resolve_is_refused():
 @pytest.fixture
 def grounds(monkeypatch):
     """`benchmarks/engine_contact.py`."""
-    for engine in ("mujoco", "drake", "dart", "pybullet"):
+    for engine in ("mujoco", "mjx", "mujoco_warp", "newton", "drake", "dart", "pybullet"):
         needs(engine)
     monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
     yield importlib.import_module("engine_contact")
@@ -181,7 +181,19 @@ def test_what_lands_on_an_engines_ground_is_our_hopper(grounds, engine, integrat
     assert 0.0 < slipped != pytest.approx(truth[3], rel=0.3)
 
 
-@pytest.mark.parametrize("engine", ["mujoco", "drake", "dart", "pybullet"])
+@pytest.mark.slow
+@pytest.mark.parametrize("engine", ["mjx", "mujoco_warp"])
+@pytest.mark.parametrize("plant", ["block", "hopper"])
+def test_engines_of_mujocos_family_land_as_it_does(grounds, engine, plant):
+    measure, _ = grounds.PLANTS[plant]
+    found, wanted = (measure(name, "Euler", grounds.STEPS[1]) for name in (engine, "mujoco"))
+    np.testing.assert_allclose(found, wanted, rtol=1e-3, atol=1e-3)
+
+
+GROUNDS = ["mujoco", pytest.param("newton", marks=pytest.mark.slow), "drake", "dart", "pybullet"]
+
+
+@pytest.mark.parametrize("engine", GROUNDS)
 def test_a_block_slides_as_coulomb_says_and_does_not_bounce_unasked(grounds, engine):
     bounced, deep, lost, slid = grounds.block(engine, grounds.SUBJECTS[engine][0], 0.001)
     _, _, energy, rigid = grounds.closed_forms()["rigid"]

@@ -11,9 +11,12 @@ from functional_checks import compare
 from recording import CONTEXT, made, play
 from scipy.integrate import solve_ivp
 
-from integ_gym.envs.environment import environment_setup from integ_gym.envs.numerics import goal_energy from integ_gym.envs.ops.ops import
-SCALAR from integ_gym.envs.registries import INTEGRATORS from integ_gym.evidence.store import EvidenceStore from integ_gym.train.baselines
-import has_handmade, possible_baselines
+from integ_gym.envs.environment import environment_setup
+from integ_gym.envs.numerics import goal_energy
+from integ_gym.envs.ops.ops import SCALAR
+from integ_gym.envs.registries import INTEGRATORS
+from integ_gym.evidence.store import EvidenceStore
+from integ_gym.train.baselines import has_handmade, possible_baselines
 
 STIFFNESS, DAMPING, TARGETS = 40.0, 2.0, (0.4, -0.6, 0.2)
 SERVO = {
@@ -57,7 +60,8 @@ def test_a_continuous_servo_is_the_closed_loop_that_scipy_solves():
 @pytest.mark.parametrize(
     "env_id",
     ["IntegPendulum-v0", "IntegElasticPendulum-v0", "IntegAcrobotSwingUp-v0", "IntegReacher-v0"],
-) def test_slopes_have_those_of_a_continuous_servo(env_id):
+)
+def test_slopes_have_those_of_a_continuous_servo(env_id):
     """What implicit integrators solve with, by differences of the closed loop's accelerations."""
     system = environment_setup(env_id, {"actuator": "position", "servo": "continuous"}).system
     n, rng, small = len(system.plant.coordinates), np.random.default_rng(0), 1e-6

@@ -13,10 +13,15 @@ import report_example as example
 from driving import Browser
 from report_pages import panel_from, pixels
 
-from integ_gym.envs.environment import environment_setup from integ_gym.envs.ops.ops import SCALAR from integ_gym.eval.report.episodes
-import read_episodes from integ_gym.eval.report.page import render from integ_gym.evidence.labels import EpisodeContext from
-integ_gym.evidence.recorder import RecordEvidence from integ_gym.evidence.store import EvidenceStore from integ_gym.train.policy import
-BoxActions, DiscreteActions, MlpPolicy from integ_gym.train.policy_files.writing import save_policy
+from integ_gym.envs.environment import environment_setup
+from integ_gym.envs.ops.ops import SCALAR
+from integ_gym.eval.report.episodes import read_episodes
+from integ_gym.eval.report.page import render
+from integ_gym.evidence.labels import EpisodeContext
+from integ_gym.evidence.recorder import RecordEvidence
+from integ_gym.evidence.store import EvidenceStore
+from integ_gym.train.policy import BoxActions, DiscreteActions, MlpPolicy
+from integ_gym.train.policy_files.writing import save_policy
 
 pytestmark = pytest.mark.slow
 
