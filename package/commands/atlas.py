@@ -129,9 +129,9 @@ def _print_plan(atlas: Atlas, waiting: Sequence[Block]) -> None:
         )
         for block in atlas.blocks()
     ]
+    total = total_cost(list(costs.values()))
+    print(f"{plural(len(waiting), 'block')} missing: {seconds(total.seconds)} of one core.")
     print_wrapped(
         f"Atlas {atlas.name}: {atlas.argument} over its critical value {atlas.critical:.4g}.",
     )
     print_columns(("block", atlas.argument, "policies", "core time"), rows)
-    total = total_cost(list(costs.values()))
-    print(f"{plural(len(waiting), 'block')} missing: {seconds(total.seconds)} of one core.")
