@@ -61,10 +61,11 @@ def _compile_file(path: str, modified: int) -> CompiledModel:
 
 
 def compile_sensing(source: Any) -> Any:
-    """The same model with one sensor in place of its own: how many contacts, and the least distance
-    of them, m."""
+    """The same model without what only shows, and with one sensor in place of its own: how many
+    contacts, and the least distance of them, m."""
     mujoco = load("mujoco", "mujoco")
     spec, *_ = _read(mujoco, source)
+    spec.compiler.discardvisual = True
     for own in list(spec.sensors):
         spec.delete(own)
     sensor, data, nearest = spec.add_sensor(), mujoco.mjtConDataField, 1
