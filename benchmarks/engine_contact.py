@@ -179,7 +179,20 @@ def main() -> None:
             print("\n".join(results.markdown(heads, rows)), end="\n\n")
         else:
             results.print_table(heads, rows)
-    packages = ("integ-gym", "numpy", "mujoco", "drake", "dartpy", "pybullet", "sapien")
+    packages = (
+        "integ-gym",
+        "numpy",
+        "jax",
+        "mujoco",
+        "mujoco-mjx",
+        "mujoco-warp",
+        "newton",
+        "warp-lang",
+        "drake",
+        "dartpy",
+        "pybullet",
+        "sapien",
+    )
     results.write(given.json, {"steps": STEPS, "rows": measured}, packages)
 
 

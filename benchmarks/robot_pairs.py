@@ -3,7 +3,7 @@
 ``python benchmarks/robot_pairs.py go1:Go1 DIR``: the policy at its file's settings, from the same
 starts, in pairs: the loop on one core, then the evaluation with its traces written on several. By
 processor time it is how many times as fast it is where no other program runs. MuJoCo's share of the
-loop, on as many cores, is the ceiling.
+loop, on as many cores, is about the ceiling.
 """
 
 import resource

@@ -50,7 +50,7 @@ def mujoco_states(model: Any, data: Any) -> States:
 
 
 def mjx_states(model: Any, data: Any) -> States:
-    """The same in JAX, in float64."""
+    """(q, v) after each step by MJX, in float64."""
     import jax
     from mujoco import mjx
 
@@ -71,7 +71,7 @@ def _compiled(step: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def mujoco_warp_states(model: Any, data: Any) -> States:
-    """The same in Warp, in float32, on the CPU."""
+    """(q, v) after each step by MuJoCo Warp, in float32, on the CPU."""
     warp = load_undisturbed("warp", "mujoco_warp")
     engine = load_undisturbed("mujoco_warp", "mujoco_warp")
     with warp.ScopedDevice("cpu"):
@@ -82,7 +82,9 @@ def mujoco_warp_states(model: Any, data: Any) -> States:
         yield state.qpos.numpy()[0], state.qvel.numpy()[0]
 
 
-def _in_mujoco(states: Callable[[Any, Any], States]) -> Callable[[str, float, Start], Motion]:
+def _box_in_mujoco(states: Callable[[Any, Any], States]) -> Callable[[str, float, Start], Motion]:
+    """The box in MuJoCo's terms, moved by what gives its states."""
+
     def motion(integrator: str, dt: float, start: Start) -> Motion:
         import mujoco as mj
 
@@ -274,9 +276,9 @@ def drake_states(
 
 
 BOXES: dict[str, Callable[[str, float, Start], Motion]] = {
-    "mujoco": _in_mujoco(mujoco_states),
-    "mjx": _in_mujoco(mjx_states),
-    "mujoco_warp": _in_mujoco(mujoco_warp_states),
+    "mujoco": _box_in_mujoco(mujoco_states),
+    "mjx": _box_in_mujoco(mjx_states),
+    "mujoco_warp": _box_in_mujoco(mujoco_warp_states),
     "newton": newton,
     "pybullet": pybullet,
     "dart": dart,

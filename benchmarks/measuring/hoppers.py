@@ -45,7 +45,11 @@ MECHANISM = GROUNDLESS.mechanism.solid
 FRICTION = GROUNDLESS.ground_friction
 
 
-def _in_mujoco(states: Callable[[Any, Any], States]) -> Callable[[str, float, State], Motion]:
+def _hopper_in_mujoco(
+    states: Callable[[Any, Any], States],
+) -> Callable[[str, float, State], Motion]:
+    """The hopper in MuJoCo's terms, moved by what gives its states."""
+
     def motion(integrator: str, dt: float, start: State) -> Motion:
         import mujoco as mj
 
@@ -129,9 +133,9 @@ def _engine_states(kind: type[RigidBodyEngine]) -> Callable[[str, float, State],
 
 
 HOPPERS: dict[str, Callable[[str, float, State], Motion]] = {
-    "mujoco": _in_mujoco(mujoco_states),
-    "mjx": _in_mujoco(mjx_states),
-    "mujoco_warp": _in_mujoco(mujoco_warp_states),
+    "mujoco": _hopper_in_mujoco(mujoco_states),
+    "mjx": _hopper_in_mujoco(mjx_states),
+    "mujoco_warp": _hopper_in_mujoco(mujoco_warp_states),
     "pybullet": _engine_states(GroundedBullet),
     "dart": _engine_states(GroundedDart),
     "drake": drake,

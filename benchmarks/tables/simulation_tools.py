@@ -326,7 +326,7 @@ def _box(unit: Unit, dt: float, start: tuple[float, ...]) -> Found:
         {
             "penetration": float(max(0.0, -path[:, 0].min())),
             "bounce": float(max(0.0, after[:, 2].max()) / (GRAVITY * landed)),
-            "slip": float(abs(along)),
+            "sliding": float(abs(along)),
             "energy": float(abs(energy)),
         },
         min(one, other),
@@ -342,7 +342,8 @@ TABLE = Table(
         "quantity": "what was measured",
         "seed": "of the start",
         "value": "distances: rad, box: m; energy: share of that at the start, box: J; momentum: "
-        "kg m²/s; penetration: m; bounce: share of the speed of arrival; time of the processor: s",
+        "kg m²/s; penetration: m; bounce: share of the speed of arrival; sliding: m/s; "
+        "time of the processor: s",
         "why": "it does not stand here: its own words, or ours where it was left out",
     },
     cell=5,
@@ -385,7 +386,7 @@ NAMES = tuple(TABLE.columns)[: TABLE.cell]
 KEEP = ("from the truth", "from its finest step")
 SHOWN = {
     "chain": (*KEEP, "energy", "momentum"),
-    "box": (*KEEP, "penetration", "bounce", "slip", "energy"),
+    "box": (*KEEP, "penetration", "bounce", "sliding", "energy"),
     "servo": KEEP,
 }
 """Columns of each kind of block's table."""

@@ -31,7 +31,7 @@ class IntegAcrobotSwingUpEnv(IntegEnv, Env[Any, Any]):
     |---|---|
     | State | (θ₁, θ̇₁, θ₂, θ̇₂), `env.unwrapped.state`, in the order of all environments here: Gymnasium's is (θ₁, θ₂, θ̇₁, θ̇₂); start from one with `reset(options={"state": …})` |
     | Observation | float32 (cos θ₁, sin θ₁, cos θ₂, sin θ₂, θ̇₁, θ̇₂) of the last sensor sample |
-    | Action | `Box` (1,): torque, saturated at ±`max_torque`; the saturation is counted. With `actuator="position"` the target of a servo of θ₂, to ±`target_limit` |
+    | Action | `Box` (1,): torque, saturated at ±`max_torque`; the saturation is counted. With `actuator="position"` it is the target of a servo of θ₂, within ±`target_limit`; see *Position servos* in docs/reference/environments.md |
     | Rates | physics every `dt`, decisions every `control_period`, torque held in between (zero-order hold), samples every `sensor_period` |
     | Frame | first joint; θ₁ = 0 hanging, θ₂ = 0 straight, both positive counter-clockwise, unwrapped |
     | Units | SI: rad, rad/s, N m, kg, s, J |

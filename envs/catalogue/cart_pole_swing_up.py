@@ -35,7 +35,7 @@ class IntegCartPoleSwingUpEnv(IntegEnv, Env[Any, Any]):
     |---|---|
     | State | (x, ẋ, θ, θ̇), `env.unwrapped.state`; start from one with `reset(options={"state": …})` |
     | Observation | float32 (x, ẋ, cos θ, sin θ, θ̇) of the last sensor sample |
-    | Action | `Box` (1,): force, saturated at ±`max_force`; the saturation is counted. With `actuator="position"` the target of a servo of x, to ±`target_limit` |
+    | Action | `Box` (1,): force, saturated at ±`max_force`; the saturation is counted. With `actuator="position"` it is the target of a servo of x, within ±`target_limit`; see *Position servos* in docs/reference/environments.md |
     | Rates | physics every `dt`, decisions every `control_period`, force held in between (zero-order hold), samples every `sensor_period` |
     | Frame | track; x = 0 at its middle, θ = 0 upright, positive towards +x, unwrapped |
     | Units | SI: m, m/s, rad, rad/s, N, kg, s, J |

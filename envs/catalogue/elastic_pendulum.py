@@ -34,7 +34,7 @@ class IntegElasticPendulumEnv(IntegEnv, Env[Any, Any]):
     |---|---|
     | State | (x, ẋ, y, ẏ), `env.unwrapped.state`; start from one with `reset(options={"state": …})` |
     | Observation | float32 (x, ẋ, y, ẏ) of the last sensor sample |
-    | Action | `Box` (1,): horizontal force on the bob, saturated at ±`max_force`; the saturation is counted. With `actuator="position"` the target of a servo of x, to ±`target_limit` |
+    | Action | `Box` (1,): horizontal force on the bob, saturated at ±`max_force`; the saturation is counted. With `actuator="position"` it is the target of a servo of x, within ±`target_limit`; see *Position servos* in docs/reference/environments.md |
     | Rates | physics every `dt`, decisions every `control_period`, force held in between (zero-order hold), samples every `sensor_period` |
     | Frame | place where the bob hangs at rest; x to the right, y upwards |
     | Units | SI: m, m/s, N, kg, s, J |

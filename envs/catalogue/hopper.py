@@ -40,7 +40,7 @@ class IntegHopperEnv(IntegEnv, Env[Any, Any]):
     |---|---|
     | State | (x, ẋ, z, ż, θ, θ̇, hip angle and its speed, leg length and its speed), `env.unwrapped.state`; start from one with `reset(options={"state": …})` |
     | Observation | float32, all of the state but x, ẋ first, of the last sensor sample |
-    | Action | `Box` (2,): torque of the hip, N m, and force along the leg, N, saturated to ±`max_torque` and ±`max_force`; the saturation is counted. With `actuator="position"` targets of servos of hip and leg, to ±`target_limit` |
+    | Action | `Box` (2,): torque of the hip, N m, and force along the leg, N, saturated to ±`max_torque` and ±`max_force`; the saturation is counted. With `actuator="position"` they are targets of servos of hip and leg, within ±`target_limit`; see *Position servos* in docs/reference/environments.md |
     | Rates | physics every `dt`, decisions every `control_period`, controls held in between (zero-order hold), samples every `sensor_period` |
     | Frame | the ground, z = 0; x to the right, z upwards, θ = 0 upright, positive towards +x; hip = 0 along the torso, positive with the foot towards +x |
     | Units | SI: m, m/s, rad, rad/s, N, N m, kg, s, J |

@@ -31,7 +31,7 @@ class IntegPendulumEnv(IntegEnv, Env[Any, Any]):
     |---|---|
     | State | (θ, θ̇), `env.unwrapped.state`; start from one with `reset(options={"state": …})` |
     | Observation | float32 (cos θ, sin θ, θ̇) of the last sensor sample |
-    | Action | `Box` (1,): torque, saturated at ±`max_torque`; the saturation is counted. With `actuator="position"` the target of a servo of θ, to ±`target_limit` |
+    | Action | `Box` (1,): torque, saturated at ±`max_torque`; the saturation is counted. With `actuator="position"` it is the target of a servo of θ, within ±`target_limit`; see *Position servos* in docs/reference/environments.md |
     | Rates | physics every `dt`, decisions every `control_period`, torque held in between (zero-order hold), samples every `sensor_period` |
     | Frame | hinge; θ = 0 upright, positive counter-clockwise, unwrapped |
     | Units | SI: rad, rad/s, N m, kg, m, s, J |

@@ -53,7 +53,7 @@ class BatchSteps:
     Args:
         mujoco: the module.
         model: compiled, in a discretization.
-        sensing: the same with another sensor; see
+        sensing: the same motion, with another sensor and without what only shows; see
             :func:`integ_gym.envs.testbeds.mjcf_model.compile_sensing`.
         lanes: how many.
         count: timesteps in a control period.

@@ -61,8 +61,11 @@ def _compile_file(path: str, modified: int) -> CompiledModel:
 
 
 def compile_sensing(source: Any) -> Any:
-    """The same model without what only shows, and with one sensor in place of its own: how many
-    contacts, and the least distance of them, m."""
+    """Compile a model's motion with one sensor of contacts, for a batch.
+
+    What only shows is left out. The sensor, in place of the model's own, counts contacts and has
+    the least of their distances, m.
+    """
     mujoco = load("mujoco", "mujoco")
     spec, *_ = _read(mujoco, source)
     spec.compiler.discardvisual = True

@@ -131,5 +131,5 @@ def _silence(check: BoundaryCheck, found: Contract) -> str:
     """Why a boundary was not compared."""
     who = " and ".join({"first": found.first, "second": found.second}[one] for one in check.silent)
     if check.boundary == "acceleration":
-        return f"{who}: it gives no acceleration before a step, only the step."
+        return f"{who}: no acceleration can be had without a step."
     return f"{who}: it cannot be said."

@@ -61,8 +61,8 @@ def test_a_continuous_servo_is_the_closed_loop_that_scipy_solves():
     "env_id",
     ["IntegPendulum-v0", "IntegElasticPendulum-v0", "IntegAcrobotSwingUp-v0", "IntegReacher-v0"],
 )
-def test_slopes_have_those_of_a_continuous_servo(env_id):
-    """What implicit integrators solve with, by differences of the closed loop's accelerations."""
+def test_slopes_include_a_continuous_servo(env_id):
+    """Derivatives that implicit integrators use equal differences of the accelerations."""
     system = environment_setup(env_id, {"actuator": "position", "servo": "continuous"}).system
     n, rng, small = len(system.plant.coordinates), np.random.default_rng(0), 1e-6
     controls = tuple(rng.uniform(-0.5, 0.5, len(system.plant.controls)))

@@ -60,7 +60,7 @@ SHOWN = """(() => {
 
 
 def small_policy(space: gym.Space[Any], actions: gym.Space[Any]) -> MlpPolicy:
-    """A network of drawn weights, whose actions are not far from the middle of their limits."""
+    """A network of drawn weights; of a `Box` its actions are not far from the middle."""
     rng = np.random.default_rng(0)
     if isinstance(actions, gym.spaces.Discrete):
         count = int(actions.n)
