@@ -8,7 +8,6 @@ m/s), one entry for each step.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from functools import cache
 from itertools import product
 from math import sqrt
 from typing import Any
@@ -54,20 +53,13 @@ def mjx_states(model: Any, data: Any) -> States:
     import jax
     from mujoco import mjx
 
-    step = _compiled(mjx.step)
+    step = jax.jit(mjx.step)
     with jax.enable_x64(True):
         own, state = mjx.put_model(model), mjx.put_data(model, data)
     while True:
         with jax.enable_x64(True):
             state = step(own, state)
         yield np.asarray(state.qpos), np.asarray(state.qvel)
-
-
-@cache
-def _compiled(step: Callable[..., Any]) -> Callable[..., Any]:
-    import jax
-
-    return jax.jit(step)
 
 
 def mujoco_warp_states(model: Any, data: Any) -> States:
