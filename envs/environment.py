@@ -29,7 +29,7 @@ from .ops.ops import SCALAR, Array, Components, split_state
 from .registries import ENVIRONMENTS, PLANTS, TASKS
 from .settings import NO_LIMIT, Mixture, Setup, build_setup, make_mixture
 from .steps import WARM_UP, trace_function
-from .tasks.interface import FLOAT32_ROUNDING
+from .tasks.interface import FLOAT32_ROUNDING, to_shown_order
 from .transition import (
     STATUS_NAMES,
     EnvState,
@@ -169,16 +169,18 @@ class IntegEnv(gym.Env[Observation, Any]):
 
     @property
     def state(self) -> npt.NDArray[np.float64]:
-        """True state in Gymnasium's order, SI units, shape (n,).
+        """True state, in the order that the environment's docstring states, SI units, shape (n,).
 
         Raises:
             gymnasium.error.ResetNeeded: before the first reset.
         """
-        return np.array(self.state_components, dtype=np.float64)
+        components = np.array(self.state_components, dtype=np.float64)
+        state: npt.NDArray[np.float64] = to_shown_order(self.setup.task, components)
+        return state
 
     @property
     def state_components(self) -> Components:
-        """The same as floats, which takes less time."""
+        """The same in state order (q0, v0, q1, v1, …), as floats, which takes less time."""
         current = self._current()
         ordered: Components = self._in_order(current.q + current.v)
         return ordered
@@ -190,7 +192,7 @@ class IntegEnv(gym.Env[Observation, Any]):
 
         Args:
             seed: seeds the environment's generator.
-            options: ``state``: the start in Gymnasium's order; or the bounds of the start
+            options: ``state``: the start, in the order of :attr:`state`; or the bounds of the start
                 distribution, named as in Gymnasium (`x_init`, `y_init`; `low`, `high`).
                 ``episode``: the number of the episode since the seed, whose sensor noise and
                 arrivals of commands are drawn. In a mixture ``mixture_index`` gives the member
@@ -284,7 +286,8 @@ class IntegEnv(gym.Env[Observation, Any]):
 
             self._renderer = Renderer(self.setup, self.render_mode, self.metadata["render_fps"])
         time = self._current().steps * self.setup.timing.control_period
-        frame: npt.NDArray[np.uint8] | None = self._renderer.draw(self.state, self._controls, time)
+        state = np.array(self.state_components)
+        frame: npt.NDArray[np.uint8] | None = self._renderer.draw(state, self._controls, time)
         return frame
 
     def close(self) -> None:

@@ -20,6 +20,7 @@ from .ops.jax_ops import JaxOps, jax, jnp
 from .ops.ops import Component, Components, join_state, split_state
 from .settings import WEIGHT, Mixture, Setup
 from .starts import ARRIVAL, GivenNumbers
+from .tasks.interface import to_state_order
 from .transition import EnvState, Outcome, initial_state, sensed_state, step_info, transition
 
 OPTIONAL = ("stops", "dry_friction", "speed_limits")
@@ -294,12 +295,13 @@ class FunctionalEnv(FuncEnv[FuncState, Any, Any, Any, Any, Any, Params]):
         """An episode that starts in a given state.
 
         Args:
-            state: in Gymnasium's order, SI units, shape (*lanes, n).
+            state: in the order of ``env.unwrapped.state``, SI units, shape (*lanes, n).
             rng: JAX key, for the sensor noise.
             params: defaults to the environment's own.
             member: in a mixture: (the member of each lane,), int32, shape ``lanes``.
         """
-        start = tuple(jnp.moveaxis(jnp.asarray(state, self._dtype), -1, 0))
+        ordered = to_state_order(self.setup.task, jnp.asarray(state, self._dtype))
+        start = tuple(jnp.moveaxis(ordered, -1, 0))
         params = self._default(params)
         begun = self.begin(start, self.lane_params(params, member))
         return self._first(begun, member, rng, params)

@@ -263,12 +263,12 @@ class DiscretizedVectorEnv(VectorEnv[Any, Any, Any]):
         mixture: the discretizations that its lanes run on; one where it is no mixture.
         setups: what the lanes are made of: the mixture's.
         autoreset_mode: when a lane that has ended is reset.
-        state_components: :attr:`state` component by component, each of shape (num_envs,); they hold
-            until the next step.
+        state_components: true states in state order (q0, v0, q1, v1, …), component by component,
+            each of shape (num_envs,); they hold until the next step.
         status_codes: the solver's status in every lane's last step, as a code of `STATUS_NAMES`;
             read-only. Of a lane that was reset in place of a step, that of the reset.
-        final_state: with ``SAME_STEP``, true states before the last step's resets, shape
-            (num_envs, n).
+        final_state: with ``SAME_STEP``, true states before the last step's resets, in state order,
+            shape (num_envs, n).
     """
 
     mixture: Mixture

@@ -25,6 +25,7 @@ from .ops.ops import (
 )
 from .plants.interface import state_names
 from .settings import Setup
+from .tasks.interface import to_shown_order, to_state_order
 from .transition import EnvState, initial_state
 
 NOISE, MEMBER, ARRIVAL = 0x4E01, 0x4E02, 0x4E03
@@ -126,12 +127,12 @@ def _fastest(setup: Setup) -> Components:
 
 
 def parse_state(setup: Setup, state: Any) -> Components:
-    """A start state as floats.
+    """A start state as floats, in state order, from one in the order of ``env.unwrapped.state``.
 
     Raises:
         ValueError: if it has the wrong length, is not finite or is faster than a motion may be.
     """
-    names = state_names(setup.plant)
+    names = to_shown_order(setup.task, np.array(state_names(setup.plant))).tolist()
     try:
         values = np.asarray(state, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
@@ -143,7 +144,7 @@ def parse_state(setup: Setup, state: Any) -> Components:
             f"reset option `state` must be ({', '.join(names)}), shape ({len(names)},), "
             f"got shape {values.shape}"
         )
-    return _check_size(setup, tuple(values.tolist()))
+    return _check_size(setup, tuple(to_state_order(setup.task, values).tolist()))
 
 
 def _check_size(setup: Setup, start: Components) -> Components:
@@ -282,7 +283,7 @@ class LaneStarts:
         starts = _starts_of(self._setup, self._numbers[self._places(lanes)], options)
         fine = is_possible(self._setup, tuple(starts.T))
         if not fine.all():
-            parse_state(self._setup, starts[np.argmin(fine)])
+            _check_size(self._setup, tuple(starts[np.argmin(fine)].tolist()))
         return starts
 
     def begin(self, lanes: Array, first: Callable[[EnvState], Any]) -> Begun:

@@ -47,6 +47,7 @@ from .starts import (
     stream_of_episode,
 )
 from .steps import LanesStep
+from .tasks.interface import to_shown_order
 from .transition import (
     RESULTS,
     EnvState,
@@ -192,8 +193,14 @@ class IntegVectorEnv(DiscretizedVectorEnv):
         return tuple(self._seeds)
 
     @property
+    def state(self) -> npt.NDArray[np.float64]:
+        """True states, each in the order of the single environment's, shape (num_envs, n)."""
+        states: npt.NDArray[np.float64] = to_shown_order(self.setup.task, super().state)
+        return states
+
+    @property
     def state_components(self) -> Components:
-        """The same component by component, each of shape (num_envs,), which takes less time."""
+        """True states in state order, component by component, each of shape (num_envs,)."""
         current = self._current()
         return join_state(current.q, current.v)
 
@@ -273,7 +280,8 @@ class IntegVectorEnv(DiscretizedVectorEnv):
             fps = self.metadata["render_fps"]
             self._renderers = [Renderer(setup, "rgb_array", fps) for setup in self.setups]
         times = self._current().steps * np.array(self.mixture.periods)[self._member]
-        lanes = zip(self._member, self.state, self._controls, times, strict=True)
+        states = np.stack(self.state_components, axis=1)
+        lanes = zip(self._member, states, self._controls, times, strict=True)
         return tuple(self._renderers[m].draw(state, u, time) for m, state, u, time in lanes)
 
     def close_extras(self, **kwargs: Any) -> None:
@@ -482,7 +490,7 @@ class IntegVectorEnv(DiscretizedVectorEnv):
     def _reset_same_step(self, observation: Array, info: Info) -> tuple[Array, dict[str, Any]]:
         done = self._done.copy()
         lanes = np.flatnonzero(done)
-        self.final_state = self.state
+        self.final_state = np.stack(self.state_components, axis=1)
         final_obs = np.full(self.num_envs, None, dtype=object)
         for lane in lanes:
             final_obs[lane] = observation[lane].copy()

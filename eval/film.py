@@ -168,7 +168,7 @@ def play_episode(
         env_id: one of integ-gym's environments.
         arguments: of the environment.
         seed: of its reset.
-        start: state to start from, shape (n,), SI units; None: the seed draws it.
+        start: as the environment's `state`, SI units, shape (n,); None: the seed draws it.
 
     Raises:
         TypeError, ValueError: for arguments that cannot be.
@@ -178,12 +178,12 @@ def play_episode(
     observation, info = env.reset(seed=seed)
     if start is not None and not np.array_equal(own.state, start):
         observation, info = env.reset(seed=seed, options={"state": tuple(start)})
-    states, infos, ended = [own.state], [info], False
+    states, infos, ended = [own.state_components], [info], False
     act = start_acting(policy)
     while not ended:
         action = act(observation[None])[0].reshape(env.action_space.shape)
         observation, _, terminated, truncated, info = env.step(action)
-        states.append(own.state)
+        states.append(own.state_components)
         infos.append(info)
         ended = terminated or truncated
     env.close()

@@ -9,6 +9,8 @@ from itertools import zip_longest
 from time import perf_counter
 from typing import Any
 
+import numpy as np
+
 from integ_gym.envs.engines.stepping import integrators_of
 from integ_gym.envs.environment import IntegEnv, environment_class
 from integ_gym.envs.registries import TRUTH
@@ -151,7 +153,7 @@ class Game:
             f"{engine}{_words(self._integrator)}, {step}",
             warning,
             self.time,
-            Moment(self._env.state, self._controls(), self.ledger()),
+            Moment(np.array(self._env.state_components), self._controls(), self.ledger()),
             (
                 Choice("integrator", names, self.integrators.index(self._integrator)),
                 Choice("step", [f"{step:g} s" for step in self.steps], self.steps.index(self._dt)),
@@ -178,7 +180,7 @@ class Game:
     def _change(self, integrator: str, dt: float) -> None:
         if (integrator, dt) == (self._integrator, self._dt):
             return
-        state = tuple(self._env.state)
+        state = self._env.state
         self._integrator, self._dt = integrator, dt
         self._env = self._build(self._dt)
         self._info = self._env.reset(options={"state": state})[1]

@@ -31,7 +31,7 @@ class IntegAcrobotEnv(IntegEnv, Env[Any, Any]):
 
     | Contract | |
     |---|---|
-    | State | (θ₁, θ̇₁, θ₂, θ̇₂), `env.unwrapped.state`, in the order of all environments here: Gymnasium's is (θ₁, θ₂, θ̇₁, θ̇₂); start from one with `reset(options={"state": …})` |
+    | State | (θ₁, θ₂, θ̇₁, θ̇₂), `env.unwrapped.state`, in Gymnasium's order; start from one with `reset(options={"state": …})` |
     | Observation | float32 (cos θ₁, sin θ₁, cos θ₂, sin θ₂, θ̇₁, θ̇₂) of the last sensor sample |
     | Action | `Discrete(3)`: torque −`torque`, 0 or +`torque`; others raise |
     | Rates | physics every `dt`, decisions every `control_period`, torque held in between (zero-order hold), samples every `sensor_period` |

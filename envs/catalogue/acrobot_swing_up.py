@@ -29,7 +29,7 @@ class IntegAcrobotSwingUpEnv(IntegEnv, Env[Any, Any]):
 
     | Contract | |
     |---|---|
-    | State | (θ₁, θ̇₁, θ₂, θ̇₂), `env.unwrapped.state`, in the order of all environments here: Gymnasium's is (θ₁, θ₂, θ̇₁, θ̇₂); start from one with `reset(options={"state": …})` |
+    | State | (θ₁, θ₂, θ̇₁, θ̇₂), `env.unwrapped.state`, in the order of Gymnasium's acrobot; start from one with `reset(options={"state": …})` |
     | Observation | float32 (cos θ₁, sin θ₁, cos θ₂, sin θ₂, θ̇₁, θ̇₂) of the last sensor sample |
     | Action | `Box` (1,): torque, saturated at ±`max_torque`; the saturation is counted. With `actuator="position"` it is the target of a servo of θ₂, within ±`target_limit`; see *Position servos* in docs/reference/environments.md |
     | Rates | physics every `dt`, decisions every `control_period`, torque held in between (zero-order hold), samples every `sensor_period` |
@@ -90,6 +90,7 @@ class IntegAcrobotSwingUpEnv(IntegEnv, Env[Any, Any]):
     | `start` | `"hanging"` | | start distribution |
     | `contact` | `"compliant"` | | there are no stops |
     | `render_mode` | `None` | | `"rgb_array"` or `"human"` |
+    | `actuator` | `"effort"` | | `effort`: actions are torques; `position`: they are targets of servos, whose arguments are in *Position servos* |
     | `mass_1` | 1.0 | kg | mass of the first link |
     | `mass_2` | 1.0 | kg | mass of the second link |
     | `length_1` | 1.0 | m | first joint to second joint |

@@ -95,6 +95,7 @@ class IntegCartPoleSwingUpEnv(IntegEnv, Env[Any, Any]):
     | `start` | `"hanging"` | | start distribution: `hanging` or `upright` |
     | `contact` | `"compliant"` | | law of the stops: ours, the same in every engine, or `engine` |
     | `render_mode` | `None` | | `"rgb_array"` or `"human"` |
+    | `actuator` | `"effort"` | | `effort`: actions are forces; `position`: they are targets of servos, whose arguments are in *Position servos* |
     | `cart_mass` | 1.0 | kg | mass of the cart |
     | `mass` | 0.1 | kg | mass of the pole |
     | `length` | 0.5 | m | hinge to centre of mass of the pole |

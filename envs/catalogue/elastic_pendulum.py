@@ -91,6 +91,7 @@ class IntegElasticPendulumEnv(IntegEnv, Env[Any, Any]):
     | `start` | `"pushed"` | | start distribution: `pushed` |
     | `contact` | `"compliant"` | | there are no stops |
     | `render_mode` | `None` | | `"rgb_array"` or `"human"` |
+    | `actuator` | `"effort"` | | `effort`: actions are forces; `position`: they are targets of servos, whose arguments are in *Position servos* |
     | `mass` | 1.0 | kg | mass of the bob |
     | `length` | 1.0 | m | length of the unloaded spring |
     | `stiffness` | 1000.0 | N/m | stiffness of the spring |

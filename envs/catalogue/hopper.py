@@ -101,6 +101,7 @@ class IntegHopperEnv(IntegEnv, Env[Any, Any]):
     | `start` | `"dropped"` | | start distribution: `dropped` |
     | `contact` | `"compliant"` | | law of the foot on the ground: ours, the same in every engine |
     | `render_mode` | `None` | | `"rgb_array"` or `"human"` |
+    | `actuator` | `"effort"` | | `effort`: actions are a torque and a force; `position`: they are targets of servos, whose arguments are in *Position servos* |
     | `mass` | 8.0 | kg | mass of the torso |
     | `inertia` | 1.0 | kg m^2 | of the torso in pitch, about the hip |
     | `foot_mass` | 0.5 | kg | mass of the foot |

@@ -90,6 +90,7 @@ class IntegPendulumEnv(IntegEnv, Env[Any, Any]):
     | `start` | `"uniform"` | | start distribution: `uniform` or `hanging` |
     | `contact` | `"compliant"` | | law of the stops: ours, the same in every engine, or `engine` |
     | `render_mode` | `None` | | `"rgb_array"` or `"human"` |
+    | `actuator` | `"effort"` | | `effort`: actions are torques; `position`: they are targets of servos, whose arguments are in *Position servos* |
     | `mass` | 1.0 | kg | mass of the rod or bob |
     | `length` | 1.0 | m | hinge to far end of the rod, or to the bob |
     | `gravity` | 10.0 | m/s^2 | gravitational acceleration |

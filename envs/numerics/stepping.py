@@ -19,7 +19,7 @@ from ..plants.system import PlantSystem
 
 Array = npt.NDArray[np.float64]
 State = Sequence[float] | Array
-"""(q0, v0, q1, v1, …), SI units: the order of ``env.unwrapped.state``."""
+"""(q0, v0, q1, v1, …), SI units."""
 
 OneStep = Callable[[Components, Components, Any], tuple[Components, Components]]
 """(q, v, control) to (q, v) after one step."""

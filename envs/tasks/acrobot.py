@@ -66,6 +66,7 @@ class AcrobotReach:
     )
     goal_stay: ClassVar[float] = 0.0
     ends_at_goal: ClassVar[bool] = True
+    positions_first: ClassVar[bool] = True
     observation_names: ClassVar[tuple[str, ...]] = LINK_NAMES
     observation_units: ClassVar[tuple[str, ...]] = LINK_UNITS
 
@@ -138,6 +139,7 @@ class AcrobotSwingUp(BoxTask):
     )
     goal_stay: ClassVar[float] = 2.0
     goal_edge: ClassVar[tuple[float, ...]] = (pi - NEAR_UPRIGHT, -NEAR_UPRIGHT)
+    positions_first: ClassVar[bool] = True
     observation_names: ClassVar[tuple[str, ...]] = LINK_NAMES
     observation_units: ClassVar[tuple[str, ...]] = LINK_UNITS
 

@@ -8,6 +8,9 @@ from math import isfinite, pi
 from operator import and_, or_
 from typing import Any, ClassVar, NamedTuple, Protocol
 
+import numpy as np
+import numpy.typing as npt
+
 from integ_gym.support.errors import InputError
 
 from ..ops.ops import Component, Components, Ops
@@ -44,6 +47,8 @@ class Task(Protocol):
     """How long the goal must have held, without a break, when the episode ends, s.
 
     Where a class attribute ``ends_at_goal`` is true, it is the goal that terminates the episode.
+    Where ``positions_first`` is true, ``env.unwrapped.state`` and the reset option ``state`` are
+    (q0, q1, …, v0, v1, …) and not in state order.
     What moves by itself, for pictures to show: a method ``target(ops, q)`` gives its place in m,
     and a class attribute ``near_target`` the distance from it that counts as there, m.
     """
@@ -91,6 +96,32 @@ class Task(Protocol):
         Where it is made of ``rng.uniform`` alone and calls no ``float``, the starts of many lanes
         are made at once, from the same numbers.
         """
+
+
+def to_shown_order(task: Any, state: Any) -> Any:
+    """States in the order of ``env.unwrapped.state``.
+
+    Args:
+        task: whose ``positions_first`` says the order; state order without it.
+        state: in state order, array of shape (…, n).
+    """
+    return state[..., _shown_places(state.shape[-1])] if _positions_first(task) else state
+
+
+def to_state_order(task: Any, state: Any) -> Any:
+    """The inverse of :func:`to_shown_order`."""
+    if not _positions_first(task):
+        return state
+    return state[..., np.argsort(_shown_places(state.shape[-1]))]
+
+
+def _positions_first(task: Any) -> bool:
+    return bool(getattr(task, "positions_first", False))
+
+
+def _shown_places(size: int) -> npt.NDArray[np.int64]:
+    """Where the entries of (q0, q1, …, v0, v1, …) are in state order."""
+    return np.arange(size).reshape(-1, 2).T.ravel()
 
 
 FLOAT32_ROUNDING = 1e-6

@@ -14,6 +14,7 @@ from recording import CONTEXT, PENDULUM, made, play, recorded, run_out
 from integ_gym.envs.catalogue.pendulum import IntegPendulumEnv
 from integ_gym.envs.environment import environment_setup
 from integ_gym.envs.registries import ENVIRONMENTS
+from integ_gym.envs.tasks.interface import to_state_order
 from integ_gym.envs.transition import control_columns
 from integ_gym.evidence import recorder as recorder_module
 from integ_gym.evidence.episodes import EpisodeHeads, EpisodeLog, Layout
@@ -64,7 +65,7 @@ def test_records_are_what_stepping_gave(env_id, kind, tmp_path):
             **{f"{name}_commanded": infos[asked] for (name, _), (asked, _) in columns},
             **{f"{name}_applied": infos[applied] for (name, _), (_, applied) in columns},
             **{name: infos[name] for name in own},
-            **dict(zip(states, state.T, strict=True)),
+            **dict(zip(states, to_state_order(setup.task, state).T, strict=True)),
             **dict(zip(names, observed.T, strict=True)),
         }
         for name, values in expected.items():

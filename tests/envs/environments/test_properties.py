@@ -16,6 +16,7 @@ from integ_gym.envs.engines.stepping import DIVERGENCE_SPEED
 from integ_gym.envs.numerics.energy import ledger
 from integ_gym.envs.numerics.stepping import fastest_rate, probe_state
 from integ_gym.envs.registries import PLANTS
+from integ_gym.envs.tasks.interface import to_shown_order
 
 FASTEST_START = 3.0
 """Speed that starts of any environment may have; a limit below it is refused."""
@@ -80,6 +81,7 @@ def test_no_nan_leaves_step_and_the_ledger_is_what_it_says(env_id, integrator):
         limits = env.unwrapped.setup.system.speed_limits
         if limits is not None:
             start[1::2] = np.clip(start[1::2], np.negative(limits), limits)
+        start = to_shown_order(env.unwrapped.setup.task, start)
         _, info = env.reset(options={"state": start})
         for action in actions:
             before = info["energy"]
