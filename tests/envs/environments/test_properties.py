@@ -15,7 +15,7 @@ import integ_gym
 from integ_gym.envs.engines.stepping import DIVERGENCE_SPEED
 from integ_gym.envs.numerics.energy import ledger
 from integ_gym.envs.numerics.stepping import fastest_rate, probe_state
-from integ_gym.envs.registries import PLANTS
+from integ_gym.envs.registries import ENVIRONMENTS, PLANTS
 from integ_gym.envs.tasks.interface import to_shown_order
 
 FASTEST_START = 3.0
@@ -96,6 +96,23 @@ def test_no_nan_leaves_step_and_the_ledger_is_what_it_says(env_id, integrator):
                 break
 
     check()
+
+
+@pytest.mark.parametrize("env_id", ENVIRONMENTS)
+def test_no_nan_in_100_000_random_decisions(env_id):
+    """Of 500 lanes at the environment's own discretization, through the ends of episodes."""
+    envs = gym.make_vec(env_id, 500, vectorization_mode="vector_entry_point", duration=2.0)
+    envs.reset(seed=0)
+    envs.action_space.seed(0)
+    ended = 0
+    for _ in range(200):
+        observation, reward, terminated, truncated, info = envs.step(envs.action_space.sample())
+        numbers = [x for x in info.values() if np.asarray(x).dtype.kind == "f"]
+        assert np.isfinite(observation).all()
+        assert np.isfinite(envs.unwrapped.state).all()
+        assert all(np.isfinite(x).all() for x in (reward, *numbers))
+        ended += np.count_nonzero(terminated | truncated)
+    assert ended > 0
 
 
 def _assert_residual_is_defined(info, before):
