@@ -9,6 +9,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from house import ROOT, page_blocks
 
 from integ_gym.cli import main
 from integ_gym.eval import statistics as stats
@@ -197,3 +198,18 @@ def test_the_command_leaves_what_it_prints(rows, tmp_path, capsys):
     assert page.count('class="dot"') == 2 * len(content["judged"]) + len(content["losses"]) + len(
         content["policies"]
     )
+
+
+def test_the_example_of_its_page(tmp_path, monkeypatch, capsys):
+    page = "docs/how-to/judge.md"
+    (tmp_path / "docs").symlink_to(ROOT / "docs")
+    monkeypatch.chdir(tmp_path)
+    (block,) = page_blocks(page, "python")
+    exec(block, {})
+    table, answer = page_blocks(page, "text")[:2]
+    assert Path("results.csv").read_text(encoding="utf-8").startswith(table.partition("…")[0])
+    command = next(x for x in page_blocks(page, "sh") if "results.csv" in x)
+    main(command.split()[1:])
+    said = capsys.readouterr().out
+    parts = [part.strip("\n") for part in answer.split("…")]
+    assert all(part in said for part in parts)
