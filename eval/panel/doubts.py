@@ -44,6 +44,7 @@ def doubts_of(
         *_homeless(existing, spec.env_id),
         *_no_better(existing, spec, layout, matrix),
         *_cannot_fail(spec, records),
+        *_start_alike(existing, spec, records),
         *reward_doubts(spec.env_id, records),
     )
 
@@ -245,4 +246,25 @@ def _cannot_fail(spec: PanelSpec, records: EvidenceStore) -> Iterator[str]:
         yield (
             "no episode of any row ends before its time limit, so success, which is survival, "
             f"shows nothing here: compare returns, or give {flag}{suggestion}"
+        )
+
+
+def _start_alike(existing: Existing, spec: PanelSpec, records: EvidenceStore) -> Iterator[str]:
+    """Doubt where all episodes begin with the same observation."""
+    columns = records.query("DESCRIBE records").column("column_name").to_pylist()
+    first = [f'"{name}"[1]' for name in columns if name.startswith("sensed_")]
+    if not first:
+        return
+    cell = home_cell(spec, existing.home) or spec.columns()[0].name
+    found = records.query(
+        f"SELECT count(*) AS episodes, count(DISTINCT ({', '.join(first)})) AS starts FROM records "
+        "WHERE phase = 'evaluation' AND perturbation IS NULL "
+        f"AND policy_id = {sql_literal(existing.policy.policy_id)} AND cell = {sql_literal(cell)}"
+    )
+    ((episodes, starts),) = (row.values() for row in found.to_pylist())
+    if starts == 1 < episodes:
+        yield (
+            f"all {episodes} episodes begin with the same observation, so they may be one episode "
+            "again and again, and intervals say nothing of other starts; draw starts at random, a "
+            "robot's by its testbed's `start` or `commands`"
         )

@@ -14,9 +14,16 @@ import integ_gym
 class FineMountainCar(Continuous_MountainCarEnv):
     """Gymnasium's mountain car with a step of its own; at 1 it is the original."""
 
-    def __init__(self, bonus=100.0, scaled=False):
+    def __init__(self, bonus=100.0, scaled=False, start=None):
         super().__init__()
+        self.start = start
         self.dt, self.bonus, self.scaled = 1.0, bonus, scaled
+
+    def reset(self, **given):
+        seen, info = super().reset(**given)
+        if self.start is not None:
+            self.state = seen = np.array([self.start, 0.0], np.float32)
+        return seen, info
 
     def step(self, action):
         position, velocity = (float(x) for x in self.state)
@@ -39,9 +46,10 @@ class MountainCar(integ_gym.GymTestbed):
     choices = ("symplectic_euler",)
     rewards = "rate"
     scaled = False
+    start = None
 
     def build(self, discretization, **arguments):
-        env = TimeLimit(FineMountainCar(scaled=self.scaled), 200)
+        env = TimeLimit(FineMountainCar(scaled=self.scaled, start=self.start), 200)
         env.unwrapped.dt = discretization.dt
         return self.held(env, discretization, rewards=self.rewards)
 
@@ -53,6 +61,12 @@ class ScaledMountainCar(MountainCar):
     """Its cost is an amount."""
 
     rewards, scaled = "sum", True
+
+
+class FixedMountainCar(MountainCar):
+    """Every episode is the same."""
+
+    start = -0.5
 
 
 class SilentMountainCar(MountainCar):

@@ -291,6 +291,13 @@ def test_of_rewards_that_are_said_there_is_no_doubt(kind, tmp_path):
     assert "looks wrong" not in panel.answer
 
 
+def test_episodes_that_all_begin_alike_cast_doubt(tmp_path):
+    panel = _evaluated("FixedMountainCar", tmp_path, success_return=80.0)
+    (doubt,) = panel.warnings
+    assert doubt.startswith("all 2 episodes begin with the same observation")
+    assert "draw starts at random" in doubt
+
+
 def test_of_one_step_per_decision_there_is_no_doubt(tmp_path):
     panel = _evaluated("SilentMountainCar", tmp_path, [1.0], success_return=80.0, limit=False)
     assert panel.warnings == ()
