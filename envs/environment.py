@@ -29,7 +29,7 @@ from .ops.ops import SCALAR, Array, Components, split_state
 from .registries import ENVIRONMENTS, PLANTS, TASKS
 from .settings import NO_LIMIT, Mixture, Setup, build_setup, make_mixture
 from .steps import WARM_UP, trace_function
-from .tasks.interface import FLOAT32_ROUNDING, to_shown_order
+from .tasks.interface import FLOAT32_ROUNDING, to_public_order
 from .transition import (
     STATUS_NAMES,
     EnvState,
@@ -175,7 +175,7 @@ class IntegEnv(gym.Env[Observation, Any]):
             gymnasium.error.ResetNeeded: before the first reset.
         """
         components = np.array(self.state_components, dtype=np.float64)
-        state: npt.NDArray[np.float64] = to_shown_order(self.setup.task, components)
+        state: npt.NDArray[np.float64] = to_public_order(self.setup.task, components)
         return state
 
     @property

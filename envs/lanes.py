@@ -267,8 +267,7 @@ class DiscretizedVectorEnv(VectorEnv[Any, Any, Any]):
             each of shape (num_envs,); they hold until the next step.
         status_codes: the solver's status in every lane's last step, as a code of `STATUS_NAMES`;
             read-only. Of a lane that was reset in place of a step, that of the reset.
-        final_state: with ``SAME_STEP``, true states before the last step's resets, in state order,
-            shape (num_envs, n).
+        final_state: with ``SAME_STEP``, :attr:`state` before the last step's resets.
     """
 
     mixture: Mixture
@@ -280,5 +279,5 @@ class DiscretizedVectorEnv(VectorEnv[Any, Any, Any]):
 
     @property
     def state(self) -> npt.NDArray[np.float64]:
-        """True states in the order of the setup's plant, SI units, shape (num_envs, n)."""
+        """True states, each as the single environment's, SI units, shape (num_envs, n)."""
         return np.stack(self.state_components, axis=1)

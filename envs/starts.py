@@ -25,7 +25,7 @@ from .ops.ops import (
 )
 from .plants.interface import state_names
 from .settings import Setup
-from .tasks.interface import to_shown_order, to_state_order
+from .tasks.interface import to_public_order, to_state_order
 from .transition import EnvState, initial_state
 
 NOISE, MEMBER, ARRIVAL = 0x4E01, 0x4E02, 0x4E03
@@ -132,7 +132,7 @@ def parse_state(setup: Setup, state: Any) -> Components:
     Raises:
         ValueError: if it has the wrong length, is not finite or is faster than a motion may be.
     """
-    names = to_shown_order(setup.task, np.array(state_names(setup.plant))).tolist()
+    names = to_public_order(setup.task, np.array(state_names(setup.plant))).tolist()
     try:
         values = np.asarray(state, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
@@ -150,8 +150,9 @@ def parse_state(setup: Setup, state: Any) -> Components:
 def _check_size(setup: Setup, start: Components) -> Components:
     if not is_possible(setup, start):
         speeds = " and ".join(dict.fromkeys(f"{np.max(x):g}" for x in _fastest(setup)))
+        given = tuple(to_public_order(setup.task, np.array(start)).tolist())
         raise InputError(
-            f"a start state must be finite, with speeds up to {speeds}, got {start}; "
+            f"a start state must be finite, with speeds up to {speeds}, got {given}; "
             "mend the reset option `state` or the start's bounds"
         )
     return start
@@ -373,7 +374,7 @@ class _Ready:
         """Some of them."""
         if not (self._all_fine or self._fine[places].all()):
             starts = _starts_of(self._setup, self._numbers[places], {})
-            parse_state(self._setup, starts[np.argmin(self._fine[places])])
+            _check_size(self._setup, tuple(starts[np.argmin(self._fine[places])].tolist()))
         rows = self._table.take(places, axis=0)
         values = [*rows.T.copy(), *self._constants]
         energy, goal_since = self._energy_and_goal(values)

@@ -47,7 +47,7 @@ from .starts import (
     stream_of_episode,
 )
 from .steps import LanesStep
-from .tasks.interface import to_shown_order
+from .tasks.interface import to_public_order
 from .transition import (
     RESULTS,
     EnvState,
@@ -195,7 +195,7 @@ class IntegVectorEnv(DiscretizedVectorEnv):
     @property
     def state(self) -> npt.NDArray[np.float64]:
         """True states, each in the order of the single environment's, shape (num_envs, n)."""
-        states: npt.NDArray[np.float64] = to_shown_order(self.setup.task, super().state)
+        states: npt.NDArray[np.float64] = to_public_order(self.setup.task, super().state)
         return states
 
     @property
@@ -490,7 +490,7 @@ class IntegVectorEnv(DiscretizedVectorEnv):
     def _reset_same_step(self, observation: Array, info: Info) -> tuple[Array, dict[str, Any]]:
         done = self._done.copy()
         lanes = np.flatnonzero(done)
-        self.final_state = np.stack(self.state_components, axis=1)
+        self.final_state = self.state
         final_obs = np.full(self.num_envs, None, dtype=object)
         for lane in lanes:
             final_obs[lane] = observation[lane].copy()

@@ -33,6 +33,7 @@ from integ_gym.envs.settings import (
     check_divides,
     unlike_names,
 )
+from integ_gym.envs.tasks.interface import to_public_order
 from integ_gym.envs.testbeds.making import find_testbed
 from integ_gym.envs.transition import LOSSES, control_columns
 from integ_gym.evidence.record import EvidenceRecord
@@ -168,7 +169,7 @@ def play_episode(
         env_id: one of integ-gym's environments.
         arguments: of the environment.
         seed: of its reset.
-        start: as the environment's `state`, SI units, shape (n,); None: the seed draws it.
+        start: true state, in state order, SI units, shape (n,); None: the seed draws it.
 
     Raises:
         TypeError, ValueError: for arguments that cannot be.
@@ -176,8 +177,9 @@ def play_episode(
     env = gym.make(env_id, disable_env_checker=True, **arguments)
     own: Any = env.unwrapped
     observation, info = env.reset(seed=seed)
-    if start is not None and not np.array_equal(own.state, start):
-        observation, info = env.reset(seed=seed, options={"state": tuple(start)})
+    if start is not None and not np.array_equal(own.state_components, start):
+        state = to_public_order(own.setup.task, np.array(start))
+        observation, info = env.reset(seed=seed, options={"state": state})
     states, infos, ended = [own.state_components], [info], False
     act = start_acting(policy)
     while not ended:

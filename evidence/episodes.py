@@ -18,7 +18,6 @@ from integ_gym.envs.ops.ops import SCALAR, Array
 from integ_gym.envs.plants.interface import state_names
 from integ_gym.envs.registries import TRUTH
 from integ_gym.envs.settings import NATIVE
-from integ_gym.envs.tasks.interface import to_shown_order
 
 from .fields import CONTACT_TRACE, SUMMARY_FIELDS, Field, further_of, record_fields
 from .labels import EpisodeContext
@@ -58,7 +57,6 @@ class Layout:
         fields: all columns of the records.
         info: entries taken from ``info``: what the trace columns and the summaries need.
         state: entries of the true state, in state order.
-        shown: the same in the order of the environment's ``state``.
         further: entries that ``info`` has in one array, see
             :data:`integ_gym.envs.foreign.FURTHER`.
         names: all entries: ``info``, then solver status, reward, terminated and truncated, then
@@ -68,7 +66,6 @@ class Layout:
     def __init__(self, plant: Any, task: Any, info: Mapping[str, Any] | None = None) -> None:
         self.fields: tuple[Field, ...] = record_fields(plant, task)
         self.state = state_names(plant)
-        self.shown = tuple(to_shown_order(task, np.array(self.state)).tolist())
         sensed = tuple(f"sensed_{name}" for name in task.observation_names)
         self.further = tuple(names.name for names in further_of(plant))
         others = (STATUS, *_ENDING, *self.state, *sensed, *self.further)
@@ -219,10 +216,10 @@ class EpisodeRows:
         return np.where(unknown, np.nan, falls) if unknown.any() else falls
 
     def starts(self) -> Array:
-        """True states at time 0, in the environment's order, shape (episodes, states)."""
+        """True states at time 0, in state order, shape (episodes, states)."""
         if not self._layout.state:
             return np.empty((len(self.steps), 0))
-        return np.stack([self.first(name) for name in self._layout.shown], axis=1)
+        return np.stack([self.first(name) for name in self._layout.state], axis=1)
 
     def goal_since(self) -> Array:
         """Start of the stay at the goal in which the episode ends, s; NaN if it ends elsewhere."""

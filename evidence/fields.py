@@ -16,7 +16,6 @@ from integ_gym.envs import numerics
 from integ_gym.envs.foreign import Further
 from integ_gym.envs.plants.interface import state_names, state_units
 from integ_gym.envs.settings import DRAWN, NATIVE, Setup
-from integ_gym.envs.tasks.interface import to_shown_order
 from integ_gym.envs.transition import STATUS_NAMES, control_columns, effort_columns
 from integ_gym.support.errors import InputError, InputTypeError
 from integ_gym.support.optional import installed_versions
@@ -292,8 +291,7 @@ _IDENTITY = _group(
     _text("rng_key",
         "`entropy/n`: what seeded the generator, and how many episodes it had started before",
         head("rng_key")),
-    _field("initial_state", "list<float64>", "SI",
-        "true state at time 0, in the order of `env.unwrapped.state`",
+    _field("initial_state", "list<float64>", "SI", "true state at time 0, in state order",
         rows(lambda episodes: episodes.starts()), frame="plant"),
 )  # fmt: skip
 
@@ -586,8 +584,7 @@ def record_fields(plant: Any, task: Any) -> tuple[Field, ...]:
     Raises:
         ValueError: if the plant or task names a component like another column.
     """
-    start_units = to_shown_order(task, np.array(state_units(plant)))
-    units = {"initial_state": ", ".join(start_units), **contact_units(plant)}
+    units = {"initial_state": ", ".join(state_units(plant)), **contact_units(plant)}
     summary = tuple(
         replace(field, unit=units[field.name], frame=plant.frame) if field.name in units else field
         for field in SUMMARY_FIELDS

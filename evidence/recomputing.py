@@ -15,7 +15,6 @@ from integ_gym.envs.environment import environment_setup
 from integ_gym.envs.ops.ops import ARRAY, Array, split_state
 from integ_gym.envs.registries import ENVIRONMENTS
 from integ_gym.envs.settings import NATIVE
-from integ_gym.envs.tasks.interface import to_shown_order
 from integ_gym.envs.transition import STATUS_NAMES
 from integ_gym.support.optional import installed_versions
 
@@ -428,10 +427,7 @@ def _add_up(record: EvidenceRecord) -> Iterator[tuple[str, Any, float]]:
         yield "solver_iterations_mean", _finite(trace["solver_iterations"].mean()), 0.0
     yield "solver_status", STATUS_NAMES[int(trace["solver_status_code"].max())], 0.0
     if "time" in trace:
-        start = np.array([x[0] for x in _states(record)])
-        if record.fields["env_id"] in ENVIRONMENTS:
-            start = to_shown_order(_find_setup(record.fields).task, start)
-        yield "initial_state", start.tolist(), 0.0
+        yield "initial_state", [float(x[0]) for x in _states(record)], 0.0
 
 
 def _command_error(trace: Mapping[str, Array]) -> float | None:

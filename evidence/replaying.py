@@ -20,6 +20,7 @@ from integ_gym.envs.ops.ops import Array
 from integ_gym.envs.rediscretized import plant_of
 from integ_gym.envs.registries import ENVIRONMENTS, TESTBEDS
 from integ_gym.envs.settings import DISCRETIZATION, DRAWN, NATIVE, Discretization
+from integ_gym.envs.tasks.interface import to_public_order
 from integ_gym.envs.testbeds.gym_testbed import ClassicControl, class_path
 from integ_gym.envs.testbeds.making import MujocoTestbed, find_testbed, make_checked
 from integ_gym.envs.testbeds.mjcf import MjcfTestbed
@@ -487,6 +488,8 @@ def _start(recorder: RecordVectorEvidence, records: Sequence[EvidenceRecord], nu
     states = np.array([record.fields["initial_state"] for record in records])
     states = states + nudge * np.maximum(1.0, np.abs(states))
     noise = [recomputing.noise_source(record) or (None, 0) for record in records]
+    environments: Any = recorder.unwrapped
+    states = to_public_order(environments.setups[0].task, states)
     options = {"state": states, "episode": np.array([episode for _, episode in noise])}
     return recorder.reset(seed=[seed for seed, _ in noise], options=options)[0]
 

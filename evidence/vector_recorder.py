@@ -11,6 +11,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 
 from integ_gym.envs.lanes import DiscretizedVectorEnv
 from integ_gym.envs.ops.ops import Array
+from integ_gym.envs.tasks.interface import to_state_order
 from integ_gym.support.errors import InputError
 
 from .episodes import EpisodeHeads
@@ -300,7 +301,8 @@ class RecordVectorEvidence(Recorder, VectorWrapper):
         if same_step and done.any():
             final = observation.copy()
             final[done] = np.stack(info["final_obs"][done])
-            last = self._row(info["final_info"], ending, self._inner.final_state.T, final)
+            states = to_state_order(self._inner.setups[0].task, self._inner.final_state)
+            last = self._row(info["final_info"], ending, states.T, final)
             row = tuple(np.where(done, *both) for both in zip(last, row, strict=True))
         if buffer.full:
             self._hand_over()

@@ -32,7 +32,11 @@ Limits = tuple[tuple[Component, Component], ...]
 
 
 class Task(Protocol):
-    """A task is a frozen dataclass whose fields are its parameters."""
+    """A task is a frozen dataclass whose fields are its parameters.
+
+    Where a class attribute ``positions_first`` is true, ``env.unwrapped.state`` and the reset
+    option ``state`` are (q0, q1, …, v0, v1, …), and without it in state order (q0, v0, q1, v1, …).
+    """
 
     plant: ClassVar[str]
     starts: ClassVar[tuple[str, ...]]
@@ -47,8 +51,6 @@ class Task(Protocol):
     """How long the goal must have held, without a break, when the episode ends, s.
 
     Where a class attribute ``ends_at_goal`` is true, it is the goal that terminates the episode.
-    Where ``positions_first`` is true, ``env.unwrapped.state`` and the reset option ``state`` are
-    (q0, q1, …, v0, v1, …) and not in state order.
     What moves by itself, for pictures to show: a method ``target(ops, q)`` gives its place in m,
     and a class attribute ``near_target`` the distance from it that counts as there, m.
     """
@@ -98,28 +100,28 @@ class Task(Protocol):
         """
 
 
-def to_shown_order(task: Any, state: Any) -> Any:
+def to_public_order(task: Any, state: Any) -> Any:
     """States in the order of ``env.unwrapped.state``.
 
     Args:
         task: whose ``positions_first`` says the order; state order without it.
         state: in state order, array of shape (…, n).
     """
-    return state[..., _shown_places(state.shape[-1])] if _positions_first(task) else state
+    return state[..., _public_places(state.shape[-1])] if _positions_first(task) else state
 
 
 def to_state_order(task: Any, state: Any) -> Any:
-    """The inverse of :func:`to_shown_order`."""
+    """The inverse of :func:`to_public_order`."""
     if not _positions_first(task):
         return state
-    return state[..., np.argsort(_shown_places(state.shape[-1]))]
+    return state[..., np.argsort(_public_places(state.shape[-1]))]
 
 
 def _positions_first(task: Any) -> bool:
     return bool(getattr(task, "positions_first", False))
 
 
-def _shown_places(size: int) -> npt.NDArray[np.int64]:
+def _public_places(size: int) -> npt.NDArray[np.int64]:
     """Where the entries of (q0, q1, …, v0, v1, …) are in state order."""
     return np.arange(size).reshape(-1, 2).T.ravel()
 

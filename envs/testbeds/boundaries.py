@@ -16,7 +16,7 @@ from ..foreign import wrappers_of
 from ..lanes import DiscretizedVectorEnv
 from ..ops.ops import SCALAR, join_state
 from ..rediscretized import integrator_numbers, plant_of
-from ..tasks.interface import to_shown_order
+from ..tasks.interface import to_public_order
 
 Array = NDArray[np.float64]
 
@@ -171,7 +171,7 @@ class IntegBoundaries(Boundaries):
     def observation(self, state: Array, seed: int) -> Named:
         """As an episode that starts there shows it, with the sensor noise of a seed."""
         start = np.array([join_state(*self._parts(state))] * self.env.num_envs)
-        start = to_shown_order(self._setup.task, start)
+        start = to_public_order(self._setup.task, start)
         shown, _ = self.env.reset(seed=[seed] * self.env.num_envs, options={"state": start})
         return name_components(self._setup.task.observation_names, shown[0])
 

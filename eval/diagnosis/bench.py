@@ -19,7 +19,7 @@ from integ_gym.envs.ops.ops import Component, Components, Ops, join_state
 from integ_gym.envs.plants.interface import state_names, state_units
 from integ_gym.envs.plants.system import PlantSystem
 from integ_gym.envs.registries import PLANTS
-from integ_gym.envs.tasks.interface import BoxTask, Limits, to_shown_order
+from integ_gym.envs.tasks.interface import BoxTask, Limits, to_public_order
 from integ_gym.envs.vector import IntegVectorEnv
 from integ_gym.evidence.labels import EpisodeContext
 from integ_gym.evidence.recorder import RecordEvidence
@@ -110,7 +110,7 @@ def follow(
     inner: Any = recorder.env.unwrapped
     timing, alone = inner.setup.timing, isinstance(recorder, RecordEvidence)
     task = inner.setup.task
-    options = None if starts is None else {"state": to_shown_order(task, starts)}
+    options = None if starts is None else {"state": to_public_order(task, starts)}
     observation, info = recorder.reset(seed=SEED, options=options)
     names = [n for n, x in info.items() if n[0] != "_" and np.asarray(x).dtype.kind in "biuf"]
     running = np.ones(np.shape(inner.state_components[0]), dtype=bool)

@@ -19,8 +19,6 @@ import numpy as np
 from gymnasium import spaces
 
 from integ_gym.envs.ops.ops import Array, split_state
-from integ_gym.envs.settings import Setup
-from integ_gym.envs.tasks.interface import to_state_order
 from integ_gym.evidence.labels import failure_sentence
 from integ_gym.support.terminal import compact, fixed, nonbreaking, percent, step
 from integ_gym.train.policy import MlpPolicy
@@ -31,7 +29,7 @@ from ..panel.result import Entry, Panel, Row
 from ..statistics import Estimate
 from . import matrices
 from .episodes import LEDGER, Episodes, Trace, choice_words
-from .task import Task, panel_setup
+from .task import Task
 
 UNKNOWN: Final = -32768
 """Stands for a ledger that is not known."""
@@ -237,9 +235,8 @@ def _episodes(panel: Panel, episodes: Episodes, numbers: bytearray) -> dict[str,
             ledger = np.where(known, multiples, UNKNOWN).astype(np.int16)
             entries[pair]["ledger"] = [_add(numbers, values) for values in ledger]
     finest = 0.0 if episodes.skeleton is None else ROBOT_STEP
-    setup = panel_setup(panel)
     traces = [
-        {"at": [rows[row], cells[cell], seed, episode], **_trace(trace, setup, numbers, finest)}
+        {"at": [rows[row], cells[cell], seed, episode], **_trace(trace, numbers, finest)}
         for trace in episodes.traces
         for row, cell, seed, episode in [trace.key]
     ]
@@ -296,10 +293,8 @@ def _network(policy: MlpPolicy, numbers: bytearray) -> dict[str, Any]:
     return {"layers": layers, "activation": policy.activation, "statistics": statistics, **bounds}
 
 
-def _trace(trace: Trace, setup: Setup | None, numbers: bytearray, finest: float) -> dict[str, Any]:
+def _trace(trace: Trace, numbers: bytearray, finest: float) -> dict[str, Any]:
     fields = trace.fields
-    start = np.array(fields["initial_state"] or ())
-    ordered = start if setup is None else to_state_order(setup.task, start)
     parts = ("contact_loss_total", "clip_loss_total", "dissipated_total")
     lost = None if fields["dissipated_total"] is None else sum(fields[p] or 0.0 for p in parts)
     totals = (fields["work_total"], fields["energy_residual_total"], lost)
@@ -326,7 +321,7 @@ def _trace(trace: Trace, setup: Setup | None, numbers: bytearray, finest: float)
         "error": fields["command_error"],
         "since": fields["time_to_success"],
         "return": _finite(fields["return"]),
-        "state": split_state(tuple(ordered.tolist())),
+        "state": split_state(fields["initial_state"] or ()),
         "start": _finite(fields["energy_start"]),
         "end": _finite(fields["energy_end"]),
         "totals": [_finite(total) for total in totals],

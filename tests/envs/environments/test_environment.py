@@ -14,7 +14,7 @@ from integ_gym.envs.catalogue.pendulum import IntegPendulumEnv
 from integ_gym.envs.engines.stepping import DIVERGENCE_SPEED
 from integ_gym.envs.environment import environment_setup
 from integ_gym.envs.ops.ops import SCALAR
-from integ_gym.envs.tasks.interface import to_shown_order
+from integ_gym.envs.tasks.interface import to_public_order
 
 IDS = tuple(integ_gym.ENVIRONMENTS)
 REACHER = "IntegReacher-v0"
@@ -246,7 +246,7 @@ def test_divergence_ends_the_episode_and_never_pays(env_id, where):
         state[3 if flies or env_id == REACHER else 1] = (1e-9 - DIVERGENCE_SPEED) * (
             1.0 if flies else -1.0
         )
-    state = to_shown_order(env.unwrapped.setup.task, state)
+    state = to_public_order(env.unwrapped.setup.task, state)
     env.reset(options={"state": state})
     action = getattr(env.action_space, "high", 1)
     obs, reward, terminated, truncated, info = env.step(action)

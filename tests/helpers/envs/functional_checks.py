@@ -10,7 +10,7 @@ from gymnasium.vector import AutoresetMode
 
 from integ_gym.envs import functional
 from integ_gym.envs.integrators.newton import TOLERANCE
-from integ_gym.envs.tasks.interface import to_shown_order
+from integ_gym.envs.tasks.interface import to_public_order
 from integ_gym.envs.transition import STATUS_NAMES
 
 ROUNDED = {"solver_iterations": 3, "solver_residual": TOLERANCE}
@@ -98,7 +98,7 @@ def begin_lanes(vector, state, mask):
     """Begin in the vector environment what the functional one has drawn, in some lanes."""
     components = zip(state.env.q, state.env.v, strict=True)
     starts = np.stack([np.asarray(x) for pair in components for x in pair], axis=1)
-    options = {"state": to_shown_order(vector.setup.task, starts), "reset_mask": mask}
+    options = {"state": to_public_order(vector.setup.task, starts), "reset_mask": mask}
     if len(vector.mixture.setups) > 1:
         options["mixture_index"] = np.asarray(state.member[0])
     vector.reset(seed=0, options=options)
