@@ -286,7 +286,8 @@ _IDENTITY = _group(
     _text("cell", "key of the panel cell or training run", context("cell")),
     _count("episode_index", "number of the episode in its cell, from 0", head("index")),
     _count("seed?",
-        "seed given at the reset that seeded the generator; null if none was, or beyond 64 bits",
+        "seed given at the reset that seeded the generator; null if none was, if that reset was "
+        "given a start or its bounds, or beyond 64 bits",
         head(_seeds)),
     _text("rng_key",
         "`entropy/n`: what seeded the generator, and how many episodes it had started before",

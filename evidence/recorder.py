@@ -260,6 +260,11 @@ def all_setups(setups: Sequence[Setup], lanes: int) -> list[SetupOfLane]:
     return [(setup, lane) for setup in setups for lane in range(lanes if varied else 1)]
 
 
+def is_drawn(options: Mapping[str, Any] | None) -> bool:
+    """Whether a reset with these options draws its start by the seed alone."""
+    return not {*(options or {})} - {"episode", "mixture_index", "reset_mask"}
+
+
 def now() -> int:
     """Unix time, µs."""
     return time.time_ns() // 1000
@@ -485,7 +490,7 @@ class RecordEvidence(Recorder, gym.Wrapper[Any, Any, Any, Any]):
         """Start an episode; one that has not ended is forgotten."""
         observation, info = self.env.reset(seed=seed, options=options)
         if seed is not None:
-            self._seed, self._draws = seed, -1
+            self._seed, self._draws = (seed if is_drawn(options) else None), -1
         self._draws = getattr(self._inner, "episode", self._draws + 1)
         self._member = int(info.get("mixture_index", 0)) if self._generic is None else 0
         entries = info if self._generic is None else self._generic.info()

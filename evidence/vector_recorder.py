@@ -16,7 +16,7 @@ from integ_gym.support.errors import InputError
 
 from .episodes import EpisodeHeads
 from .labels import EpisodeContext
-from .recorder import Recorder, all_setups, now, recorded
+from .recorder import Recorder, all_setups, is_drawn, now, recorded
 from .reservation import Episodes, from_on
 from .store import EvidenceStore
 
@@ -283,7 +283,8 @@ class RecordVectorEvidence(Recorder, VectorWrapper):
         for lane in [] if seed is None else lanes.tolist():
             given = seed + lane if shared else seed[lane]  # type: ignore[operator,index]
             if given is not None:
-                self._seeds[lane], self._draws[lane] = int(given), -1
+                self._seeds[lane] = int(given) if is_drawn(options) else None
+                self._draws[lane] = -1
         self._begin(buffer, lanes, observation, info)
         self._waiting[lanes] = False
         return observation, info

@@ -355,3 +355,17 @@ def test_what_a_network_decided_on_another_engine_is_decided_again_to_the_last_b
     ).settle()
     assert done.exact == len(names) > 0
     assert not done.findings
+
+
+@pytest.mark.parametrize("env_id", ["IntegAcrobotSwingUp-v0", "IntegCartPoleSwingUp-v0"])
+def test_an_episode_from_a_given_state_is_replayed(env_id, tmp_path):
+    """In whichever order the environment takes its states."""
+    context = EpisodeContext("run", "cell", policy_id="random", replays=Replays(home=False))
+    env = made(tmp_path, context, env_id, duration=0.5)
+    env.reset(seed=1, options={"state": (0.1, 0.2, 0.3, 0.4)})
+    ended = False
+    while not ended:
+        ended = any(env.step(env.action_space.sample())[2:4])
+    env.close()
+    done = _replayed(EvidenceStore(tmp_path))
+    assert (done.exact, done.records, done.findings) == (1, 1, [])
