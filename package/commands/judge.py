@@ -67,7 +67,8 @@ def main(argv: Sequence[str]) -> int:
         for one in found.judged
     ]  # fmt: skip
     print_columns(("policy", "condition", *measures, "seeds", "episodes"), rows)
-    for title, compared in (("lost from home", found.losses), ("compared", found.policies)):
+    losses, policies = ("policy", "lost from home"), ("condition", "compared")
+    for titles, compared in ((losses, found.losses), (policies, found.policies)):
         if compared:
             print()
             rows = [
@@ -76,7 +77,7 @@ def main(argv: Sequence[str]) -> int:
                  STATUS_WORDS[one.status])
                 for one in compared
             ]  # fmt: skip
-            print_columns(("in", title, "difference", "p", "is"), rows)
+            print_columns((*titles, "difference", "p", "is"), rows)
     print("\nWhat cannot be said")
     for line in limitations(found):
         print_wrapped(f"- {line}")
