@@ -67,6 +67,21 @@ def _step(**arguments: object) -> list[str]:
     return _python(STEP.format(arguments=", ".join(f"{k}={v!r}" for k, v in arguments.items())))
 
 
+ONNX = """
+import onnx
+from onnx import TensorProto, helper
+seen, action = (
+    helper.make_tensor_value_info(name, TensorProto.FLOAT, ["n", size])
+    for name, size in (("seen", 3), ("action", 1))
+)
+zeros = helper.make_tensor("zeros", TensorProto.FLOAT, [3, 1], [0.0] * 3)
+node = helper.make_node("MatMul", ["seen", "zeros"], ["action"])
+graph = helper.make_graph([node], "still", [seen], [action], [zeros])
+known = {"ir_version": 10, "opset_imports": [helper.make_opsetid("", 17)]}  # to onnxruntime
+onnx.save(helper.make_model(graph, **known), "still.onnx")
+"""
+
+
 FUNCTION = "def still(observation):\n    return [0.0]\n"
 EVALUATE = (
     "integ-gym evaluate --policy mine:still --env IntegPendulum-v0 --integrator rk4 --dt 0.05 "
@@ -116,7 +131,11 @@ USES: dict[str, list[str | list[str]]] = {
         )
     ],
     "hub": [_python("import huggingface_hub, integ_gym")],
-    "onnx": [_python("import onnx, onnxruntime, integ_gym")],
+    "onnx": [
+        _python(ONNX),
+        "integ-gym evaluate still.onnx --env IntegPendulum-v0 --integrator rk4 --dt 0.05 "
+        "--episodes 2 --out judged",
+    ],
     "ray": [_python("import ray, integ_gym")],
     "dask": [_python("import dask, distributed, integ_gym")],
     "slurm": [_python("import submitit, integ_gym")],
