@@ -1,5 +1,7 @@
 """Published robots by MuJoCo, NumPy and onnxruntime alone: their models, and a policy's episode."""
 
+import math
+
 import mujoco
 import numpy as np
 
@@ -20,7 +22,7 @@ def plain_episode(name, model, session, qpos, qvel, command, period=0.02, late=0
     data.qpos[:], data.qvel[:], data.ctrl[:] = qpos, qvel, key.ctrl
     suffix, site = ("_pelvis", "imu_in_pelvis") if name == "g1" else ("", "imu")
     rate = 1.25 + 0.5 * min(np.linalg.norm(command), 1.5) / 1.5 if name == "apollo" else 1.5
-    hidden, last = 2 if name == "t1" else 0, round(10.0 / period)
+    hidden, last = 2 if name == "t1" else 0, math.ceil(round(10.0 / period, 6))
     count, wait = (round(time / model.opt.timestep) for time in (period, late))
     action, states, squares, controls = np.zeros(model.nu), [], 0.0, {}
     for decision in range(last + 1):  # the last of them ends the episode
