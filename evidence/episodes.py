@@ -274,8 +274,7 @@ class EpisodeRows:
         return self._each(np.minimum, np.where(self._there(), places, self._ends[-1]))
 
     def _there(self) -> Array:
-        there: Array = self._column("goal_since") >= 0.0
-        return there
+        return self._column("goal_since") >= 0.0
 
     def _falling_edge(self, flag: Array) -> Array:
         """Whether a flag is off in a row right after one of the same episode with it on."""
@@ -296,8 +295,7 @@ class EpisodeRows:
         return self._each(function, of(self._column(entry)))
 
     def _each(self, function: np.ufunc, column: Array) -> Array:
-        values: Array = function.reduceat(column, self._starts)
-        return values
+        return function.reduceat(column, self._starts)
 
 
 def _finite(times: Array) -> Array:

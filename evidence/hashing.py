@@ -171,8 +171,7 @@ def _flatten(column: Any) -> _Flat:
 
 
 def _ends(lengths: npt.NDArray[Any]) -> npt.NDArray[np.int64]:
-    ends: npt.NDArray[np.int64] = np.concatenate(([0], np.cumsum(lengths, dtype=np.int64)))
-    return ends
+    return np.concatenate(([0], np.cumsum(lengths, dtype=np.int64)))
 
 
 def _laid_out(columns: list[Any], rows: int) -> Iterator[memoryview]:

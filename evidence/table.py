@@ -102,8 +102,7 @@ def _values(column: Array) -> list[Any]:
 def _bits(episodes: Episodes) -> list[bytes]:
     """The courses of the episodes, of which those that are alike to the last bit are equal."""
     table = np.array([episodes.summary[name] for name in _COURSE.values()], dtype=np.float64)
-    rows: list[bytes] = table.T.copy().view(f"V{table.itemsize * len(table)}").ravel().tolist()
-    return rows
+    return table.T.copy().view(f"V{table.itemsize * len(table)}").ravel().tolist()
 
 
 def build_unhashed_table(

@@ -262,8 +262,7 @@ class RecordVectorEvidence(Recorder, VectorWrapper):
     @property
     def recorded(self) -> Array:
         """With paired starts, whether a lane's episode has ended, shape (num_envs,)."""
-        recorded: Array = self._recorded.copy()
-        return recorded
+        return self._recorded.copy()
 
     def reset(
         self,

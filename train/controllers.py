@@ -195,8 +195,7 @@ class HandMade(Baseline, Generic[P]):
 
     def saturated(self, control: NDArray[np.float64]) -> NDArray[np.float64]:
         """Controls within the limit."""
-        within: NDArray[np.float64] = np.clip(control, -self.limit, self.limit)
-        return within
+        return np.clip(control, -self.limit, self.limit)
 
 
 class EnergyShaping(HandMade[Pendulum]):
@@ -288,8 +287,7 @@ class _Region:
         """Whether states lie in a grid cell whose four corners are caught; shape (n,)."""
         rows, row_inside = _cell(self.angles, angle)
         columns, column_inside = _cell(self.speeds, speed)
-        inside: NDArray[np.bool_] = row_inside & column_inside & self.cells[rows, columns]
-        return inside
+        return row_inside & column_inside & self.cells[rows, columns]
 
 
 def _cell(grid: NDArray[Any], values: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:

@@ -722,8 +722,7 @@ class CalledPolicy:
                 f"{self.action_space} were expected; give one action for one observation"
             )
         if not discrete:
-            actions: NDArray[np.float32] = given.reshape(count, size).astype(np.float32)
-            return actions
+            return given.reshape(count, size).astype(np.float32)
         whole = given.reshape(count)
         if not np.array_equal(whole, np.floor(whole)):
             raise InputError(

@@ -229,8 +229,7 @@ def _layers(vector_env: VectorEnv[Any, Any, Any]) -> Iterable[VectorEnv[Any, Any
 
 def _plain_list(values: Any) -> list[Any]:
     """One Python value per lane."""
-    listed: list[Any] = values.tolist() if isinstance(values, np.ndarray) else list(values)
-    return listed
+    return values.tolist() if isinstance(values, np.ndarray) else list(values)
 
 
 def _joint_options(lanes: Sequence[dict[str, Any]]) -> dict[str, Any] | None:
