@@ -21,7 +21,7 @@ import numpy.typing as npt
 from gymnasium.envs.registration import EnvSpec
 
 from integ_gym.envs.environment import IntegEnv
-from integ_gym.envs.foreign import time_limit
+from integ_gym.envs.foreign import ForeignPlant, ForeignTask, time_limit, wrappers_of
 from integ_gym.envs.rediscretized import RediscretizedEnv
 from integ_gym.envs.settings import NO_LIMIT, Setup
 from integ_gym.envs.transition import quiet_status
@@ -323,17 +323,13 @@ class GenericEnv:
                 horizon=time_limit(env) or _HORIZON,
                 known=False,
             ),
-            plant=SimpleNamespace(
-                **dict.fromkeys(("coordinates", "coordinate_units"), ()),
-                **dict.fromkeys(("velocities", "velocity_units"), ()),
-                name=type(env.unwrapped).__name__,
-                controls=tuple((name, "") for name in actions),
-                frame="",
+            plant=ForeignPlant(
+                type(env.unwrapped).__name__, tuple((name, "") for name in actions), frame=""
             ),
-            task=SimpleNamespace(
-                goal="not known: the environment does not say what success is",
-                observation_names=observations,
-                observation_units=("",) * len(observations),
+            task=ForeignTask(
+                "not known: the environment does not say what success is",
+                observations,
+                ("",) * len(observations),
             ),
             engine=SimpleNamespace(
                 version=None, width=None, reports=False, solver=dict, describe=self._describe
@@ -360,15 +356,12 @@ class GenericEnv:
 
     def _describe(self) -> Mapping[str, Any]:
         """What a record says of the engine: wrappers, the outermost first, and spaces."""
-        env, wrappers = self._env, []
+        env = self._env
         spaces = {"observation": env.observation_space, "action": env.action_space}
-        while env is not env.unwrapped:
-            wrappers.append(type(env).__name__)
-            env = env.env  # type: ignore[attr-defined]
         return {
             "known": False,
             "unknown": "engine, integrator, steps, state, energy and success",
-            "wrappers": wrappers,
+            "wrappers": [type(one).__name__ for one in wrappers_of(env)],
             "left_out": [
                 f"{name} ({_count(space)} numbers)"
                 for name, space in spaces.items()
