@@ -302,26 +302,25 @@ def merge(sources: Sequence[EvidenceStore], target: EvidenceStore) -> Merged:
             raise EvidenceError(
                 f"{store.directory} is damaged: {problems[0]}; mend it before it is merged"
             )
-    held = _ids([target])
-    added = _ids(sources, held)
-    doubled = sum(store.count() for store in sources) - len(added)
-    taken = dict(held)
+    taken = set(_hashes([target]))
+    added = len(_hashes([target, *sources])) - len(taken)
+    doubled = sum(store.count() for store in sources) - added
     for store in sources:
         for file in store.files():
             name = _free(file.stem, target)
             fresh = [table for table in _fresh(parts(file), taken) if table.num_rows]
             if fresh:
                 target.commit_all(name, fresh)
-    return Merged(len(added), doubled)
+    return Merged(added, doubled)
 
 
-def _ids(stores: Sequence[EvidenceStore], held: dict[str, str] | None = None) -> dict[str, str]:
-    """Content hash by record id, of the records that are not held.
+def _hashes(stores: Sequence[EvidenceStore]) -> dict[str, str]:
+    """Content hash of all records, by record id.
 
     Raises:
         EvidenceError: if two records of one id differ.
     """
-    known, found = dict(held or {}), {}
+    known: dict[str, str] = {}
     for store in stores:
         if not store.files():
             continue
@@ -332,17 +331,15 @@ def _ids(stores: Sequence[EvidenceStore], held: dict[str, str] | None = None) ->
                     f"record {name} of {store.directory} differs from the one with that id that "
                     "is there already; merge into a directory without it"
                 )
-            if name not in (held or {}):
-                found[name] = own
-    return found
+    return known
 
 
-def _fresh(tables: Iterator[Any], taken: dict[str, str]) -> Iterator[Any]:
+def _fresh(tables: Iterator[Any], taken: set[str]) -> Iterator[Any]:
     """Rows whose records have not been taken."""
     for table in tables:
-        ids, own = (table.column(n).to_pylist() for n in ("record_id", "content_hash"))
+        ids = table.column("record_id").to_pylist()
         new = [name not in taken for name in ids]
-        taken.update(zip(ids, own, strict=True))
+        taken.update(ids)
         yield table.filter(pyarrow().array(new, pyarrow().bool_()))
 
 
