@@ -5,13 +5,13 @@ from __future__ import annotations
 import argparse
 import difflib
 import json
-import math
 import os
 import shlex
 import shutil
 import sys
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -211,15 +211,14 @@ def whole_number(word: str) -> int:
     Raises:
         argparse.ArgumentTypeError: for anything else.
     """
-    try:
+    with suppress(ValueError):
         return int(word)
-    except ValueError:
-        number = _float(word)
-    if not number.is_integer():
-        raise argparse.ArgumentTypeError(
-            f"expected a whole number, such as 100000 or 1e5, got {word!r}"
-        )
-    return int(number)
+    with suppress(ValueError):
+        if (number := float(word)).is_integer():
+            return int(number)
+    raise argparse.ArgumentTypeError(
+        f"expected a whole number, such as 100000 or 1e5, got {word!r}"
+    )
 
 
 def run_place(word: str) -> str | Path:
@@ -232,10 +231,3 @@ def run_place(word: str) -> str | Path:
         return resolve_place(word)
     except ValueError as error:
         raise argparse.ArgumentTypeError(str(error)) from None
-
-
-def _float(word: str) -> float:
-    try:
-        return float(word)
-    except ValueError:
-        return math.nan
