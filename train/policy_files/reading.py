@@ -179,7 +179,10 @@ def read_weights(
         if obs_stats is False and getattr(policy, "statistics", None) is not None:
             raise PolicyFileError(f"{path}: holds statistics of its own; leave out obs_stats=False")
         return policy
-    return _with(policy, statistics, path)
+    try:
+        return replace(policy, statistics=statistics)
+    except ValueError as error:
+        raise PolicyFileError(f"{path}: {error}") from error
 
 
 def unscaled(path: Path, card: Mapping[str, Any] | None = None) -> bool:
@@ -250,12 +253,3 @@ def _statistics(network: Mapping[str, Any]) -> ObservationStatistics | None:
         raise PolicyFileError(
             f"the side-car's observation statistics cannot be read ({error}); write it again"
         ) from error
-
-
-def _with(
-    policy: MlpPolicy | ProgramPolicy, statistics: ObservationStatistics, path: Path
-) -> MlpPolicy | ProgramPolicy:
-    try:
-        return replace(policy, statistics=statistics)
-    except ValueError as error:
-        raise PolicyFileError(f"{path}: {error}") from error

@@ -21,7 +21,7 @@ from integ_gym.envs.settings import DISCRETIZATION, Discretization
 from integ_gym.envs.testbeds.gym_testbed import Testbed
 from integ_gym.envs.testbeds.making import find_testbed
 from integ_gym.support.errors import InputError
-from integ_gym.support.files import read_json, read_object, replace_file
+from integ_gym.support.files import file_hash, read_json, read_object, replace_file
 from integ_gym.support.options import named_value
 from integ_gym.support.parameters import unknown_name
 
@@ -224,7 +224,7 @@ def write_actor(
         "action_bounds": _bounds(action_space),
     }
     if zip_bytes is not None:
-        own[_ZIP_HASH] = _sha256(zip_bytes)
+        own[_ZIP_HASH] = hashlib.sha256(zip_bytes).hexdigest()
     full = hashed({**own, **card})
     content, weights = card_bytes(full), safetensors_bytes(policy)
     (out_dir / SIDECAR_FILE).unlink(missing_ok=True)
@@ -290,7 +290,7 @@ def readable_file(folder: Path) -> Path:
     stated = _read_sidecar(folder).get(_ZIP_HASH)
     if file == weights or stated is None or not (weights.exists() and file.exists()):
         return file
-    return weights if _sha256(file.read_bytes()) == stated else file
+    return weights if file_hash(file) == stated else file
 
 
 def _read_sidecar(folder: Path) -> dict[str, Any]:
@@ -298,10 +298,6 @@ def _read_sidecar(folder: Path) -> dict[str, Any]:
     with suppress(ValueError, OSError):
         return read_object(folder / SIDECAR_FILE, {}, _RESTORE)
     return {}
-
-
-def _sha256(content: bytes) -> str:
-    return hashlib.sha256(content).hexdigest()
 
 
 def has_sidecar(policy: str | os.PathLike[str]) -> bool:
