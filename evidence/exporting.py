@@ -8,7 +8,6 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from copy import deepcopy
-from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, TextIO
 
@@ -79,8 +78,6 @@ def find_changes_since_export(store: EvidenceStore, held: Mapping[str, Any]) -> 
 
 # MCAP: files of ROS 2 messages, one for each episode
 
-_ros2 = partial(load, "mcap_ros2.writer", "exchange")
-
 PREFIX = "/evidence/"
 """Of the topics of single columns."""
 
@@ -126,7 +123,7 @@ def write_mcap(chosen: selection.Selection, folder: Path) -> int:
 def _write(
     record: EvidenceRecord, columns: selection.Columns, facts: dict[str, dict[str, str]], file: Any
 ) -> None:
-    with _ros2().Writer(file) as writer:
+    with load("mcap_ros2.writer", "exchange").Writer(file) as writer:
         real = writer.register_msgdef("std_msgs/msg/Float64", _FLOAT)
         joints = writer.register_msgdef("sensor_msgs/msg/JointState", _JOINT_STATE)
         rows = len(record.trace["reward"]) + 1
@@ -166,10 +163,6 @@ def _joint_state(names: list[str], states: dict[str, Any], place: int, time: int
 
 # Minari: what an agent saw and did, and all the rest as ``infos``
 
-_minari = partial(load, "minari", "exchange")
-
-DATA_FORMAT = "arrow"
-
 
 def write_minari(chosen: selection.Selection, folder: Path) -> int:
     """Write a data set below a folder that then is `MINARI_DATASETS_PATH`; the number of episodes.
@@ -178,14 +171,14 @@ def write_minari(chosen: selection.Selection, folder: Path) -> int:
     for, after saturation. True state, controls, ledger and solver are `infos`, with NaN at the
     reset where they belong to a step. Each episode's metadata hold its record's fields.
     """
-    minari, env_id = _minari(), chosen.env_id
+    minari, env_id = load("minari", "exchange"), chosen.env_id
     name = dataset_id(chosen)
     columns = selection.columns_of(chosen.columns)
     data = (folder / name / "data").absolute()  # Minari adds a relative path to itself
     data.mkdir(parents=True)
     observations, actions, spec = _spaces(chosen, columns)
     storage = load("minari.dataset.minari_storage", "exchange").MinariStorage.new(
-        data, observations, actions, spec, DATA_FORMAT
+        data, observations, actions, spec, "arrow"
     )
     # Minari adds up all files of the data set after every episode.
     storage.get_size = lambda: 0.0

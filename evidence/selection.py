@@ -20,7 +20,7 @@ from .episodes import choices, native_setup
 from .fields import SUMMARY_FIELDS
 from .parquet_file import check_schema, parts, read
 from .record import EvidenceRecord, records_of
-from .schema import EvidenceError, described, is_trace, pyarrow
+from .schema import EvidenceError, compute, described, is_trace
 from .store import EvidenceStore
 
 
@@ -100,10 +100,10 @@ class Selection:
         """The rows of one environment as Arrow tables, as they are stored."""
         for file in self.store.files():
             for table in parts(file, self.ids):
-                fits = [env == env_id for env in table.column("env_id").to_pylist()]
-                if any(fits):
-                    yield table.filter(pyarrow().array(fits))
-                    self.report(sum(fits))
+                own = table.filter(compute().equal(table.column("env_id"), env_id))
+                if own.num_rows:
+                    yield own
+                    self.report(own.num_rows)
 
     def distinct(self, column: str) -> list[Any]:
         """Values of a column, each once, in order."""
