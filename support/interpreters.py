@@ -168,13 +168,9 @@ class Interpreter:
     folder: Path
     packages: tuple[str, ...]
 
-    @property
-    def python(self) -> Path:
-        """Its program."""
-        return _python(self.folder)
-
 
 def _python(folder: Path) -> Path:
+    """The program of an environment."""
     return folder / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
 
 
@@ -398,7 +394,7 @@ def call_there(
     environment = {**os.environ, optional.ANY_VERSION: "*"}
     with tempfile.TemporaryFile() as words:
         process = subprocess.Popen(
-            [str(interpreter.python), "-m", _SERVING],
+            [str(_python(interpreter.folder)), "-m", _SERVING],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=words, env=environment,
         )  # fmt: skip
         assert process.stdin is not None
