@@ -50,7 +50,7 @@ def write_jsonl(records: Iterable[EvidenceRecord], file: TextIO) -> int:
     return count
 
 
-_CHOSEN = "SELECT record_id, env_id, {traced} AS traced FROM records WHERE ({where})"
+_CHOSEN = "SELECT record_id, env_id, reward IS NOT NULL AS traced FROM records WHERE"
 
 
 @dataclass
@@ -145,8 +145,7 @@ def select(store: EvidenceStore, where: str, *, traced: bool) -> Selection:
     Raises:
         EvidenceError: if DuckDB refuses the condition, or nothing is left.
     """
-    is_traced = "reward IS NOT NULL"
-    rows = store.query(_CHOSEN.format(traced=is_traced, where=where)).to_pylist()
+    rows = store.query(f"{_CHOSEN} ({where})").to_pylist()
     if not rows:
         raise EvidenceError(
             f"no record of {store.directory} fulfils {where!r}; give another condition"
@@ -164,9 +163,6 @@ def select(store: EvidenceStore, where: str, *, traced: bool) -> Selection:
 
 
 NO_CHOICE = "in which the fallback acted, which is no action of the discrete set"
-
-
-_CLOCKS = ("time", "sensor_time")
 
 
 @dataclass(frozen=True)
@@ -194,7 +190,7 @@ def columns_of(facts: Mapping[str, Mapping[str, str]]) -> Columns:
     sensed = tuple(name for name in at if name.startswith("sensed_"))
     controls = tuple(name for name in at if name.endswith("_commanded"))
     instants = [n for n in at if at[n] == "instant" and n not in sensed]
-    known = (*_CLOCKS, "energy")
+    known = ("time", "sensor_time", "energy")
     return Columns(
         sensed,
         tuple(name for name in instants if name not in known),
