@@ -22,7 +22,7 @@ from contextlib import AbstractContextManager, contextmanager
 from functools import cache, partial
 from multiprocessing import parent_process
 from pathlib import Path
-from types import FrameType, TracebackType
+from types import FrameType
 from typing import Any, Final, TypeVar
 
 from .errors import IntegGymError
@@ -243,17 +243,12 @@ class _Pool(ProcessPoolExecutor):
         super().__init__(**arguments)
         self._stopped = stopped
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> bool | None:
+    def __exit__(self, kind: type[BaseException] | None, *raised: Any) -> bool | None:
         if kind is not None:
             self.shutdown(wait=False, cancel_futures=True)
             if not issubclass(kind, Exception):
                 self._stopped.set()
-        return super().__exit__(kind, error, trace)
+        return super().__exit__(kind, *raised)
 
 
 class _AtOnce(Executor):
