@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence, Sized
 from concurrent.futures import BrokenExecutor, Future
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -224,9 +224,7 @@ def train_in_processes(
                 evidence.discard()
 
     with bar, TaskPool(cluster, progress, prepare) as pool:
-        ended = pool.run(tasks, discard)
-        while (result := _next_result(ended, len(trained))) is not None:
-            places, outcomes = result
+        for places, outcomes in _results(pool.run(tasks, discard), trained):
             for place, outcome in zip(places, outcomes, strict=True):
                 policy = _keep(runs[place], outcome) if cluster.remote else write(place, outcome)
                 trained[place] = policy
@@ -235,26 +233,26 @@ def train_in_processes(
     return [trained[place] for place in sorted(trained)]
 
 
-def _next_result(
-    ended: Iterator[tuple[tuple[int, ...], Future[Any]]], finished: int
-) -> tuple[tuple[int, ...], Sequence[Any]] | None:
-    """Places of the next chunk that ends, and what its worker returned; None after the last.
+def _results(
+    ended: Iterator[tuple[tuple[int, ...], Future[Any]]], finished: Sized
+) -> Iterator[tuple[tuple[int, ...], Sequence[Any]]]:
+    """Places of each chunk that ends, and what its worker returned.
 
     Raises:
-        TrainingError: if it failed, or workers were lost again and again.
+        TrainingError: if one failed, or workers were lost again and again; it says how many
+            policies are finished then.
     """
-    ending = f"finished policies are kept ({finished})"
+    kept = "finished policies are kept"
     try:
         for places, future in ended:
-            return places, future.result()
+            yield places, future.result()
     except BrokenExecutor:
         raise TrainingError(
             "worker processes were killed again and again, perhaps because memory ran out; give "
-            f"fewer workers, or the fleet a smaller `memory_gib`; {ending}"
+            f"fewer workers, or the fleet a smaller `memory_gib`; {kept} ({len(finished)})"
         ) from None
     except Exception as error:
-        raise TrainingError(f"training failed: {error}; {ending}") from error
-    return None
+        raise TrainingError(f"training failed: {error}; {kept} ({len(finished)})") from error
 
 
 def _train_in_scratch(
