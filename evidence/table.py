@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -124,8 +124,7 @@ def build_unhashed_table(
         An Arrow table with the schema of that environment's records, by context and episode index.
     """
     pa = pyarrow()
-    episodes, fields = log.episodes(), log.layout.fields
-    width, contexts = setups[0][0].engine.width, []
+    episodes, contexts, width = log.episodes(), [], setups[0][0].engine.width
     for context in log.contexts:
         known = [bits for bits in (context.float_width, width) if bits is not None]
         contexts.append(replace(context, float_width=min(known) if len(known) == 2 else None))
@@ -134,9 +133,8 @@ def build_unhashed_table(
     columns["content_hash"] = pa.array([""] * len(episodes.heads))
     for name, values in _attribute(contexts, episodes, setups, replays).items():
         columns[name] = pa.array(values, arrow_type(_KINDS[name]))
-    trace = _Trace(log.layout, episodes)
-    arrays = [trace.column(field) if field.at else columns[field.name] for field in fields]
-    table = pa.Table.from_arrays(arrays, schema=arrow_schema(fields, env_id))
+    columns |= _trace_columns(log.layout, episodes)
+    table = pa.table(columns, schema=arrow_schema(log.layout.fields, env_id))
     order = np.lexsort((episodes.heads.index, episodes.heads.context))
     return table if (np.diff(order) > 0).all() else table.take(order)
 
@@ -183,51 +181,43 @@ def _of_rows(field: Field, values: Array) -> Any:
     return pa.array(np.where(known, values, 0.0), mask=~known).cast(kind)
 
 
-class _Trace:
-    """Makes trace columns.
+def _trace_columns(layout: Layout, episodes: Episodes) -> Iterator[tuple[str, Any]]:
+    """Name and lists of each trace column, one list per episode.
 
-    Args:
-        layout: what the entries of a row are.
-        episodes: finished episodes.
+    It is null where an episode has no trace or the environment no such quantity.
     """
-
-    def __init__(self, layout: Layout, episodes: Episodes) -> None:
-        self._layout = layout
-        self._rows = episodes.rows
-        self._episodes = len(episodes.heads)
-        lengths = np.zeros(self._episodes, dtype=np.int64)
-        lengths[episodes.traced] = episodes.counts
-        ends = np.concatenate(([0], np.cumsum(lengths)))
-        self._last = ends[1:][lengths > 0] - 1
-        """The last row of every episode that has some, which no step follows."""
-        self._ends = pyarrow().array(ends, pyarrow().int32())
-        self._missing = None if episodes.traced.all() else pyarrow().array(~episodes.traced)
-
-    def column(self, field: Field) -> Any:
-        """One list per episode; null where it has no trace or the environment no such quantity."""
-        pa, kind = pyarrow(), arrow_type(field.kind)
-        numbers = self._numbers(field)
+    pa = pyarrow()
+    lengths = np.zeros(len(episodes.heads), dtype=np.int64)
+    lengths[episodes.traced] = episodes.counts
+    ends = np.concatenate(([0], np.cumsum(lengths)))
+    last = ends[1:][lengths > 0] - 1  # rows that no step follows
+    offsets = pa.array(ends, pa.int32())
+    missing = None if episodes.traced.all() else pa.array(~episodes.traced)
+    for field in layout.fields:
+        if not field.at:
+            continue
+        kind, numbers = arrow_type(field.kind), _numbers(layout, episodes, field)
         if numbers is None:
-            return pa.nulls(self._episodes, kind)
+            yield field.name, pa.nulls(len(lengths), kind)
+            continue
         known, unknown = numbers, np.zeros(len(numbers), dtype=bool)
         if not np.isfinite(numbers).all():
             known, unknown = np.nan_to_num(numbers), np.isnan(numbers)
         if field.at == "step":
-            unknown[self._last] = True
+            unknown[last] = True
         known = known.astype(kind.value_type.to_pandas_dtype(), copy=False)
         values = pa.array(_clear_negative_zeros(known), mask=unknown if unknown.any() else None)
-        return pa.ListArray.from_arrays(self._ends, values, type=kind, mask=self._missing)
+        yield field.name, pa.ListArray.from_arrays(offsets, values, type=kind, mask=missing)
 
-    def _numbers(self, field: Field) -> Array | None:
-        """The rows' numbers, each with its control instant or the step that follows; a copy."""
-        if field.source not in self._layout:
-            return None
-        parts = [rows[self._layout.place(field.source)] for rows in self._rows]
-        if all(_unknown(part) for part in parts):
-            return None
-        if field.at == "step":
-            return np.concatenate([*parts, [0.0]])[1:]
-        return np.concatenate(parts)
+
+def _numbers(layout: Layout, episodes: Episodes, field: Field) -> Array | None:
+    """The rows' numbers, each with its control instant or the step that follows; a copy."""
+    if field.source not in layout:
+        return None
+    parts = [rows[layout.place(field.source)] for rows in episodes.rows]
+    if all(_unknown(part) for part in parts):
+        return None
+    return np.concatenate([*parts, [0.0]])[1:] if field.at == "step" else np.concatenate(parts)
 
 
 def _clear_negative_zeros(numbers: Array) -> Array:
