@@ -9,6 +9,7 @@ import random
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -77,7 +78,7 @@ def replay(
         store,
         None if given.all else max(0, given.sample),
         random.Random(given.seed),
-        _Policies(store, given.own_code),
+        partial(_acting, store, given.own_code),
         decide=given.policy,
         exact=given.exact,
         own_code=given.own_code,
@@ -106,24 +107,17 @@ def replay(
     return list(map(str, done.findings)), sentences
 
 
-class _Policies:
+def _acting(store: EvidenceStore, own_code: bool, record: EvidenceRecord) -> replaying.Acting:
+    """The policy of a record."""
+    return _policies(store, own_code)(record)
+
+
+@lru_cache(maxsize=1)
+def _policies(store: EvidenceStore, own_code: bool) -> Callable[[EvidenceRecord], replaying.Acting]:
     """What gives the policy of a record, loaded when it is first asked for, in any process."""
+    from integ_gym.eval.panel.policies import ActingIn
 
-    def __init__(self, store: EvidenceStore, own_code: bool) -> None:
-        self._given = store, own_code
-        self._acting: Callable[[EvidenceRecord], replaying.Acting] | None = None
-
-    def __call__(self, record: EvidenceRecord) -> replaying.Acting:
-        """The policy of a record."""
-        if self._acting is None:
-            from integ_gym.eval.panel.policies import ActingIn
-
-            self._acting = ActingIn(*self._given)
-        return self._acting(record)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Without the policies, which another process finds for itself."""
-        return _Policies, self._given
+    return ActingIn(store, own_code)
 
 
 def _make_interpreters(store: EvidenceStore, progress: bool) -> None:
