@@ -245,9 +245,7 @@ class EpisodeRows:
         """Sum of an entry up to the first time at the goal; NaN without any, or no such entry."""
         arrival = self._arrival()
         before = np.arange(self._ends[-1]) <= np.repeat(arrival, self.steps + 1)
-        if entry not in self._layout:
-            return np.full(len(self.steps), np.nan)
-        until = self._each(np.add, np.where(before, self._column(entry), 0.0))
+        until = self.total(entry, lambda column: np.where(before, column, 0.0))
         return np.where(arrival < self._ends, until, np.nan)
 
     def command_error(self) -> Array:
