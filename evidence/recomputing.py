@@ -302,10 +302,9 @@ def _find_deviations(record: EvidenceRecord) -> Deviations:
         course = course_of(record)
         if course is not None:
             names = ("success", "terminated", "truncated")
-            yield from _differ(fields, {name: getattr(course, name) for name in names})
-            yield from _differ(
-                fields, {"time_to_success": course.since if course.success else None}
-            )
+            outcome = {name: getattr(course, name) for name in names}
+            outcome["time_to_success"] = course.since if course.success else None
+            yield from _differ(fields, outcome)
     elif fields["env_id"] in ENVIRONMENTS:
         horizon = _find_setup(fields).timing.horizon
         if fields["success"] is None:
