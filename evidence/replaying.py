@@ -182,11 +182,9 @@ def packages_of(record: EvidenceRecord) -> tuple[str, ...]:
         EvidenceError, ValueError: for a damaged field.
     """
     changed = parse_field("perturbation", record.fields["perturbation"]) or {}
-    packages = (
-        interpreters.parse_packages(changed[interpreters.PACKAGES])
-        if interpreters.PACKAGES in changed
-        else ()
-    )
+    if interpreters.PACKAGES not in changed:
+        return ()
+    packages = interpreters.parse_packages(changed[interpreters.PACKAGES])
     return () if interpreters.are_running(packages) else packages
 
 
