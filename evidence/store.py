@@ -88,7 +88,11 @@ class EvidenceStore:
             BatchExistsError: if a batch of that name has been committed.
             ValueError: for a name that cannot be a file's, or if there are no records.
         """
-        _check_name(name)
+        if not _NAME.fullmatch(name):
+            raise InputError(
+                f"a batch name has up to 181 letters, digits, '.', '_' or '-' and begins with a "
+                f"letter or digit, got {name!r}"
+            )
         self.directory.mkdir(parents=True, exist_ok=True)
         remove_leftovers(self.directory)
         path = self.directory / f"{name}.parquet"
@@ -225,14 +229,6 @@ class EvidenceStore:
                     problems.append(Finding(file.name, record_id, message))
                 seen.setdefault(record_id, file.name)
         return problems
-
-
-def _check_name(name: str) -> None:
-    if not _NAME.fullmatch(name):
-        raise InputError(
-            f"a batch name has up to 181 letters, digits, '.', '_' or '-' and begins with a "
-            f"letter or digit, got {name!r}"
-        )
 
 
 def sql_literal(value: object) -> str:
