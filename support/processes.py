@@ -129,8 +129,7 @@ def _check_sent(sent: Any, file: str | None, otherwise: str) -> None:
 
 
 def _label(sent: Any) -> str:
-    name = getattr(sent, "policy_id", getattr(sent, "__name__", type(sent).__name__))
-    return repr(name)
+    return repr(getattr(sent, "policy_id", getattr(sent, "__name__", type(sent).__name__)))
 
 
 def _runs_under_guard(path: Path) -> bool:
