@@ -362,10 +362,8 @@ def read_archive(
     data, weights = _read_members(archive)
     actor, kwargs = sb3_weights.actor_class(data), sb3_weights.policy_kwargs(data)
     inputs = box_size(sb3_weights.section(data, "observation_space"), "observation space")
-    activation, squash = (
-        sb3_weights.activation_name(kwargs, actor),
-        sb3_weights.squashed(data, kwargs, actor),
-    )
+    activation = sb3_weights.activation_name(kwargs, actor)
+    squash = sb3_weights.squashed(data, kwargs, actor)
     limit = sb3_weights.mean_limit(data, kwargs, actor)
     actions = make_decoder(sb3_weights.section(data, "action_space"), squash, action_bounds, limit)
     if actor.discrete not in (None, isinstance(actions, DiscreteActions)):
