@@ -17,7 +17,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache
 from itertools import takewhile
@@ -400,11 +400,9 @@ def call_there(
         assert process.stdin is not None
         assert process.stdout is not None
         try:
-            try:
+            with suppress(BrokenPipeError):
                 pickle.dump(asked, process.stdin)
                 process.stdin.close()
-            except BrokenPipeError:
-                pass
             yield from _answers(process.stdout, interpreter.packages, words)
         finally:
             process.kill()
