@@ -17,6 +17,7 @@ from integ_gym.envs.registries import ENVIRONMENTS
 from integ_gym.envs.settings import NATIVE
 from integ_gym.envs.transition import STATUS_NAMES
 from integ_gym.support.optional import installed_versions
+from integ_gym.support.parameters import is_number
 
 from . import labels
 from .episodes import COMMANDED, MEASURED, native_setup
@@ -55,11 +56,6 @@ def same(recorded: Any, computed: Any, tolerance: float, scale: float = 0.0) -> 
         return True
     largest = max(1.0, abs(recorded), abs(computed), scale)
     return bool(abs(recorded - computed) <= tolerance * largest)
-
-
-def is_number(value: Any) -> bool:
-    """Whether a value is a number, which a flag is not."""
-    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 GROWTH = 10.0

@@ -57,13 +57,14 @@ def suggestion(name: str, choices: Iterable[str]) -> str:
     return f"{guess}Valid choices: {', '.join(known)}"
 
 
-def _is_number(value: Any) -> bool:
+def is_number(value: Any) -> bool:
+    """Whether a value is a number, which a flag is not."""
     return isinstance(value, (int, float)) and not isinstance(value, bool)
 
 
 def finite_number(value: Any) -> str | None:
     """A finite number, no larger than :data:`LARGEST`."""
-    if not (_is_number(value) and value - value == 0):
+    if not (is_number(value) and value - value == 0):
         return "must be a finite number"
     return None if abs(value) <= LARGEST else f"must be at most {LARGEST:g} in size"
 

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 
 from integ_gym.support.errors import InputError
 from integ_gym.support.files import check_regular, read_bounded
+from integ_gym.support.parameters import is_number
 
 from ..policy import (
     BoxActions,
@@ -218,12 +219,10 @@ def _statistics(fields: sb3_weights.Json) -> ObservationStatistics:
     return ObservationStatistics(**fields)
 
 
-def _is_number(value: object) -> bool:
+def _is_number(value: Any) -> bool:
     """Whether a JSON value is a number that a float can hold."""
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return False
     try:
-        return math.isfinite(value)
+        return is_number(value) and math.isfinite(value)
     except OverflowError:
         return False
 
