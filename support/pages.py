@@ -11,49 +11,11 @@ import hashlib
 from collections.abc import Mapping
 from functools import cache
 from importlib import resources
-from typing import Any, Final
+from typing import Any
 
 from .figures import AMOUNTS, HUES, PALETTE, channels
 from .optional import load
 from .terminal import compact, fixed, nonbreaking, percent, seconds, step
-
-SCRIPT: Final = """
-(function () {
-  function reveal() {
-    var id = location.hash.slice(1);
-    try { id = decodeURIComponent(id); } catch (error) { /* not encoded: taken as it stands */ }
-    var target = id && document.getElementById(id);
-    if (!target) { return; }
-    var box = target.closest("details");
-    if (box && !box.open) { box.open = true; target.scrollIntoView(); }
-  }
-  addEventListener("hashchange", reveal);
-  reveal();
-  var opened = [];
-  addEventListener("beforeprint", function () {
-    opened = Array.from(document.querySelectorAll("details:not([open])"));
-    opened.forEach(function (box) { box.open = true; });
-  });
-  addEventListener("afterprint", function () {
-    opened.forEach(function (box) { box.open = false; });
-  });
-  document.querySelectorAll("pre.command").forEach(copyable);
-})();
-function copyable(block) {
-  if (!navigator.clipboard) { return; }
-  var button = document.createElement("button");
-  button.type = "button";
-  button.textContent = "copy";
-  button.addEventListener("click", function () {
-    navigator.clipboard.writeText(block.textContent).then(function () {
-      button.textContent = "copied";
-      setTimeout(function () { button.textContent = "copy"; }, 1500);
-    }, function () { getSelection().selectAllChildren(block); });
-  });
-  block.parentElement.appendChild(button);
-}
-"""
-"""Opens what a link leads to and, for print, all that is closed; a button beside every command."""
 
 
 @cache
@@ -99,13 +61,17 @@ def page_environment(templates: Mapping[str, str] | None = None) -> Any:
 def page_parts(style: str = "", script: str = "") -> dict[str, Any]:
     """`style`, `script` and `script_hash`, as templates name them.
 
+    The script of all pages opens what a link leads to and, for print, all that is closed, and sets
+    a button beside every command.
+
     Args:
         style: rules of one page, after those that all have.
         script: statements of one page, after those that all have.
     """
     markup = load("markupsafe", "report").Markup
-    sheet = resources.files(__package__).joinpath("page.css").read_text("utf-8")
-    whole = SCRIPT + script
+    files = resources.files(__package__)
+    sheet, own = (files.joinpath(f"page.{kind}").read_text("utf-8") for kind in ("css", "js"))
+    whole = f"\n{own}{script}"
     digest = base64.b64encode(hashlib.sha256(whole.encode()).digest()).decode()
     return {
         "style": markup(f"{_colours()}\n{sheet}{style}"),
