@@ -583,8 +583,8 @@ def other_columns(store: EvidenceStore) -> Iterator[Finding]:
                 continue
             found = described(schema.field(own.name)) if own.name in schema.names else {}
             for about in _MEANT:
-                if found.get(about) != getattr(own, about):
-                    said, wanted = found.get(about), getattr(own, about)
+                said, wanted = found.get(about), getattr(own, about)
+                if said != wanted:
                     message = f"column {own.name}: {about} is {said!r}, not {wanted!r}"
                     yield Finding(file.name, None, message)
 
