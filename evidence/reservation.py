@@ -54,12 +54,13 @@ class Reservation:
         episodes: Sequence[Episodes],
     ) -> None:
         make_folder(store.directory)
-        self._store, self._contexts = store, contexts
-        self._claims: list[tuple[Path, FileLock]] = []
+        self._store = store
+        self._claims: list[tuple[EpisodeContext, Path, FileLock]] = []
         for context in contexts:
             path = store.directory / f".{_identity(context)}-{uuid.uuid4().hex}{_ENDING}"
-            self._claims.append((path, _lock_of(path)))
-            self._claims[-1][1].acquire()
+            lock = _lock_of(path)
+            lock.acquire()
+            self._claims.append((context, path, lock))
             path.touch()
         try:
             self.hold(episodes)
@@ -76,24 +77,22 @@ class Reservation:
         Raises:
             EvidenceError: if another recorder is open for one of them, or one has been recorded.
         """
-        before = [path.stat().st_size for path, _ in self._claims]
+        before = [path.stat().st_size for _, path, _ in self._claims]
         try:
-            for (path, _), context, wanted in zip(
-                self._claims, self._contexts, episodes, strict=True
-            ):
+            for (context, path, _), wanted in zip(self._claims, episodes, strict=True):
                 claim = wanted.start if isinstance(wanted, range) else list(wanted)
                 with path.open("a", encoding="utf-8") as file:
                     file.write(f"{json.dumps(claim)}\n")
                 _check_free(path, context, wanted)
                 _check_unrecorded(self._store, context, wanted)
         except BaseException:
-            for (path, _), size in zip(self._claims, before, strict=True):
+            for (_, path, _), size in zip(self._claims, before, strict=True):
                 os.truncate(path, size)
             raise
 
     def release(self) -> None:
         """Let others record them."""
-        for path, lock in self._claims:
+        for _, path, lock in self._claims:
             path.unlink(missing_ok=True)
             lock.release()
 
