@@ -189,19 +189,12 @@ def get_entries(value: Any) -> dict[Any, Any]:
     return value if isinstance(value, dict) else {}
 
 
-def read_number_type(content: bytes) -> str:
-    """Type of the numbers of one pickled array, such as `f4`.
-
-    Raises:
-        PolicyFileError: for what is no pickled array of numbers.
-    """
-    held = read_pickle(content, ARRAYS)
+def read_number_type(content: bytes) -> str | None:
+    """Type of the numbers of one pickled array, such as `f4`; None for what is no such array."""
     try:
-        return _get_number_type(_get_buffer(held)[1])
-    except PolicyFileError:
-        raise
-    except Exception as error:  # damaged bytes can fail in any way
-        raise PolicyFileError("holds no array of numbers") from error
+        return _get_number_type(_get_buffer(read_pickle(content, ARRAYS))[1])
+    except Exception:  # damaged bytes can fail in any way
+        return None
 
 
 def to_array(held: Any) -> NDArray[np.float64]:

@@ -322,7 +322,7 @@ def _find_number_type(described: Any) -> str | None:
     text = described.get(":serialized:") if isinstance(described, dict) else None
     try:
         return read_number_type(base64.b64decode(str(text), validate=True))
-    except (PolicyFileError, ValueError):
+    except ValueError:
         return None
 
 
