@@ -397,12 +397,11 @@ def _make_env(records: Sequence[EvidenceRecord]) -> Any:
     env_id, arguments = records[0].fields["env_id"], records[0].arguments()
     if not is_integ_environment(env_id):
         place = Discretization(**{name: arguments.pop(name) for name in DISCRETIZATION})
-        if _is_of_robot(records[0]):
-            return make_checked(find_testbed(env_id, arguments), place, len(records))
-        duration, home = arguments.pop("duration"), find_testbed(env_id, arguments).home
-        limit = round(duration / home.control_period)
-        if limit != gym.spec(env_id).max_episode_steps:  # which Gymnasium keeps out of its kwargs
-            arguments["max_episode_steps"] = limit
+        if not _is_of_robot(records[0]):
+            duration, home = arguments.pop("duration"), find_testbed(env_id, arguments).home
+            limit = round(duration / home.control_period)
+            if limit != gym.spec(env_id).max_episode_steps:  # which Gymnasium keeps out of kwargs
+                arguments["max_episode_steps"] = limit
         return make_checked(find_testbed(env_id, arguments), place, len(records))
     return gym.make_vec(env_id, len(records), vectorization_mode="vector_entry_point", **arguments)
 
