@@ -16,7 +16,6 @@ from integ_gym.envs.environment import OTHER_TESTBEDS
 from integ_gym.envs.registries import ENVIRONMENTS, INTEGRATORS
 from integ_gym.envs.settings import Mixture
 from integ_gym.evidence.labels import EpisodeContext
-from integ_gym.evidence.store import EvidenceStore
 from integ_gym.evidence.vector_recorder import RecordVectorEvidence
 from integ_gym.support.errors import InputError, InputTypeError, IntegGymError, is_raised_under
 from integ_gym.support.parameters import check_values, nonnegative, unknown_name
@@ -236,8 +235,7 @@ class TrainingEvidence:
 
     def recorder(self, vector_env: Any) -> Any:
         """Training environments that record; ``commit(batch)`` writes what they have recorded."""
-        store = EvidenceStore(self.store)
-        return RecordVectorEvidence(vector_env, store, self.context, commit_on_close=False)
+        return RecordVectorEvidence(vector_env, self.store, self.context, commit_on_close=False)
 
     def discard(self) -> None:
         """Remove what a worker wrote that was lost before the run was finished."""
