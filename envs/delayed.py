@@ -13,7 +13,7 @@ from .ops.ops import SCALAR
 from .settings import Timing
 from .starts import ARRIVAL, stream_of_episode
 from .tasks.interface import Command
-from .transition import OF_COMMANDS, draw_arrival
+from .transition import draw_arrival
 
 NOT_LATE = (1.0, 0.0)
 """In place of numbers that are drawn: the command arrives, and no later than all do."""
@@ -53,7 +53,7 @@ class CommandQueue:
         memory = self._timing.memory
         self._commands = ((self._idle,),) * (memory + 1)
         self._arrivals = (0.0,) * memory
-        self.info = dict(OF_COMMANDS) if self._timing.drawn else {}
+        self.info = {"command_held": False, "command_latency": 0.0} if self._timing.drawn else {}
 
     def give(self, command: Any) -> list[tuple[Any, int]]:
         """The commands that act in a control period, and for how many steps each, oldest first.

@@ -463,10 +463,6 @@ LOSSES = ("dissipated", "contact_loss", "clip_loss")
 """What is taken out of a plant's energy, by its names."""
 
 
-OF_COMMANDS = {"command_held": False, "command_latency": 0.0}
-"""Further entries of `info` where arrivals are drawn, as they are in a reset's."""
-
-
 def reset_info(setup: Setup, state: EnvState) -> dict[str, Any]:
     """`info` of a reset: the keys of a step, nothing booked."""
     none = (0.0,) * len(setup.plant.controls)
@@ -478,9 +474,7 @@ def reset_info(setup: Setup, state: EnvState) -> dict[str, Any]:
         stops=(0.0, 0.0) if setup.system.stops else (),
         touches=(Touch(),) * len(setup.system.contacts),
     )
-    info = {**_info_dict(setup, 0.0, state, quiet), "sensor_time": 0.0}
-    arrivals = OF_COMMANDS if state.arrivals else {}
-    return {**info, **arrivals, **_contact_info(setup, quiet)}
+    return {**step_info(setup, state, quiet), "time": 0.0, "sensor_time": 0.0}
 
 
 def blank_info(setup: Setup) -> dict[str, Any]:
@@ -507,36 +501,13 @@ def control_columns(plant: Any) -> Iterator[tuple[str, str]]:
 
 def step_info(setup: Setup, state: EnvState, outcome: Outcome) -> dict[str, Any]:
     """`info` of a step."""
-    info = _info_dict(setup, state.steps * setup.timing.control_period, state, outcome)
-    if state.arrivals:
-        info |= {"command_held": outcome.held, "command_latency": outcome.latency}
-    return info | _contact_info(setup, outcome)
-
-
-def _contact_info(setup: Setup, outcome: Outcome) -> dict[str, Any]:
-    """Further entries of `info` of a plant with stops of ours or contact points."""
-    stops: dict[str, Any] = {}
-    if outcome.stops:
-        stops["stop_stored_energy"], stops["stop_contact_loss"] = outcome.stops
-    if not outcome.touches:
-        return stops
-    names: tuple[str, ...] = setup.plant.contact_names  # type: ignore[attr-defined]
-    figures = {
-        f"{name}_{figure}": value
-        for name, touch in zip(names, outcome.touches, strict=True)
-        for figure, value in touch._asdict().items()
-    }
-    return {"slip_loss": outcome.slip_loss, **stops, **figures}
-
-
-def _info_dict(setup: Setup, time: Component, state: EnvState, outcome: Outcome) -> dict[str, Any]:
     names = list(control_columns(setup.plant))
     asked = {name: x for (name, _), x in zip(names, outcome.commanded, strict=True)}
     columns = zip(effort_columns(setup.plant), outcome.efforts, strict=True)
     efforts = {name: x for (name, _), x in columns}
     applied = {name: x for (_, name), x in zip(names, outcome.controls, strict=True)}
-    return {
-        "time": time,
+    info = {
+        "time": state.steps * setup.timing.control_period,
         "energy": state.energy,
         "actuator_work": outcome.work,
         "dissipated": outcome.dissipated,
@@ -557,6 +528,25 @@ def _info_dict(setup: Setup, time: Component, state: EnvState, outcome: Outcome)
         "solver_residual": outcome.solver_residual,
         "solver_status": outcome.status,
     }
+    if state.arrivals:
+        info |= {"command_held": outcome.held, "command_latency": outcome.latency}
+    return info | _contact_info(setup, outcome)
+
+
+def _contact_info(setup: Setup, outcome: Outcome) -> dict[str, Any]:
+    """Further entries of `info` of a plant with stops of ours or contact points."""
+    stops: dict[str, Any] = {}
+    if outcome.stops:
+        stops["stop_stored_energy"], stops["stop_contact_loss"] = outcome.stops
+    if not outcome.touches:
+        return stops
+    names: tuple[str, ...] = setup.plant.contact_names  # type: ignore[attr-defined]
+    figures = {
+        f"{name}_{figure}": value
+        for name, touch in zip(names, outcome.touches, strict=True)
+        for figure, value in touch._asdict().items()
+    }
+    return {"slip_loss": outcome.slip_loss, **stops, **figures}
 
 
 RESULTS = ("reward", "terminated", "truncated", "sampled")
