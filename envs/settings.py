@@ -438,7 +438,7 @@ class Setup:
         """SI unit of every constructor argument."""
         return {**units(self.settings), **units(self.plant), **units(self.task)}
 
-    def limited(self, max_episode_steps: int | None) -> Setup:
+    def limited(self, max_episode_steps: int) -> Setup:
         """The same setup with episodes of at most so many decisions, which shortens `duration`.
 
         -1 is for no limit, as in Gymnasium: `duration` is the longest that there is.
@@ -447,8 +447,6 @@ class Setup:
             ValueError: for more than `duration` has, or less than one.
         """
         settings, horizon = self.settings, self.timing.horizon
-        if max_episode_steps is None:
-            return self
         if max_episode_steps == -1:
             horizon = max_episode_steps = NO_LIMIT
         whole = isinstance(max_episode_steps, (int, np.integer))
