@@ -599,9 +599,6 @@ def _mujoco_env(env: gym.Env[Any, Any]) -> Any:
             f"rediscretize takes one of Gymnasium's MuJoCo environments, got "
             f"{type(env.unwrapped).__name__}; for our own, give `integrator` and `dt` to gym.make"
         )
-    wrapper: Any = env
-    while wrapper is not env.unwrapped:
-        if isinstance(wrapper, RediscretizedEnv):
-            raise InputTypeError("the environment is rediscretized already; make a new one")
-        wrapper = wrapper.env
+    if any(isinstance(one, RediscretizedEnv) for one in foreign.wrappers_of(env)):
+        raise InputTypeError("the environment is rediscretized already; make a new one")
     return env.unwrapped
