@@ -15,7 +15,7 @@ from integ_gym.support.errors import InputError
 
 from ..integrators.interface import Rates, Slopes, State, Step
 from ..mechanics import LEAST_SHARE, Link, Mechanism
-from ..ops.ops import SCALAR, Component, Components, Ops, along
+from ..ops.ops import SCALAR, Component, Components, Ops, along, rows_of
 from ..plants.contact import Stops
 from ..plants.interface import Plant
 from .maps import one_step_map
@@ -494,9 +494,7 @@ class LanesEngine(RigidBodyEngine):
         if not isinstance(q[0], np.ndarray):
             return super().travel(ops, q, v, force, count)
         dof = len(q)
-        starts = np.empty((len(q[0]), 3 * dof))
-        for column, values in enumerate((*q, *v, *force)):
-            starts[:, column] = values
+        starts = rows_of((*q, *v, *force), len(q[0]))
         lost = ~(np.linalg.norm(starts, axis=1) < ASTRAY)
         starts[lost] = 0.0
         ends = self.run_lanes(starts, count)
