@@ -130,10 +130,9 @@ class IntegEnv(gym.Env[Observation, Any]):
         self.status_code = quiet_status(self.setup)
         """The solver's status in the last step, as a code of `STATUS_NAMES`."""
         self._spec: EnvSpec | None = None
-        self._start = partial(scalar_start, self.setup, SCALAR)
-        self._step: Callable[..., tuple[Any, ...]] = self._first_steps
-        self._steps_to_trace = WARM_UP
+        self._start, self._step = self._build_untraced()
         self._functions: dict[int, tuple[Any, Any]] = {}
+        self._steps_to_trace = WARM_UP
         self._renderer: Any = None
 
     @property
@@ -175,15 +174,13 @@ class IntegEnv(gym.Env[Observation, Any]):
             gymnasium.error.ResetNeeded: before the first reset.
         """
         components = np.array(self.state_components, dtype=np.float64)
-        state: npt.NDArray[np.float64] = to_public_order(self.setup.task, components)
-        return state
+        return to_public_order(self.setup.task, components)
 
     @property
     def state_components(self) -> Components:
         """The same in state order (q0, v0, q1, v1, …), as floats, which takes less time."""
         current = self._current()
-        ordered: Components = self._in_order(current.q + current.v)
-        return ordered
+        return self._in_order(current.q + current.v)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None

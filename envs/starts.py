@@ -330,8 +330,7 @@ class LaneStarts:
         if np.count_nonzero(taken == self._drawn[lanes]):
             self._draw_banks((self._drawn - self._taken <= self._bank).nonzero()[0])
         self._taken[lanes] = taken + 1
-        places: Array = self._first[lanes] + taken % (2 * self._bank)
-        return places
+        return self._first[lanes] + taken % (2 * self._bank)
 
     def _split_banks(self) -> list[Array]:
         """The numbers of every bank, as parts of the array of all."""

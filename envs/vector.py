@@ -195,8 +195,7 @@ class IntegVectorEnv(DiscretizedVectorEnv):
     @property
     def state(self) -> npt.NDArray[np.float64]:
         """True states, each in the order of the single environment's, shape (num_envs, n)."""
-        states: npt.NDArray[np.float64] = to_public_order(self.setup.task, super().state)
-        return states
+        return to_public_order(self.setup.task, super().state)
 
     @property
     def state_components(self) -> Components:

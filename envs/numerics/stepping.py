@@ -159,8 +159,7 @@ def linear_rates(plant: Plant, state: State | None = None) -> Array:
         plant: with numbers as parameters.
         state: shape (n,); None: :func:`probe_state`.
     """
-    found: Array = np.sort(np.abs(np.linalg.eigvals(_linearize(plant, state))))
-    return found
+    return np.sort(np.abs(np.linalg.eigvals(_linearize(plant, state))))
 
 
 def fastest_mode(plant: Plant, state: State) -> Array:

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from integ_gym.support.errors import InputError
 
-from ..ops.ops import Component, Components, Ops
+from ..ops.ops import Array, Component, Components, Ops
 
 
 class Command(NamedTuple):
@@ -100,7 +100,7 @@ class Task(Protocol):
         """
 
 
-def to_public_order(task: Any, state: Any) -> Any:
+def to_public_order(task: Any, state: Array) -> Array:
     """States in the order of ``env.unwrapped.state``.
 
     Args:
