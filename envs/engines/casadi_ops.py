@@ -11,7 +11,7 @@ from typing import Any, NoReturn
 from integ_gym.support.errors import InputTypeError
 from integ_gym.support.optional import load
 
-from ..ops.ops import SCALAR, Component, repeat
+from ..ops.ops import SCALAR, Component, keep_condition, repeat
 
 casadi = load("casadi", "casadi")
 
@@ -74,15 +74,11 @@ class CasadiOps:
 
     epsilon = SCALAR.epsilon
     repeat = staticmethod(repeat)
+    any = assume_true = assume_false = staticmethod(keep_condition)
 
     sin, cos = staticmethod(_unary("sin")), staticmethod(_unary("cos"))
     floor, sqrt = staticmethod(_unary("floor")), staticmethod(_unary("sqrt"))
     tanh = staticmethod(_unary("tanh"))
-
-    def assume_true(self, condition: Component, /) -> Component:
-        return condition
-
-    assume_false = assume_true
 
     def where(self, condition: Component, a: Component, b: Component, /) -> Component:
         if not isinstance(condition, Expression):
@@ -97,9 +93,6 @@ class CasadiOps:
 
     def isfinite(self, x: Component, /) -> Component:
         return abs(x) <= sys.float_info.max
-
-    def any(self, condition: Component, /) -> Component:
-        return condition
 
     def while_loop(self, *_: Any, **__: Any) -> NoReturn:
         """Not possible: a CasADi expression has no loops whose length it finds by itself."""

@@ -10,7 +10,7 @@ import numpy as np
 from integ_gym.support.errors import InputTypeError
 from integ_gym.support.optional import missing_package
 
-from .ops import Carry, Component, Components
+from .ops import Carry, Component, Components, keep_condition
 
 try:
     import jax
@@ -38,16 +38,10 @@ class JaxOps:
     maximum = staticmethod(jnp.maximum)
     isfinite = staticmethod(jnp.isfinite)
     any = staticmethod(jnp.any)
+    assume_true = assume_false = staticmethod(keep_condition)
 
     def __init__(self, dtype: str = "float64") -> None:
         self.epsilon = float(np.finfo(dtype).eps)
-
-    @staticmethod
-    def assume_true(condition: Component, /) -> Component:
-        """The condition itself."""
-        return condition
-
-    assume_false = assume_true
 
     def while_loop(
         self, condition: Callable[[Carry], Component], body: Callable[[Carry], Carry], carry: Carry

@@ -102,6 +102,11 @@ def repeat(count: int, body: Callable[[int, Carry], Carry], carry: Carry) -> Car
     return carry
 
 
+def keep_condition(condition: Component, /) -> Component:
+    """The condition itself: :meth:`Ops.assume_true` where every case is computed."""
+    return condition
+
+
 def _or_nan(function: Callable[[float], float]) -> Callable[[float], float]:
     """NaN outside the function's domain."""
 
@@ -135,16 +140,11 @@ class ScalarOps:
     any = staticmethod(bool)
     tanh = staticmethod(_tanh)
     repeat = staticmethod(repeat)
+    assume_true = assume_false = staticmethod(keep_condition)
 
     @staticmethod
     def floor(x: float, /) -> float:
         return x // 1.0
-
-    @staticmethod
-    def assume_true(condition: bool, /) -> bool:
-        return condition
-
-    assume_false = assume_true
 
     @staticmethod
     def where(condition: bool, a: float, b: float, /) -> float:
@@ -215,12 +215,7 @@ class ArrayOps:
     isfinite = staticmethod(np.isfinite)
     any = staticmethod(np.any)
     repeat = staticmethod(repeat)
-
-    @staticmethod
-    def assume_true(condition: Array, /) -> Array:
-        return condition
-
-    assume_false = assume_true
+    assume_true = assume_false = staticmethod(keep_condition)
 
     @staticmethod
     def while_loop(
