@@ -182,34 +182,23 @@ class Acrobot(DoublePendulum):
 
 
 @dataclass(frozen=True)
-class TwoJointArm(DoublePendulum):
-    """The double pendulum with a motor at either joint, by default without gravity.
+class ReachingArm(DoublePendulum):
+    r"""The double pendulum with a motor at either joint, and the clock of a marker to follow.
 
-    Controls: torques τ₁ from the ground and τ₂ between the links.
-    """
-
-    gravity: float = parameter(0.0, "m/s^2", "gravitational acceleration", nonnegative)
-
-    name: ClassVar[str] = "two_joint_arm"
-    controls: ClassVar[tuple[tuple[str, str], ...]] = (
-        ("torque_1", "N m"), ("torque_2", "N m"),
-    )  # fmt: skip
-    actuated: ClassVar[tuple[int, ...]] = (0, 1)
-
-
-@dataclass(frozen=True)
-class ReachingArm(TwoJointArm):
-    r"""The two-joint arm, and the clock of a marker that it is to follow.
-
-    The marker's phase :math:`\phi` is a coordinate that nothing acts on, :math:`\ddot\phi = 0`: it
+    By default without gravity. Controls: torques τ₁ from the ground and τ₂ between the links. The
+    marker's phase :math:`\phi` is a coordinate that nothing acts on, :math:`\ddot\phi = 0`: it
     has no mass, no energy and no part in the work, and every integrator has it exact. Where the
     marker is at a phase the task says. State (θ₁, θ̇₁, θ₂, θ̇₂, φ, φ̇).
     """
+
+    gravity: float = parameter(0.0, "m/s^2", "gravitational acceleration", nonnegative)
 
     name: ClassVar[str] = "reacher"
     coordinates: ClassVar[tuple[str, ...]] = ("theta_1", "theta_2", "marker_phase")
     velocities: ClassVar[tuple[str, ...]] = ("theta_1_dot", "theta_2_dot", "marker_rate")
     coordinate_units: ClassVar[tuple[str, ...]] = ("rad", "rad", "rad")
+    controls: ClassVar[tuple[tuple[str, str], ...]] = (("torque_1", "N m"), ("torque_2", "N m"))
+    actuated: ClassVar[tuple[int, ...]] = (0, 1)
     massless: ClassVar[tuple[int, ...]] = (2,)
 
     def acceleration(self, ops: Ops, q: Components, v: Components, force: Components) -> Components:

@@ -8,7 +8,7 @@ from integ_gym.envs.engines.stepping import make_engine
 from integ_gym.envs.numerics.stepping import advance, probe_state
 from integ_gym.envs.ops.ops import SCALAR, split_state
 from integ_gym.envs.plants.chain import Chain, chain_of
-from integ_gym.envs.plants.double_pendulum import TwoJointArm
+from integ_gym.envs.plants.double_pendulum import DoublePendulum
 from integ_gym.envs.plants.system import PlantSystem
 
 
@@ -18,13 +18,13 @@ def test_a_chain_of_any_number_is_that_of_the_closed_form(links):
     check_closed_forms_of(plant, probe_state(plant), "chain")
 
 
-def test_two_links_are_the_two_joint_arm():
+def test_two_links_are_the_double_pendulum():
     mass, length = 1.3, 0.7
     same = {"centre": 0.5 * length, "inertia": mass * length**2 / 12.0}
     given = {
         f"{k}_{i}": x for k, x in {"mass": mass, "length": length, **same}.items() for i in (1, 2)
     }
-    arm = TwoJointArm(**given, gravity=9.81, damping=0.2)
+    arm = DoublePendulum(**given, gravity=9.81, damping=0.2)
     chain = chain_of(2)(mass=mass, length=length, damping=0.2)
     q, v, force = (0.4, -1.1), (2.0, -0.7), (0.3, 0.9)
     found, wanted = (p.acceleration(SCALAR, q, v, force) for p in (chain, arm))
