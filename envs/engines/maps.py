@@ -81,7 +81,7 @@ class ImplicitRungeKutta(RungeKutta, Solved):
     ) -> Step:
         rows, weights = self.tableau
         equation = _StageEquation(ops, system, q, v, control, dt, rows)
-        velocities, *report = solve(ops, equation, v * len(rows), system.steep)
+        velocities, *report = solve(ops, equation, v * len(rows), system.steep, self)
         accelerations, powers = zip(*equation.rates(velocities), strict=True)
         speeds = [along_row(v, dt, row, accelerations) for row in rows]
         return Step(

@@ -42,7 +42,7 @@ class ImplicitEuler(Solved):
         control: Components,
         dt: Component,
     ) -> Step:
-        v, *report = solve_velocity(ops, system, q, v, control, dt, dt, self.limits)
+        v, *report = solve_velocity(ops, system, q, v, control, dt, dt, self)
         q = along(q, dt, v)
         _, loss_rates = system.rates(ops, q, v, control)
         return Step(q, v, along(losses, dt, loss_rates), *report)
@@ -83,9 +83,7 @@ class StormerVerlet(Solved):
         kicked = along(v, half, acceleration)
         losses = along(losses, half, loss_rates)
         drifted = along(q, dt, kicked)
-        v, *report = solve_velocity(
-            ops, system, drifted, kicked, control, half, 0.0 * dt, self.limits
-        )
+        v, *report = solve_velocity(ops, system, drifted, kicked, control, half, 0.0 * dt, self)
         _, loss_rates = system.rates(ops, drifted, v, control)
         return Step(drifted, v, along(losses, half, loss_rates), *report)
 
@@ -118,7 +116,7 @@ class ImplicitMidpoint(Solved):
         dt: Component,
     ) -> Step:
         half = 0.5 * dt
-        middle, *report = solve_velocity(ops, system, q, v, control, half, half, self.limits)
+        middle, *report = solve_velocity(ops, system, q, v, control, half, half, self)
         acceleration, loss_rates = system.rates(ops, along(q, half, middle), middle, control)
         return Step(
             along(q, dt, along(v, half, acceleration)),

@@ -83,10 +83,6 @@ UNLIMITED = float("inf")
 """Where there is no limit of stability."""
 
 
-def _one(z: float) -> float:
-    return 1.0
-
-
 @dataclass(frozen=True)
 class LinearTheory:
     r"""What theory says of an integrator on linear problems.
@@ -107,5 +103,5 @@ class LinearTheory:
     formula: str
     oscillation_limit: float
     decay_limit: float
-    energy_factor: Callable[[float], float] = _one
+    energy_factor: Callable[[float], float] = lambda z: 1.0
     passive: bool = False

@@ -100,18 +100,10 @@ _IMPROVEMENT = 0.5
 """Below the tolerance, an iteration that gains less than this factor is the last."""
 
 
-class Limits(NamedTuple):
-    """Where Newton's method stops: scaled residual and iterations.
+class Solved:
+    """What integrators say of this method that solve their equations by it: where it stops.
 
     At the default tolerance and below, iterations also go on while they help.
-    """
-
-    tolerance: float = TOLERANCE
-    cap: int = CAP
-
-
-class Solved:
-    """What integrators say of this method that solve their equations by it.
 
     Attributes:
         solver_tolerance: scaled residual above which a solution is `not_converged`.
@@ -120,11 +112,6 @@ class Solved:
 
     solver_tolerance: float = TOLERANCE
     solver_cap: int = CAP
-
-    @property
-    def limits(self) -> Limits:
-        """Where its solver stops."""
-        return Limits(self.solver_tolerance, self.solver_cap)
 
 
 class Solution(NamedTuple):
@@ -144,7 +131,7 @@ def solve_velocity(
     control: Components,
     kick: Component,
     drift: Component,
-    limits: Limits = Limits(),  # noqa: B008
+    method: Solved,
 ) -> Solution:
     """Solve V = v + kick · a(q + drift · V, V) for V by Newton's method, from V = v.
 
@@ -152,16 +139,10 @@ def solve_velocity(
     difference where the plant has none.
     """
     equation = _VelocityEquation(ops, system, q, v, control, kick, drift)
-    return solve(ops, equation, v, system.steep, limits)
+    return solve(ops, equation, v, system.steep, method)
 
 
-def solve(
-    ops: Ops,
-    equation: Any,
-    start: Components,
-    steep: bool,
-    limits: Limits = Limits(),  # noqa: B008
-) -> Solution:
+def solve(ops: Ops, equation: Any, start: Components, steep: bool, method: Solved) -> Solution:
     """Solve F(V) = 0 by Newton's method, in velocities of all degrees of freedom and stages.
 
     ``equation`` has ``defect(velocity)``, which gives F, and ``derivative(velocity, f)``, which
@@ -170,15 +151,16 @@ def solve(
     In a steep system a correction after which the defect would be larger is halved, so that
     friction and stops do not throw the iteration from side to side.
     """
-    tolerance = max(limits.tolerance, 4.0 * _ROUNDING * ops.epsilon)
+    tolerance = max(method.solver_tolerance, 4.0 * _ROUNDING * ops.epsilon)
     n = len(start)
 
     def unfinished(carry: tuple[Component, ...]) -> Component:
         residual, previous, iterations = carry[2 * n : 2 * n + 3]
         improving = residual > tolerance
-        if limits.tolerance <= TOLERANCE:
+        if method.solver_tolerance <= TOLERANCE:
             improving = improving | (residual < _IMPROVEMENT * previous)
-        return (residual > _ROUNDING * ops.epsilon) & improving & (iterations < limits.cap)
+        unspent = iterations < method.solver_cap
+        return (residual > _ROUNDING * ops.epsilon) & improving & unspent
 
     def newton(carry: tuple[Component, ...]) -> tuple[Component, ...]:
         velocity, f = carry[:n], carry[n : 2 * n]

@@ -10,7 +10,6 @@ from functools import cached_property
 from integ_gym.envs.integrators.euler import ExplicitEuler, SymplecticEuler
 from integ_gym.envs.integrators.implicit import ImplicitEuler, ImplicitMidpoint, StormerVerlet
 from integ_gym.envs.integrators.interface import Step
-from integ_gym.envs.integrators.newton import Limits
 from integ_gym.envs.integrators.rk4 import RK4
 from integ_gym.envs.ops.ops import along
 
@@ -74,7 +73,7 @@ def _one_iteration(owner):
     """An implicit integrator whose solver stops after one iteration and reports success."""
 
     class OneIteration(owner):
-        limits = Limits(cap=1)
+        solver_cap = 1
 
         def step(self, *arguments):
             return super().step(*arguments)._replace(residual=0.0, converged=True)
