@@ -12,10 +12,9 @@ import numpy as np
 from integ_gym.support.errors import InputError
 from integ_gym.support.parameters import unknown_name
 
-from .engines.stepping import DIVERGENCE_SPEED
+from .engines.stepping import DIVERGENCE_SPEED, within_bounds
 from .ops.ops import (
     ARRAY,
-    FLOAT32_MAX,
     Array,
     Component,
     Components,
@@ -109,11 +108,7 @@ def parse_members(members: Any, shape: tuple[int, ...], count: int) -> Array:
 
 def is_possible(setup: Setup, start: Components) -> Component:
     """Whether a start is finite and not faster than a motion may be; components in state order."""
-    fine: Component = True
-    for x in start[0::2]:
-        fine = fine & (abs(x) <= FLOAT32_MAX)
-    for v in start[1::2]:
-        fine = fine & (abs(v) <= DIVERGENCE_SPEED)
+    fine = within_bounds(*split_state(start))
     if setup.system.speed_limits is not None:
         for v, most in zip(start[1::2], setup.system.speed_limits, strict=True):
             fine = fine & (abs(v) <= most)
