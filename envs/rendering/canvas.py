@@ -71,9 +71,9 @@ class Canvas:
         self._surface = self._pygame.Surface((size[0] * oversize, size[1] * oversize), depth=32)
         self._frame = self._pygame.Surface(size, depth=32)
 
-    def clear(self) -> None:
-        """Make everything white."""
-        self._surface.fill(WHITE)
+    def clear(self, colour: Colour = WHITE) -> None:
+        """Make everything one colour."""
+        self._surface.fill(colour)
 
     def part(self, corner: Point, size: tuple[int, int], scale: float) -> Canvas:
         """A canvas within this one; what is drawn on it shows here, cut at its edges.

@@ -177,9 +177,8 @@ class Panes:
             time: since the start, s.
         """
         canvas = self._canvas
-        canvas.clear()
-        width, height = canvas.size
-        canvas.box((width / 2, height / 2), (width, height), 0.0, PAGE)
+        canvas.clear(PAGE)
+        width, _ = canvas.size
         beside = canvas.part((0.0, 0.0), (width - _CLOCK, _HEADER), 1.0)
         beside.text(self._heading, (_GAP + 4, 26.0), 33, INK)
         canvas.text(self._note, (_GAP + 4, 54.0), 21, MUTED)
@@ -191,8 +190,8 @@ class Panes:
         return canvas.pixels()
 
     def _draw_pane(self, canvas: Canvas, pane: Pane, moment: Moment) -> None:
+        _card(canvas)
         width, height = canvas.size
-        canvas.box((width / 2, height / 2), (width, height), 12.0, WHITE)
         canvas.text(pane.title, (_GAP, 24.0), 24, INK)
         canvas.text(pane.note, (_GAP, 47.0), 18, MUTED)
         _verdict(canvas, (width - _GAP, 24.0), pane.succeeds)
@@ -284,9 +283,8 @@ class Cockpit:
 
     def _draw(self, view: View) -> None:
         canvas = self._canvas
-        canvas.clear()
-        width, height = canvas.size
-        canvas.box((width / 2, height / 2), (width, height), 0.0, PAGE)
+        canvas.clear(PAGE)
+        width, _ = canvas.size
         canvas.text(view.title, (_CARD_GAP + 4, 32.0), 34, INK)
         canvas.text(f"{view.time:.1f} s", (width - _CARD_GAP - 4, 32.0), 34, INK, align=1.0)
         self._draw_plant(canvas.part((_CARD_GAP, _TOP), (int(_LEFT), int(_CARD)), 1.0), view)
