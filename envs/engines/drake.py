@@ -78,20 +78,9 @@ class Clock:
         self.integrator.set_requested_minimum_step_size(self._least * self.size)
 
 
-class Log:
-    """States at the ends of steps.
-
-    Attributes:
-        rows: shape (steps, positions and velocities).
-    """
-
-    def __init__(self, count: int, size: int) -> None:
-        self.rows = np.empty((count, size))
-        self._velocities = self.rows.T[size // 2 :]
-
-    def mean_squares(self) -> list[float]:
-        """Of each velocity."""
-        return [float(x.dot(x)) / len(x) for x in self._velocities]
+def mean_squares(states: Array) -> list[float]:
+    """Of each velocity, of states at the ends of steps, shape (steps, positions and velocities)."""
+    return [float(x.dot(x)) / len(x) for x in states.T[states.shape[1] // 2 :]]
 
 
 def state_size(plant: Any) -> int:
@@ -120,7 +109,7 @@ def discrete_steps(plant: Any, count: int, speeds: bool = False) -> Run:
     context, end = plant.CreateDefaultContext(), plant.AllocateDiscreteVariables()
     put, size = force_setter(plant, context), state_size(plant)
     update, state = plant.CalcForcedDiscreteVariableUpdate, end.get_value(0)  # a view
-    log, lost = Log(count, size), (nan,) * (size + speeds * size // 2)
+    ends, lost = np.empty((count, size)), (nan,) * (size + speeds * size // 2)
 
     def run(*values: float) -> tuple[float, ...]:
         put(values[size:])
@@ -131,10 +120,10 @@ def discrete_steps(plant: Any, count: int, speeds: bool = False) -> Run:
                     context.SetDiscreteState(0, state)
                 update(context, end)
                 if speeds:
-                    log.rows[k] = state
+                    ends[k] = state
         except RuntimeError:
             return lost
-        return (*state.tolist(), *(log.mean_squares() if speeds else ()))
+        return (*state.tolist(), *(mean_squares(ends) if speeds else ()))
 
     return run
 
@@ -149,7 +138,7 @@ def explicit_steps(plant: Any, scheme: str, dt: float, count: int, speeds: bool 
     context = clock.simulator.get_mutable_context()
     put, size = force_setter(plant, context), state_size(plant)
     end = context.get_continuous_state_vector().get_value()
-    log, lost = Log(count, size), (*(nan,) * (size + speeds * size // 2), 0, 0.0, True)
+    ends, lost = np.empty((count, size)), (*(nan,) * (size + speeds * size // 2), 0, 0.0, True)
     there: tuple[float, ...] = ()
 
     def run(*values: float) -> tuple[float, ...]:
@@ -165,13 +154,13 @@ def explicit_steps(plant: Any, scheme: str, dt: float, count: int, speeds: bool 
                 steps = 1 if speeds else min(count - taken, SPAN - clock.now)
                 clock.take(steps)
                 if speeds:
-                    log.rows[taken] = end
+                    ends[taken] = end
                 taken += steps
         except RuntimeError:
             there = ()
             return lost
         there = tuple(end.tolist())
-        return (*there, *(log.mean_squares() if speeds else ()), 0, 0.0, True)
+        return (*there, *(mean_squares(ends) if speeds else ()), 0, 0.0, True)
 
     return run
 
@@ -209,7 +198,7 @@ def implicit_steps(
     comes before the report.
     """
     stepper, size = Stepper(plant, scheme, dt, accuracy, from_rest), state_size(plant)
-    log, lost = Log(count, size), (*(nan,) * (size + speeds * size // 2), 0, 0.0, False)
+    ends, lost = np.empty((count, size)), (*(nan,) * (size + speeds * size // 2), 0, 0.0, False)
 
     def run(*values: float) -> tuple[float, ...]:
         if is_astray(values):
@@ -221,11 +210,11 @@ def implicit_steps(
                 if is_astray(state):
                     return lost
                 if speeds:
-                    log.rows[k] = state
+                    ends[k] = state
                 most, whole = max(most, iterations), whole and not divisions
         except RuntimeError:
             return lost
-        return (*state, *(log.mean_squares() if speeds else ()), most, 0.0, whole)
+        return (*state, *(mean_squares(ends) if speeds else ()), most, 0.0, whole)
 
     return run
 
