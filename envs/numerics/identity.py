@@ -10,7 +10,6 @@ from functools import cache, lru_cache
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from ..engines.maps import map_names, one_step_map
 from ..ops.ops import SCALAR, Component, Components, join_state
@@ -256,8 +255,6 @@ def largest_error(
     return float(error.max()) if np.isfinite(error).all() else float("inf")
 
 
-Array = npt.NDArray[np.float64]
-
 FINGERPRINT_STEP = 0.02
 """Step at which an engine is examined, s."""
 
@@ -270,9 +267,6 @@ DAMPING = 0.3
 
 IDENTICAL = {64: 1e-9, 32: 2e-6}
 """Defect up to which a step is a map's, by the width of the engine's floats."""
-
-FINGERPRINT_SPAN = 2.0
-"""Duration times fastest rate over which the order is measured."""
 
 SINGLE_ROUNDING = 3e-5
 """Errors of an engine in float32 below this share of the state's size are its arithmetic."""
@@ -399,11 +393,11 @@ def _match_converged(
     return match(taken, plant, dt, solved or cases, names)
 
 
-def _order(method: str, plant: Plant, start: Array, width: int) -> float | None:
+def _order(method: str, plant: Plant, start: stepping.Array, width: int) -> float | None:
     """Order of convergence from a state; None where errors are rounding alone."""
     frequency = stepping.fastest_rate(plant, start)
     rounding = ROUNDING if width == 64 else SINGLE_ROUNDING
-    span = FINGERPRINT_SPAN / frequency
+    span = SPAN / frequency
     return convergence(method, plant, start, span, frequency=frequency, rounding=rounding).order
 
 
