@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import ChainMap
 from collections.abc import Callable, Hashable, Iterable, Sequence
 from functools import partial
-from itertools import count
+from itertools import chain, count
 from threading import Lock
 from typing import Any, NamedTuple
 
@@ -160,7 +160,7 @@ def write_loops(
     for put in puts:
         puts_of[made.get(id(put.value), -1)].append(put)
     needs = [
-        {id(x): x for x in (*_operands(items), *_values(own))}
+        {id(x): x for x in (*chain.from_iterable(map(operands, items)), *_values(own))}
         for items, own in zip(parted, puts_of, strict=True)
     ]
     given = leaves_of(tuple(arguments))
@@ -187,10 +187,6 @@ def write_loops(
 
 def _values(puts: Sequence[Put]) -> list[Symbol]:
     return symbols_in(tuple(put.value for put in puts))
-
-
-def _operands(items: Sequence[Item]) -> list[Symbol]:
-    return [x for item in items for x in operands(item)]
 
 
 def _block_of(items: Sequence[Item]) -> Block:
