@@ -12,7 +12,6 @@ from integ_gym.support.parameters import optional, parameter, positive
 from ..ops.ops import Component, Components, Ops
 from .interface import (
     NEAR_UPRIGHT,
-    REWARD_STEP,
     BoxTask,
     Command,
     Limits,
@@ -157,19 +156,11 @@ class AcrobotSwingUp(BoxTask):
         """(cos θ₁, sin θ₁, cos θ₂, sin θ₂, θ̇₁, θ̇₂)."""
         return observe_links(ops, q, v)
 
-    def reward(
-        self,
-        ops: Ops,
-        q: Components,
-        v: Components,
-        mean_squares: Components,
-        terminated: Component,
-        control_period: float,
-    ) -> Component:
+    def share(self, ops: Ops, q: Components, v: Components, squares: Components) -> Component:
         """Product of both links' heights at the start of the period and gentleness in it."""
         height = 0.25 * (1.0 - ops.cos(q[0])) * (1.0 - ops.cos(q[0] + q[1]))
-        effort = mean_squares[0] / (self.max_torque * self.max_torque)
-        return height * (1.0 - 0.1 * effort) * (control_period / REWARD_STEP)
+        effort = squares[0] / (self.max_torque * self.max_torque)
+        return height * (1.0 - 0.1 * effort)
 
     def at_goal(self, ops: Ops, q: Components, v: Components) -> Component:
         """Both links near upright."""

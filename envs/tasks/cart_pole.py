@@ -140,21 +140,12 @@ class CartPoleSwingUp(BoxTask):
         """(x, ẋ, cos θ, sin θ, θ̇)."""
         return q[0], v[0], ops.cos(q[1]), ops.sin(q[1]), v[1]
 
-    def reward(
-        self,
-        ops: Ops,
-        q: Components,
-        v: Components,
-        mean_squares: Components,
-        terminated: Component,
-        control_period: float,
-    ) -> Component:
+    def share(self, ops: Ops, q: Components, v: Components, squares: Components) -> Component:
         """Product of height and centring at the start of the period and gentleness in it."""
         height = 0.5 * (1.0 + ops.cos(q[1]))
         away = ops.minimum(abs(q[0]) / self.track_limit, 1.0)
-        effort = mean_squares[0] / (self.max_force * self.max_force)
-        share = height * (1.0 - 0.5 * away * away) * (1.0 - 0.1 * effort)
-        return share * (control_period / REWARD_STEP)
+        effort = squares[0] / (self.max_force * self.max_force)
+        return height * (1.0 - 0.5 * away * away) * (1.0 - 0.1 * effort)
 
     def at_goal(self, ops: Ops, q: Components, v: Components) -> Component:
         """Near upright, with the cart within the track."""

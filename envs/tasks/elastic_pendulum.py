@@ -12,7 +12,6 @@ from integ_gym.support.parameters import parameter, positive
 
 from ..ops.ops import Component, Components, Ops
 from .interface import (
-    REWARD_STEP,
     SWING_TIME,
     BoxTask,
     read_number,
@@ -53,20 +52,11 @@ class ElasticPendulumQuiet(BoxTask):
         """(x, ẋ, y, ẏ)."""
         return q[0], v[0], q[1], v[1]
 
-    def reward(
-        self,
-        ops: Ops,
-        q: Components,
-        v: Components,
-        mean_squares: Components,
-        terminated: Component,
-        control_period: float,
-    ) -> Component:
+    def share(self, ops: Ops, q: Components, v: Components, squares: Components) -> Component:
         """Nearness to rest at the start of the period times gentleness in it."""
         away, speed = q[0] / NEAR_PLUMB, SWING_TIME * v[0] / NEAR_PLUMB
-        effort = mean_squares[0] / (self.max_force * self.max_force)
-        share = (1.0 - 0.1 * effort) / (1.0 + away * away + speed * speed)
-        return share * (control_period / REWARD_STEP)
+        effort = squares[0] / (self.max_force * self.max_force)
+        return (1.0 - 0.1 * effort) / (1.0 + away * away + speed * speed)
 
     def at_goal(self, ops: Ops, q: Components, v: Components) -> Component:
         """Near the vertical through the pivot."""

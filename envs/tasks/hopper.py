@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 from integ_gym.support.parameters import parameter, positive
 
 from ..ops.ops import Component, Components, Ops
-from .interface import REWARD_STEP, BoxTask, Limits
+from .interface import BoxTask, Limits
 
 LOWEST, STEEPEST = 0.3, 1.0
 """Height of the hip, m, and pitch, rad, beyond which a hopper has fallen."""
@@ -67,21 +67,12 @@ class HopperRun(BoxTask):
         """All of the state but x."""
         return v[0], q[1], v[1], q[2], v[2], q[3], v[3], q[4], v[4]
 
-    def reward(
-        self,
-        ops: Ops,
-        q: Components,
-        v: Components,
-        mean_squares: Components,
-        terminated: Component,
-        control_period: float,
-    ) -> Component:
+    def share(self, ops: Ops, q: Components, v: Components, squares: Components) -> Component:
         """Nearness to the commanded speed, upright, at the start times gentleness in the period."""
         late, tilt = (v[0] - self.target_speed) / NEAR_SPEED, q[2] / NEAR_PITCH
         torque, force = self.max_torque * self.max_torque, self.max_force * self.max_force
-        effort = 0.5 * (mean_squares[0] / torque + mean_squares[1] / force)
-        share = (1.0 - 0.1 * effort) / (1.0 + late * late + tilt * tilt)
-        return share * (control_period / REWARD_STEP)
+        effort = 0.5 * (squares[0] / torque + squares[1] / force)
+        return (1.0 - 0.1 * effort) / (1.0 + late * late + tilt * tilt)
 
     def terminated(self, ops: Ops, q: Components, v: Components) -> Component:
         """Fallen: the hip too low, or the torso too far from upright."""

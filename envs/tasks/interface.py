@@ -175,6 +175,22 @@ class BoxTask:
         """The controls, saturated."""
         return saturate(ops, action, self.control_limits)
 
+    def reward(
+        self,
+        ops: Ops,
+        q: Components,
+        v: Components,
+        mean_squares: Components,
+        terminated: Component,
+        control_period: float,
+    ) -> Component:
+        """Up to 1 per 0.02 s."""
+        return self.share(ops, q, v, mean_squares) * (control_period / REWARD_STEP)
+
+    def share(self, ops: Ops, q: Components, v: Components, squares: Components) -> Component:
+        """Of that reward, what a control period that began in (q, v) pays, from 0 to 1."""
+        raise NotImplementedError
+
     def worst_return(
         self, ops: Ops, remaining: Component, control_period: float, top_speed: Component
     ) -> Component:

@@ -13,7 +13,6 @@ from integ_gym.support.parameters import parameter, positive
 from ..ops.ops import Component, Components, Ops
 from .interface import (
     NEAR_UPRIGHT,
-    REWARD_STEP,
     SWING_TIME,
     BoxTask,
     Limits,
@@ -72,23 +71,14 @@ class QuadrotorHover(BoxTask):
         """(x, ẋ, z, ż, cos θ, sin θ, θ̇, thrusts of both rotors)."""
         return q[0], v[0], q[1], v[1], ops.cos(q[2]), ops.sin(q[2]), v[2], v[3], v[4]
 
-    def reward(
-        self,
-        ops: Ops,
-        q: Components,
-        v: Components,
-        mean_squares: Components,
-        terminated: Component,
-        control_period: float,
-    ) -> Component:
+    def share(self, ops: Ops, q: Components, v: Components, squares: Components) -> Component:
         """Nearness to level rest at the start of the period times gentleness in it."""
         speed_weight = SWING_TIME * SWING_TIME
         away = q[0] * q[0] + q[1] * q[1] + speed_weight * (v[0] * v[0] + v[1] * v[1])
         tilt = 2.0 * (1.0 - ops.cos(q[2])) + speed_weight * v[2] * v[2]
         full = self.max_thrust * self.max_thrust
-        effort = 0.5 * (mean_squares[0] + mean_squares[1]) / full
-        share = (1.0 - 0.1 * effort) / (1.0 + away / (HOVER_REACH * HOVER_REACH) + tilt)
-        return share * (control_period / REWARD_STEP)
+        effort = 0.5 * (squares[0] + squares[1]) / full
+        return (1.0 - 0.1 * effort) / (1.0 + away / (HOVER_REACH * HOVER_REACH) + tilt)
 
     def terminated(self, ops: Ops, q: Components, v: Components) -> Component:
         """Outside the room."""
@@ -150,18 +140,9 @@ class QuadrotorWayPoints(QuadrotorHover):
         """(x and z from the way-point with their speeds, cos θ, sin θ, θ̇, both thrusts)."""
         return super().observe(ops, self._from_guide(ops, q), v)
 
-    def reward(
-        self,
-        ops: Ops,
-        q: Components,
-        v: Components,
-        mean_squares: Components,
-        terminated: Component,
-        control_period: float,
-    ) -> Component:
+    def share(self, ops: Ops, q: Components, v: Components, squares: Components) -> Component:
         """That of hovering at the way-point."""
-        seen = self._from_guide(ops, q)
-        return super().reward(ops, seen, v, mean_squares, terminated, control_period)
+        return super().share(ops, self._from_guide(ops, q), v, squares)
 
     def at_goal(self, ops: Ops, q: Components, v: Components) -> Component:
         """At the way-point and level, or in the first half of the time for it."""

@@ -11,7 +11,7 @@ from integ_gym.support.parameters import parameter, positive
 
 from ..ops.ops import Component, Components, Ops
 from .acrobot import LINK_NAMES, LINK_UNITS, observe_links
-from .interface import REWARD_STEP, BoxTask, Limits
+from .interface import BoxTask, Limits
 
 MARKER_CENTRE, MARKER_RADIUS = (0.0, -0.6), 0.25
 """Of the circle on which the marker goes round, m, seen from the first joint."""
@@ -77,20 +77,12 @@ class ReacherFollow(BoxTask):
         along, up = self._from_centre(ops, q)
         return *observe_links(ops, q, v), *self.target(ops, q), -up * v[2], along * v[2]
 
-    def reward(
-        self,
-        ops: Ops,
-        q: Components,
-        v: Components,
-        mean_squares: Components,
-        terminated: Component,
-        control_period: float,
-    ) -> Component:
+    def share(self, ops: Ops, q: Components, v: Components, squares: Components) -> Component:
         """Nearness to the marker at the start of the period times gentleness in it."""
         full = self.max_torque * self.max_torque
-        effort = 0.5 * (mean_squares[0] + mean_squares[1]) / full
+        effort = 0.5 * (squares[0] + squares[1]) / full
         away = self._squared_distance(ops, q) / (FOLLOW_REACH * FOLLOW_REACH)
-        return (1.0 - 0.1 * effort) / (1.0 + away) * (control_period / REWARD_STEP)
+        return (1.0 - 0.1 * effort) / (1.0 + away)
 
     def at_goal(self, ops: Ops, q: Components, v: Components) -> Component:
         """The tip at the marker."""
