@@ -7,6 +7,12 @@ from typing import Literal, NamedTuple
 
 from .ops.ops import Component, Components, Ops
 
+Rates = tuple[Components, Components]
+"""Accelerations, and the power of each loss component, W."""
+
+Slopes = tuple[tuple[Components, ...], tuple[Components, ...]]
+"""(∂a/∂q, ∂a/∂v) by rows."""
+
 
 class Kink(NamedTuple):
     """What may change its sign within a step, and the accelerations their slope with it."""

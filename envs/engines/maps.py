@@ -6,8 +6,9 @@ from collections.abc import Callable, Sequence
 from typing import Any, ClassVar, NamedTuple
 
 from ..integrators.implicit import ImplicitEuler
-from ..integrators.interface import Slopes, State, Step, System
+from ..integrators.interface import State, Step, System
 from ..integrators.newton import Solved, differences, solve, solve_linear
+from ..mechanics import Slopes
 from ..ops.ops import Component, Components, Ops, along
 from ..plants.system import PlantSystem
 from ..registries import INTEGRATORS, MAPS, TRUTH

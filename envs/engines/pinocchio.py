@@ -10,8 +10,7 @@ import numpy as np
 
 from integ_gym.support.optional import load
 
-from ..integrators.interface import Slopes
-from ..mechanics import Link, Mechanism
+from ..mechanics import Link, Mechanism, Slopes
 from ..ops.ops import Components, Ops
 from ..plants.system import PlantSystem
 from ..registries import INTEGRATORS

@@ -13,8 +13,8 @@ import numpy.typing as npt
 
 from integ_gym.support.errors import InputError
 
-from ..integrators.interface import Rates, Slopes, State, Step
-from ..mechanics import LEAST_SHARE, Link, Mechanism
+from ..integrators.interface import State, Step
+from ..mechanics import LEAST_SHARE, Link, Mechanism, Rates, Slopes
 from ..ops.ops import SCALAR, Component, Components, Ops, along, rows_of
 from ..plants.contact import Stops
 from ..plants.interface import Plant

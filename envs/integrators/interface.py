@@ -6,17 +6,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
-from ..mechanics import Kink
+from ..mechanics import Kink, Rates, Slopes
 from ..ops.ops import Component, Components, Ops
 
 State = tuple[Components, Components]
 """Configuration and velocity."""
-
-Rates = tuple[Components, Components]
-"""Accelerations, and the power of each loss component, W."""
-
-Slopes = tuple[tuple[Components, ...], tuple[Components, ...]]
-"""(∂a/∂q, ∂a/∂v) by rows."""
 
 
 class System(Protocol):

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 from integ_gym.support.parameters import nonnegative, optional, parameter, positive
 
-from ..mechanics import Link, Mechanism
+from ..mechanics import Link, Mechanism, Slopes
 from ..ops.ops import Component, Components, Ops
 from .interface import add_border
 
@@ -121,9 +121,7 @@ class DoublePendulum:
         second = force[1] - self.damping * v[1] - bend * v[0] * v[0] - outer
         return self._solve(ops, q, first, second)
 
-    def jacobian(
-        self, ops: Ops, q: Components, v: Components, force: Components
-    ) -> tuple[tuple[Components, ...], tuple[Components, ...]]:
+    def jacobian(self, ops: Ops, q: Components, v: Components, force: Components) -> Slopes:
         """(∂a/∂q, ∂a/∂v), each a 2×2 nested tuple."""
         a = self.acceleration(ops, q, v, force)
         bend, slope = self.coupling * ops.sin(q[1]), self.coupling * ops.cos(q[1])
@@ -205,9 +203,7 @@ class ReachingArm(DoublePendulum):
         """(θ̈₁, θ̈₂, φ̈), rad/s^2."""
         return *super().acceleration(ops, q, v, force), force[2]
 
-    def jacobian(
-        self, ops: Ops, q: Components, v: Components, force: Components
-    ) -> tuple[tuple[Components, ...], tuple[Components, ...]]:
+    def jacobian(self, ops: Ops, q: Components, v: Components, force: Components) -> Slopes:
         """(∂a/∂q, ∂a/∂v), each a 3×3 nested tuple."""
         by_q, by_v = super().jacobian(ops, q, v, force)
         return add_border(by_q, 0.0 * q[2]), add_border(by_v, 0.0 * q[2])

@@ -8,6 +8,7 @@ from typing import ClassVar
 
 from integ_gym.support.parameters import nonnegative, parameter, positive
 
+from ..mechanics import Slopes
 from ..ops.ops import Component, Components, Ops
 
 
@@ -66,9 +67,7 @@ class ElasticPendulum:
             (force[1] - self.damping * v[1] - pull * up - self._weight) * self._inverse_mass,
         )
 
-    def jacobian(
-        self, ops: Ops, q: Components, v: Components, force: Components
-    ) -> tuple[tuple[Components, ...], tuple[Components, ...]]:
+    def jacobian(self, ops: Ops, q: Components, v: Components, force: Components) -> Slopes:
         """(∂a/∂q, ∂a/∂v), each a 2×2 nested tuple."""
         across, up, reach = self._spring(ops, q)
         rate = self.stiffness * self._inverse_mass

@@ -7,6 +7,7 @@ from typing import ClassVar
 
 from integ_gym.support.parameters import parameter, positive
 
+from ..mechanics import Slopes
 from ..ops.ops import Component, Components, Ops
 
 
@@ -36,9 +37,7 @@ class Oscillator:
         """Acceleration, m/s^2, as a 1-tuple."""
         return (force[0] - self.frequency * self.frequency * q[0],)
 
-    def jacobian(
-        self, ops: Ops, q: Components, v: Components, force: Components
-    ) -> tuple[tuple[Components, ...], tuple[Components, ...]]:
+    def jacobian(self, ops: Ops, q: Components, v: Components, force: Components) -> Slopes:
         """(∂a/∂q, ∂a/∂v), each a 1×1 nested tuple."""
         zero = 0.0 * q[0]
         return ((zero - self.frequency * self.frequency,),), ((zero,),)

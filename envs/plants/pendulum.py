@@ -8,7 +8,7 @@ from typing import ClassVar
 
 from integ_gym.support.parameters import nonnegative, one_of, optional, parameter, positive
 
-from ..mechanics import Friction, Link, Mechanism, friction_of
+from ..mechanics import Friction, Link, Mechanism, Slopes, friction_of
 from ..ops.ops import Component, Components, Ops
 from .contact import Stops, stops_at
 from .interface import MASS_DISTRIBUTIONS
@@ -99,9 +99,7 @@ class Pendulum:
         drive = force[0] - self.damping * v[0]
         return (self._gravity_rate * ops.sin(q[0]) + self._inverse_inertia * drive,)
 
-    def jacobian(
-        self, ops: Ops, q: Components, v: Components, force: Components
-    ) -> tuple[tuple[Components, ...], tuple[Components, ...]]:
+    def jacobian(self, ops: Ops, q: Components, v: Components, force: Components) -> Slopes:
         """(∂a/∂q, ∂a/∂v), each a 1×1 nested tuple."""
         by_q = self._gravity_rate * ops.cos(q[0])
         return ((by_q,),), ((-self.damping * self._inverse_inertia + 0.0 * by_q,),)

@@ -6,7 +6,7 @@ from functools import reduce
 from operator import add, or_
 from typing import NamedTuple
 
-from ..mechanics import Friction, Kink, Servo
+from ..mechanics import Friction, Kink, Rates, Servo, Slopes
 from ..ops.ops import Component, Components, Ops
 from .contact import ContactPoint, Reaction, Stops
 from .interface import Plant
@@ -159,9 +159,7 @@ class PlantSystem:
         force: Components = self.input_forces(ops, q, v, controls)
         return force
 
-    def rates(
-        self, ops: Ops, q: Components, v: Components, control: Components
-    ) -> tuple[Components, Components]:
+    def rates(self, ops: Ops, q: Components, v: Components, control: Components) -> Rates:
         """Accelerations and the power of each loss component, W."""
         plant = self.plant
         if self._carried:
@@ -182,9 +180,7 @@ class PlantSystem:
         """A generalized force with that of friction, of our stops and of contact points."""
         return self._add_resistance(ops, q, v, force)[0] if self.steep else force
 
-    def slopes(
-        self, ops: Ops, q: Components, v: Components, control: Components
-    ) -> tuple[tuple[Components, ...], tuple[Components, ...]] | None:
+    def slopes(self, ops: Ops, q: Components, v: Components, control: Components) -> Slopes | None:
         """(∂a/∂q, ∂a/∂v) of the plant with contact and friction, or None if it gives none."""
         if self._jacobian is None:
             return None
