@@ -10,15 +10,7 @@ from typing import Any, ClassVar
 from integ_gym.support.parameters import optional, parameter, positive
 
 from ..ops.ops import Component, Components, Ops
-from .interface import (
-    NEAR_UPRIGHT,
-    BoxTask,
-    Command,
-    Limits,
-    choose,
-    draw_uniform,
-    wrap_angle,
-)
+from .interface import NEAR_UPRIGHT, BoxTask, Command, Limits, choose, draw_uniform, wrap_angle
 
 ACROBOT_STEP = 0.2
 """Control period of ``Acrobot-v1``, s: the rewards are equal there."""

@@ -11,11 +11,7 @@ from integ_gym.support.errors import InputError
 from integ_gym.support.parameters import parameter, positive
 
 from ..ops.ops import Component, Components, Ops
-from .interface import (
-    SWING_TIME,
-    BoxTask,
-    read_number,
-)
+from .interface import SWING_TIME, BoxTask, read_number
 
 NEAR_PLUMB = 0.1
 """Goal: |x| below this, m."""

@@ -11,14 +11,7 @@ from integ_gym.support.errors import InputError
 from integ_gym.support.parameters import parameter, positive
 
 from ..ops.ops import Component, Components, Ops
-from .interface import (
-    NEAR_UPRIGHT,
-    SWING_TIME,
-    BoxTask,
-    Limits,
-    read_number,
-    wrap_angle,
-)
+from .interface import NEAR_UPRIGHT, SWING_TIME, BoxTask, Limits, read_number, wrap_angle
 
 ROOM = 3.0
 """Half the width and height of the room that a quadrotor must not leave, m."""
