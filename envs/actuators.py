@@ -74,8 +74,14 @@ class TargetTask(_Derived):
         return saturate(ops, action, self.control_limits)
 
 
-def _origin_of(make: Any, base: type[Any]) -> dict[str, Any]:
-    return {"base": base, "make": staticmethod(make), "__doc__": base.__doc__}
+def _derive(
+    make: Any, name: str, bases: tuple[type[Any], type[Any]], given: Any, **own: Any
+) -> type[Any]:
+    """The class that ``make`` makes of the last of the bases, with more fields and attributes."""
+    base = bases[-1]
+    own = {"base": base, "make": staticmethod(make), "__doc__": base.__doc__, **own}
+    title = f"{name}{base.__name__}"
+    return make_dataclass(title, given, bases=bases, namespace=own, frozen=True)
 
 
 @cache
@@ -95,24 +101,15 @@ def with_servo(plant: type[Any]) -> type[Any]:
         ("servo", str, when),
         ("servo_period", float | None, period),
     )
-    own = {**_origin_of(with_servo, plant), "controls": controls, "input_forces": None}
-    return make_dataclass(
-        f"Servo{plant.__name__}", given, bases=(ServoPlant, plant), namespace=own, frozen=True
-    )
+    own = {"controls": controls, "input_forces": None}
+    return _derive(with_servo, "Servo", (ServoPlant, plant), given, **own)
 
 
 @cache
 def with_efforts(plant: type[Any]) -> type[Any]:
     """A plant class that says that its controls are efforts, where targets are the default."""
     effort = parameter("effort", "", "no servos on the controls", one_of("effort"))
-    own = _origin_of(with_efforts, plant)
-    return make_dataclass(
-        f"Driven{plant.__name__}",
-        [("actuator", str, effort)],
-        bases=(_Derived, plant),
-        namespace=own,
-        frozen=True,
-    )
+    return _derive(with_efforts, "Driven", (_Derived, plant), [("actuator", str, effort)])
 
 
 @cache
@@ -128,11 +125,6 @@ def with_targets(task: type[Any]) -> type[Any]:
             "choices; leave it out"
         )
     limit = parameter(pi, "rad, m", "targets are within ±`target_limit`", positive)
-    own = {**_origin_of(with_targets, task), "effort_limits": task.control_limits}
-    return make_dataclass(
-        f"Target{task.__name__}",
-        [("target_limit", float, limit)],
-        bases=(TargetTask, task),
-        namespace=own,
-        frozen=True,
-    )
+    given = [("target_limit", float, limit)]
+    own = {"effort_limits": task.control_limits}
+    return _derive(with_targets, "Target", (TargetTask, task), given, **own)
