@@ -181,23 +181,14 @@ _DIVISIONS = "integrator_num_step_shrinkages_from_substep_failures"
 _FACTORIZATIONS = "integrator_num_iteration_matrix_factorizations"
 
 
-def implicit_steps(
-    plant: Any,
-    scheme: str,
-    dt: float,
-    count: int,
-    accuracy: float,
-    from_rest: bool,
-    speeds: bool = False,
-) -> Run:
-    """Steps of an implicit integrator to an accuracy, with the most Newton iterations of any.
+def implicit_steps(stepper: Stepper, count: int, speeds: bool = False) -> Run:
+    """Steps of an implicit integrator, with the most Newton iterations of any.
 
     A step that Drake divides is reported as not converged. From values that are astray there is no
-    step, for on some of them Drake crashes. Steps begin with the matrices at rest where
-    ``from_rest`` says so. With ``speeds``, each velocity's mean square over the ends of the steps
-    comes before the report.
+    step, for on some of them Drake crashes. With ``speeds``, each velocity's mean square over the
+    ends of the steps comes before the report.
     """
-    stepper, size = Stepper(plant, scheme, dt, accuracy, from_rest), state_size(plant)
+    size = stepper.size
     ends, lost = np.empty((count, size)), (*(nan,) * (size + speeds * size // 2), 0, 0.0, False)
 
     def run(*values: float) -> tuple[float, ...]:
@@ -248,6 +239,7 @@ class Stepper:
         from_rest: whether steps begin with the matrices at rest, or with none.
 
     Attributes:
+        size: number of positions and velocities.
         spoiled: whether the last step has left other matrices than it began with.
     """
 
@@ -265,7 +257,8 @@ class Stepper:
         names = [name for name, _ in self._statistics()]
         found = (_ITERATIONS, _DIVISIONS, _FACTORIZATIONS)
         self._iterations, self._divisions, self._factorizations = map(names.index, found)
-        self._at_rest = (0.0,) * len(self._end), (0.0,) * (len(self._end) // 2)
+        self.size = state_size(plant)
+        self._at_rest = (0.0,) * self.size, (0.0,) * (self.size // 2)
         self._state: Components = ()
         self._force: Components = ()
         self.spoiled = False
@@ -427,11 +420,11 @@ class DrakeEngine(RigidBodyEngine):
         """Take ``count`` steps."""
         if self.integrator in DISCRETE:
             return discrete_steps(self._plant, count, speeds)
-        chosen = self._plant, self.integrator, self.dt, count
+        chosen = self._plant, self.integrator, self.dt
         if self.integrator in IMPLICIT:
-            accuracy = self.settings["accuracy"]
-            return implicit_steps(*chosen, accuracy, self._from_rest, speeds)
-        return explicit_steps(*chosen, speeds)
+            stepper = Stepper(*chosen, self.settings["accuracy"], self._from_rest)
+            return implicit_steps(stepper, count, speeds)
+        return explicit_steps(*chosen, count, speeds)
 
     @cached_property
     def _from_rest(self) -> bool:

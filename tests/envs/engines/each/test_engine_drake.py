@@ -7,14 +7,7 @@ from engine_cases import DAMPING, mapped, needs, one_step, setup_of, states
 from pairing import pairs
 
 import integ_gym  # noqa: F401
-from integ_gym.envs.engines.drake import (
-    DISCRETE,
-    EXPLICIT,
-    IMPLICIT,
-    DrakeEngine,
-    implicit_steps,
-    rest_serves,
-)
+from integ_gym.envs.engines.drake import DISCRETE, EXPLICIT, IMPLICIT, DrakeEngine
 from integ_gym.envs.engines.maps import one_step_map
 from integ_gym.envs.ops.ops import SCALAR
 
@@ -62,18 +55,15 @@ def test_what_is_solved_is_reported_where_drake_tells(integrator):
 def test_no_step_leaves_a_trace(integrator, dt):
     """To the last bit: not whole ones, nor those that Drake divides, nor those that it gives up."""
     engine, rng = _setup(integrator, dt=dt).engine, np.random.default_rng(11)
-    accuracy = engine.settings["accuracy"]
-    from_rest = rest_serves(engine._plant, integrator, dt, accuracy)
-    chosen = engine._plant, integrator, dt, 1, accuracy, from_rest
     cases = [
         (*rng.uniform(-3.0, 3.0, 2), *rng.uniform(-speed, speed, 2), rng.choice([-2.0, 0.0]), 0.0)
         for speed in np.repeat([1.0, 25.0, 150.0, 3e3, 3e5], 12)
     ]
-    alone = [implicit_steps(*chosen)(*case) for case in cases]
+    alone = [engine.run(1)(*case) for case in cases]
     lost = [not np.isfinite(end[0]) for end in alone]
     divided = [np.isfinite(end[0]) and not end[-1] for end in alone]
     assert min(sum(lost), sum(divided), len(cases) - sum(lost) - sum(divided)) >= 5
-    run = implicit_steps(*chosen)
+    run = engine.run(1)
     for place in rng.permutation(3 * len(cases)) % len(cases):
         np.testing.assert_array_equal(run(*cases[place]), alone[place])
 
