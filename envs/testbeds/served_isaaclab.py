@@ -30,19 +30,12 @@ class Served:
             "control_period": cfg.sim.dt * cfg.decimation,
         }
 
-    def make(
-        self,
-        task: str,
-        integrator: str,
-        dt: float,
-        control_period: float,
-        arguments: dict[str, Any],
-    ) -> dict[str, Any]:
-        """A lane; the first makes the environment, which the others have to share."""
-        asked: dict[str, Any] = {
-            "task": task, "integrator": integrator, "dt": dt,
-            "control_period": control_period, "arguments": arguments,
-        }  # fmt: skip
+    def make(self, **asked: Any) -> dict[str, Any]:
+        """A lane; the first makes the environment, which the others have to share.
+
+        Args:
+            asked: see :func:`_environment`.
+        """
         if not self._lanes:
             self._env, self._shared = _environment(**asked), asked
             self._robot = self._env.scene["cartpole"]
