@@ -207,10 +207,8 @@ class LaneLoop:
 
     Args:
         of_arrays: the step as written for arrays, which gives the table as rows.
-        trace: the step's, in the dialect of one lane.
-        arguments: its state, what it takes from the call before, and the rest, in symbols; the
-            last is of arrays, and so is what it has computed of the others.
-        result: next state, tuples and dictionaries, in symbols.
+        repeating: the step in the dialect of one lane, whose last argument is of arrays, and so is
+            what it has computed of the others.
         table: place of a tuple of the result that is returned as rows of float32 instead.
 
     Raises:
@@ -218,21 +216,14 @@ class LaneLoop:
         NotTraceable: where Numba takes sines from a library of its own.
     """
 
-    def __init__(
-        self,
-        of_arrays: Function,
-        trace: Trace,
-        arguments: list[Any],
-        result: tuple[Any, ...],
-        table: int,
-    ) -> None:
+    def __init__(self, of_arrays: Function, repeating: _Repeating, table: int) -> None:
         if load("numba", "numba").config.USING_SVML:
             raise NotTraceable(
                 "Numba takes sines from Intel's SVML here, which are not NumPy's "
                 "(NUMBA_DISABLE_INTEL_SVML=1 makes it take those)"
             )
         self._of_arrays = of_arrays
-        making = partial(_build_step, trace, arguments, result, table)
+        making = partial(_build_step, repeating, table)
         self._make: Callable[[Any], Function] | None = making
         self._build_step: Function | None = None
         self._making = Lock()
@@ -248,14 +239,9 @@ class LaneLoop:
         return like
 
 
-def _build_step(
-    trace: Trace,
-    arguments: list[Any],
-    result: tuple[Any, ...],
-    table: int,
-    like: tuple[Any, ...],
-) -> Function:
+def _build_step(repeating: _Repeating, table: int, like: tuple[Any, ...]) -> Function:
     """What does the step, of a result of whose types its own are."""
+    trace, arguments, result = repeating[:3]
     results = Results(arguments, result, like, table)
     inputs, lines = write_loops(trace, arguments, results.puts)
     names = ["n", *(f"of_{x.name}" for x in inputs), *(x.name for x in results.arrays)]
@@ -377,7 +363,7 @@ def compile_loops(like: Repeated, table: int, function: Function, *patterns: Any
         raise NotTraceable("a call of a foreign function is not compiled")
     if _outline(repeating) != _outline(_repeating(ARRAYS, function, patterns)):
         raise NotTraceable("a function that gives another result each time is not compiled")
-    return like._replace(step=LaneLoop(like.step, *repeating[:3], table))
+    return like._replace(step=LaneLoop(like.step, repeating, table))
 
 
 class _Repeating(NamedTuple):
@@ -385,7 +371,9 @@ class _Repeating(NamedTuple):
 
     trace: Trace
     arguments: list[Any]
+    """Its state, what it takes from the call before, and the rest."""
     result: tuple[Any, ...]
+    """Next state, tuples and dictionaries, and what is taken by the next call."""
     alike: dict[str, Any]
     places: list[int]
     """Of what is taken from the call before, among the operations of the function as it stands."""
