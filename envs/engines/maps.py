@@ -82,7 +82,7 @@ class ImplicitRungeKutta(RungeKutta, Solved):
     ) -> Step:
         rows, weights = self.tableau
         equation = _StageEquation(ops, system, q, v, control, dt, rows)
-        velocities, *report = solve(ops, equation, v * len(rows), system.steep, self)
+        velocities, *report = solve(equation, v * len(rows), self)
         accelerations, powers = zip(*equation.rates(velocities), strict=True)
         speeds = [along_row(v, dt, row, accelerations) for row in rows]
         return Step(
@@ -131,7 +131,7 @@ class _StageEquation(NamedTuple):
         for position, speed in self.points(velocity):
             known = self.system.slopes(self.ops, position, speed, self.control)
             if known is None:
-                return differences(self.ops, self, velocity, f)
+                return differences(self, velocity, f)
             slopes.append(known)
         places = [(i, x) for i in range(len(self.rows)) for x in range(len(self.v))]
         return tuple(tuple(self._slope(slopes, *of, *by) for by in places) for of in places)

@@ -6,7 +6,7 @@ from typing import ClassVar
 
 from ..ops.ops import Component, Components, Ops, along
 from .interface import UNLIMITED, LinearTheory, Step, System
-from .newton import Solved, solve_velocity
+from .newton import Solved, VelocityEquation, solve
 
 
 class ImplicitEuler(Solved):
@@ -42,7 +42,7 @@ class ImplicitEuler(Solved):
         control: Components,
         dt: Component,
     ) -> Step:
-        v, *report = solve_velocity(ops, system, q, v, control, dt, dt, self)
+        v, *report = solve(VelocityEquation(ops, system, q, v, control, dt, dt), v, self)
         q = along(q, dt, v)
         _, loss_rates = system.rates(ops, q, v, control)
         return Step(q, v, along(losses, dt, loss_rates), *report)
@@ -83,7 +83,8 @@ class StormerVerlet(Solved):
         kicked = along(v, half, acceleration)
         losses = along(losses, half, loss_rates)
         drifted = along(q, dt, kicked)
-        v, *report = solve_velocity(ops, system, drifted, kicked, control, half, 0.0 * dt, self)
+        equation = VelocityEquation(ops, system, drifted, kicked, control, half, 0.0 * dt)
+        v, *report = solve(equation, kicked, self)
         _, loss_rates = system.rates(ops, drifted, v, control)
         return Step(drifted, v, along(losses, half, loss_rates), *report)
 
@@ -116,7 +117,8 @@ class ImplicitMidpoint(Solved):
         dt: Component,
     ) -> Step:
         half = 0.5 * dt
-        middle, *report = solve_velocity(ops, system, q, v, control, half, half, self)
+        equation = VelocityEquation(ops, system, q, v, control, half, half)
+        middle, *report = solve(equation, v, self)
         acceleration, loss_rates = system.rates(ops, along(q, half, middle), middle, control)
         return Step(
             along(q, dt, along(v, half, acceleration)),

@@ -123,34 +123,16 @@ class Solution(NamedTuple):
     converged: Component
 
 
-def solve_velocity(
-    ops: Ops,
-    system: System,
-    q: Components,
-    v: Components,
-    control: Components,
-    kick: Component,
-    drift: Component,
-    method: Solved,
-) -> Solution:
-    """Solve V = v + kick · a(q + drift · V, V) for V by Newton's method, from V = v.
-
-    ``kick`` and ``drift`` are times in seconds. The Jacobian is the plant's, or a forward
-    difference where the plant has none.
-    """
-    equation = _VelocityEquation(ops, system, q, v, control, kick, drift)
-    return solve(ops, equation, v, system.steep, method)
-
-
-def solve(ops: Ops, equation: Any, start: Components, steep: bool, method: Solved) -> Solution:
+def solve(equation: Any, start: Components, method: Solved) -> Solution:
     """Solve F(V) = 0 by Newton's method, in velocities of all degrees of freedom and stages.
 
-    ``equation`` has ``defect(velocity)``, which gives F, and ``derivative(velocity, f)``, which
-    gives the rows of ∂F/∂V where F is ``f``.
+    ``equation`` has the arithmetic ``ops`` and the ``system``, ``defect(velocity)``, which gives F,
+    and ``derivative(velocity, f)``, which gives the rows of ∂F/∂V where F is ``f``.
 
     In a steep system a correction after which the defect would be larger is halved, so that
     friction and stops do not throw the iteration from side to side.
     """
+    ops, steep = equation.ops, equation.system.steep
     tolerance = max(method.solver_tolerance, 4.0 * _ROUNDING * ops.epsilon)
     n = len(start)
 
@@ -184,8 +166,11 @@ def solve(ops: Ops, equation: Any, start: Components, steep: bool, method: Solve
     return Solution(end[:n], end[2 * n + 2], end[2 * n], end[2 * n] <= tolerance)
 
 
-class _VelocityEquation(NamedTuple):
-    """F(V) = V - v - kick · a(q + drift · V, V)."""
+class VelocityEquation(NamedTuple):
+    """F(V) = V - v - kick · a(q + drift · V, V), with kick and drift in seconds.
+
+    The Jacobian is the plant's, or a forward difference where the plant has none.
+    """
 
     ops: Ops
     system: System
@@ -206,7 +191,7 @@ class _VelocityEquation(NamedTuple):
         position = along(self.q, self.drift, velocity)
         slopes = self.system.slopes(self.ops, position, velocity, self.control)
         if slopes is None:
-            return differences(self.ops, self, velocity, f)
+            return differences(self, velocity, f)
         by_q, by_v = slopes
         indices = range(len(velocity))
         return tuple(
@@ -218,13 +203,11 @@ class _VelocityEquation(NamedTuple):
         )
 
 
-def differences(
-    ops: Ops, equation: Any, velocity: Components, f: Components
-) -> tuple[Components, ...]:
+def differences(equation: Any, velocity: Components, f: Components) -> tuple[Components, ...]:
     """Rows of ∂F/∂V at ``velocity``, where F is ``f``, by forward differences."""
     columns = []
     for j, x in enumerate(velocity):
-        increment = ops.epsilon**0.5 * (1.0 + abs(x))
+        increment = equation.ops.epsilon**0.5 * (1.0 + abs(x))
         moved = equation.defect((*velocity[:j], x + increment, *velocity[j + 1 :]))
         columns.append([(b - a) / increment for a, b in zip(f, moved, strict=True)])
     return tuple(tuple(column[i] for column in columns) for i in range(len(velocity)))
