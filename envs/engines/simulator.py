@@ -174,15 +174,14 @@ class ForeignEngine(MappedEngine):
         """
         held = self.system.sampler is None and not callable(segments[0][0])
         if self.straight and sample_at is None and held:
-            motion, hurried = self._in_strides(ops, q, v, cast(Held, segments))
+            motion = self._in_strides(ops, q, v, cast(Held, segments))
+            hurried = motion.finite == False  # noqa: E712
             if ops.assume_true(ops.any(hurried) == False):  # noqa: E712
                 return motion
         return super().advance(ops, q, v, segments, sample_at)
 
-    def _in_strides(
-        self, ops: Ops, q: Components, v: Components, segments: Held
-    ) -> tuple[Motion, Component]:
-        """One call for each segment; and whether the motion was fast at an end of one."""
+    def _in_strides(self, ops: Ops, q: Components, v: Components, segments: Held) -> Motion:
+        """One call for each segment; finite is a motion that was not fast at an end of one."""
         calm = within_bounds(q, v, CALM_SPEED)
         work: Component = 0.0
         losses, most, worst, converged = self.system.no_losses, 0, 0.0, True
@@ -196,8 +195,7 @@ class ForeignEngine(MappedEngine):
             most, worst = ops.maximum(most, iterations), ops.maximum(worst, residual)
             converged = converged & solved
             calm = calm & within_bounds(q, v, CALM_SPEED)
-        motion = Motion(q, v, q, v, work, losses, 0.0, most, worst, converged, calm)
-        return motion, calm == False  # noqa: E712
+        return Motion(q, v, q, v, work, losses, 0.0, most, worst, converged, calm)
 
     def stride(
         self,
