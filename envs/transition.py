@@ -11,7 +11,7 @@ from operator import add
 from typing import Any, NamedTuple
 
 from .engines.stepping import DIVERGENCE_SPEED, Held, Segments
-from .ops.ops import Component, Components, Ops, map_leaves, split_state
+from .ops.ops import Component, Components, Ops, map_leaves, select, split_state
 from .plants.contact import Touch
 from .plants.system import Motion
 from .settings import Setup, Timing
@@ -204,7 +204,7 @@ def _give_orders(
     none = (0.0,) * len(command.controls)
     held = state.commands[0] if setup.settings.fallback == "hold" else none
     valid = ops.assume_true(command.valid)
-    commands = (_choose(ops, valid, command.controls, held), *state.commands)
+    commands = (select(ops, valid, command.controls, held), *state.commands)
     fallbacks = (_negate(valid), *state.fallbacks)
     sample_at, rest = None, timing.sight[1]
     if timing.sensor is not None:
@@ -280,7 +280,7 @@ def _newest(ops: Ops, arrivals: Components, values: tuple[Any, ...], index: Comp
     for arrival, newer in zip(reversed(arrivals), values[-2::-1], strict=True):
         arrived = arrival <= index
         if isinstance(value, tuple):
-            value = _choose(ops, arrived, newer, value)
+            value = select(ops, arrived, newer, value)
         else:
             value = ops.where(arrived, newer, value)
     return value
@@ -305,7 +305,7 @@ def _next_state(
     ops: Ops, setup: Setup, state: EnvState, orders: _Orders, motion: Motion
 ) -> EnvState:
     timing, ok = setup.timing, motion.finite
-    q, v = _choose(ops, ok, motion.q, state.q), _choose(ops, ok, motion.v, state.v)
+    q, v = select(ops, ok, motion.q, state.q), select(ops, ok, motion.v, state.v)
     steps = state.steps + 1
     time = steps * timing.control_period
     arrived = ops.where(state.goal_since >= 0.0, state.goal_since, time)
@@ -334,8 +334,8 @@ def _show(
     shown = state.sensed_q, state.sensed_v, state.sensed_time
     q, v, time = state.late[0] if state.late else shown
     newest = (
-        _choose(ops, sampled, motion.sampled_q, q),
-        _choose(ops, sampled, motion.sampled_v, v),
+        select(ops, sampled, motion.sampled_q, q),
+        select(ops, sampled, motion.sampled_v, v),
         ops.where(sampled, _sample_time(timing, state.steps, orders.sample_at), time),
     )
     under_way = (newest, *state.late)
@@ -421,10 +421,6 @@ def _touches(ops: Ops, setup: Setup, after: EnvState, motion: Motion) -> tuple[T
         for reaction, depth, taken, slip in booked
     ]
     return map_leaves(lambda x: ops.where(motion.finite, x, 0.0), tuple(touches))  # type: ignore[no-any-return]
-
-
-def _choose(ops: Ops, condition: Component, new: Components, old: Components) -> Components:
-    return tuple([ops.where(condition, a, b) for a, b in zip(new, old, strict=True)])
 
 
 def _negate(condition: Component) -> Component:

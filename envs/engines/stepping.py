@@ -15,7 +15,7 @@ from integ_gym.support.parameters import unknown_name
 
 from ..integrators.interface import Step
 from ..integrators.newton import LEAST_TOLERANCE, Solved
-from ..ops.ops import FLOAT32_MAX, SCALAR, Component, Components, Ops, along
+from ..ops.ops import FLOAT32_MAX, SCALAR, Component, Components, Ops, along, select
 from ..plants.system import Motion, PlantSystem
 from ..registries import ENGINES, INTEGRATORS, TRUTH
 
@@ -353,8 +353,8 @@ class SteppedEngine(ABC):
                     push = ops.where(touch.normal_force > abs(push), touch.normal_force, push)
             if sample_at is not None:
                 now = sample_at == done + index + 1
-                sampled_q = tuple([ops.where(now, a, b) for a, b in zip(q, sampled_q, strict=True)])
-                sampled_v = tuple([ops.where(now, a, b) for a, b in zip(v, sampled_v, strict=True)])
+                sampled_q = select(ops, now, q, sampled_q)
+                sampled_v = select(ops, now, v, sampled_v)
             return Motion(
                 q,
                 v,

@@ -6,7 +6,7 @@ import sys
 from typing import Any, NamedTuple
 
 from ..mechanics import Kink
-from ..ops.ops import Component, Components, Ops, along
+from ..ops.ops import Component, Components, Ops, along, select
 from .interface import System
 
 
@@ -156,8 +156,7 @@ def solve(equation: Any, start: Components, method: Solved) -> Solution:
             return accepted
         better = (now < size) | (residual <= tolerance)
         refused = (*velocity, *f, residual, previous, iterations + 1, 0.5 * share, size)
-        pairs = zip(accepted, refused, strict=True)
-        return tuple([ops.where(better, new, old) for new, old in pairs])
+        return select(ops, better, accepted, refused)
 
     f = equation.defect(start)
     residual = _scale(ops, f, start)

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from operator import itemgetter, mul
 from typing import Any, ClassVar, TypeAlias
 
-from ..ops.ops import Component, Components, Ops
+from ..ops.ops import Component, Components, Ops, select
 from .interface import UNLIMITED, LinearTheory, Step, System
 from .newton import time_of_kink
 
@@ -197,7 +197,7 @@ class Reference:
                 accepted = accepted & ops.where(early, False, True)
                 nearer = ops.maximum(look - 0.5 * shortest, shortest)
                 following = ops.where(early, nearer, following)
-            y = tuple([ops.where(accepted, b, a) for a, b in zip(y, end, strict=True)])
+            y = select(ops, accepted, end, y)
             remaining = ops.where(accepted, remaining - h, remaining)
             worst = ops.where(accepted, ops.maximum(worst, error * tolerance), worst)
             return (*y, remaining, following, attempts + 1, worst)

@@ -273,6 +273,11 @@ def along(x: Components, h: Component, slope: Components) -> Components:
     return tuple([a + h * b for a, b in zip(x, slope, strict=True)])
 
 
+def select(ops: Ops, condition: Component, new: Components, old: Components) -> Components:
+    """``new`` where ``condition`` holds, else ``old``, component by component."""
+    return tuple([ops.where(condition, a, b) for a, b in zip(new, old, strict=True)])
+
+
 class Unusual(ArithmeticError):
     """What a traced function took for granted does not hold; ask the plain one."""
 

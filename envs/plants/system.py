@@ -7,7 +7,7 @@ from operator import add, or_
 from typing import NamedTuple
 
 from ..mechanics import Friction, Kink, Rates, Servo, Slopes
-from ..ops.ops import Component, Components, Ops
+from ..ops.ops import Component, Components, Ops, select
 from .contact import ContactPoint, Reaction, Stops
 from .interface import Plant
 
@@ -139,9 +139,7 @@ class PlantSystem:
         if servo.when == "step":
             return efforts
         due = index % servo.steps(ops, dt) == 0
-        return tuple(
-            [ops.where(due, new, old) for new, old in zip(efforts, motion.efforts, strict=True)]
-        )
+        return select(ops, due, efforts, motion.efforts)
 
     def at_effort_limit(self, efforts: Components) -> Component:
         """Whether the effort of some servo is at its limit."""
