@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from operator import attrgetter, itemgetter
 from typing import Any, Final, Literal, NamedTuple, cast
@@ -33,6 +33,7 @@ from .settings import (
     Settings,
     Timing,
     delays_in,
+    timing_of,
     whole_multiple,
 )
 from .starts import MEMBER, stream_of_episode
@@ -342,15 +343,12 @@ def describe_setup(
     discrete = int(action.n) if isinstance(action, spaces.Discrete) else None
     count = 1 if discrete is not None else int(np.prod(action.shape or (1,)))
     names = observation_names(env)
+    settings = Settings(
+        **applied.arguments(), duration=limit * period, start="the environment's own", **delays
+    )
     return ForeignSetup(
-        settings=Settings(
-            integrator=applied.integrator, dt=applied.dt, control_period=period,
-            engine=applied.engine, duration=limit * period, start="the environment's own",
-            **delays,
-        ),
-        timing=Timing.of(
-            applied.dt, period, sensor_period=None, duration=limit * period, **delays
-        ),
+        settings=settings,
+        timing=timing_of(settings),
         plant=ForeignPlant(
             getattr(env.unwrapped, "title", type(env.unwrapped).__name__),
             tuple((f"action{k}", "") for k in range(count))
@@ -478,15 +476,14 @@ def with_delays(env: gym.Env[Any, Any], setup: ForeignSetup) -> gym.Env[Any, Any
     if inner is not None:
         inner.env = Delayed(inner.env, setup.timing)
         return env
-    period, duration = setup.timing.control_period, setup.settings.duration
+    period = setup.timing.control_period
     within = bool(setup.timing.delay[1] or setup.timing.jitter)
     split = within and hasattr(env.unwrapped, "earlier")
     for name in ("observation_latency",) if split else LATENCIES:
         whole_multiple(name, delays[name], "control_period", period, least=0)
     if split:
         return SplitDelayed(env, setup.timing)
-    timing = Timing.of(period, period, sensor_period=None, duration=duration, **delays)
-    return Delayed(env, timing)
+    return Delayed(env, timing_of(replace(setup.settings, dt=period)))
 
 
 def check_wrappers(what: str, chain: Iterable[gym.Env[Any, Any]], counts: str = _COUNTS) -> None:

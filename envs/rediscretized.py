@@ -33,7 +33,7 @@ from .environment import at_bounds, within_rounding
 from .lanes import as_floats
 from .mujoco_ledger import NOTHING, Booked, Ledger, add_up
 from .ops.ops import join_state
-from .settings import Settings, Timing, check_divides, delays_in, whole_multiple
+from .settings import Settings, check_divides, delays_in, timing_of, whole_multiple
 from .transition import DIVERGED, NOT_CONVERGED, OK, STATUS_NAMES
 
 _HEADLESS = ("egl", "osmesa")
@@ -547,7 +547,12 @@ class RediscretizedEnv(foreign.ForeignWrapper):
         limit = foreign.time_limit(self)
         horizon = 1000 if limit is None else limit
         delays: dict[str, Any] = delays_in(vars(choice))
-        timing = Timing.of(step, period, sensor_period=None, duration=horizon * period, **delays)
+        settings = Settings(
+            integrator=chosen, dt=step, control_period=period, engine="mujoco",
+            duration=horizon * period, start="the task's own",
+            solver=read_solver(mujoco, model), **delays,
+        )  # fmt: skip
+        timing = timing_of(settings)
         model.opt.timestep = step
         model.opt.integrator = known[chosen]
         model.opt.disableflags |= int(getattr(mujoco.mjtDisableBit, NO_RESET, 0))
@@ -558,14 +563,10 @@ class RediscretizedEnv(foreign.ForeignWrapper):
             **(self.spec.kwargs if self.spec else {}),
             **({} if goal is None else {"success_return": goal}),
             **{name: value for name, value in delays.items() if value},
-            "solver": read_solver(mujoco, model),
+            "solver": settings.solver,
         }
         return foreign.ForeignSetup(
-            settings=Settings(
-                integrator=chosen, dt=step, control_period=period, engine="mujoco",
-                duration=horizon * period, start="the task's own",
-                solver=read_solver(mujoco, model), **delays,
-            ),
+            settings=settings,
             timing=timing,
             plant=self._describe_plant(),
             task=foreign.ForeignTask(self._goal.words, names, ("",) * len(names)),

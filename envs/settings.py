@@ -459,7 +459,7 @@ class Setup:
         if max_episode_steps == self.timing.horizon:
             return self
         other = replace(settings, duration=int(max_episode_steps) * self.timing.control_period)
-        return replace(self, settings=other, timing=_timing(other)).with_memory_of(self.timing)
+        return replace(self, settings=other, timing=timing_of(other)).with_memory_of(self.timing)
 
     def with_memory_of(self, other: Timing) -> Setup:
         """The same setup, which keeps as many commands and observations as another timing."""
@@ -535,7 +535,7 @@ def build_setup(
     settings = replace(given, start=given.start or task.starts[0])
     if settings.start not in task.starts:
         raise InputError(unknown_name("start", settings.start, task.starts))
-    timing = _timing(settings)
+    timing = timing_of(settings)
     the_plant = _parse(plant, values)
     if settings.max_speed is not None and settings.max_speed > DIVERGENCE_SPEED:
         raise InputError(
@@ -585,7 +585,8 @@ def _engine(settings: Settings, system: PlantSystem, dt: Component) -> Engine:
     return make_engine(settings.engine, system, settings.integrator, dt, settings.solver)
 
 
-def _timing(settings: Settings) -> Timing:
+def timing_of(settings: Settings) -> Timing:
+    """The rates of an environment; see :meth:`Timing.of`."""
     names = ("dt", "control_period", "sensor_period", "duration", "hold_probability", *LATENCIES)
     return Timing.of(**{name: getattr(settings, name) for name in names})
 
