@@ -61,8 +61,6 @@ class PlantSystem:
         self.engine_stops = stops if engine_stops else None
         self.contacts: tuple[ContactPoint, ...] = getattr(plant, "contacts", ())
         self.kinked = self.stops is not None or bool(self.contacts)
-        kinds = 1 + int(stops is not None) + 2 * len(self.contacts)
-        self.no_losses: Components = (0.0,) * kinds
         self._friction: Friction | None = getattr(plant, "dry_friction", None)
         continuous = servo is not None and servo.when == "continuous"
         self.servo = servo if continuous else None
@@ -75,7 +73,8 @@ class PlantSystem:
         self._carried = 0 if self.input_forces is None and self.servo is None else 1
         if self.servo is not None:
             self._carried += len(plant.controls)
-        self.no_losses = (*self.no_losses, *(0.0,) * self._carried)
+        kinds = 1 + int(stops is not None) + 2 * len(self.contacts)
+        self.no_losses: Components = (0.0,) * (kinds + self._carried)
         self._jacobian = None if self.input_forces else getattr(plant, "jacobian", None)
         self.moving = [i for i in range(len(plant.coordinates)) if i not in massless]
 
