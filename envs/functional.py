@@ -626,8 +626,7 @@ class FunctionalMixture(FunctionalEnv):
         """
         unit = math.lcm(*(group.share.denominator for group in self._groups))
         if count % unit or not count:
-            names = (f"{g.env.setup.settings.integrator} {g.share}" for g in self._groups)
-            parts = ", ".join(names)
+            parts = ", ".join(f"{g.env.setup.settings.integrator} {g.share}" for g in self._groups)
             raise InputError(
                 f"{count} environments cannot be shared out among the integrators of the mixture "
                 f"({parts}); their number (`n_envs`) must be a multiple of {unit}"
@@ -755,9 +754,7 @@ def _member_arguments(arguments: Mapping[str, Any], member: Mapping[str, Any]) -
 
 
 def _structure_of(groups: Sequence[_Group]) -> Hashable:
-    parts = (group.env.structure for group in groups)
-    rest = ((group.members, group.share, group.drawn) for group in groups)
-    return tuple(zip(parts, rest, strict=True))
+    return tuple((g.env.structure, (g.members, g.share, g.drawn)) for g in groups)
 
 
 def _member(number: Component, members: Sequence[int], bounds: Sequence[Component]) -> Component:
