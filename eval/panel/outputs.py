@@ -12,7 +12,6 @@ import msgspec
 from integ_gym.evidence.sealing import seal
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.support.errors import InputError
-from integ_gym.support.files import display_path
 from integ_gym.support.processes import limit_threads
 from integ_gym.train.policy_files.sidecar import policy_file
 
@@ -43,10 +42,6 @@ Begin = Callable[[str], None]
 """Called with the name of a phase when it begins."""
 
 
-def no_op(phase: str) -> None:
-    """Show no progress."""
-
-
 @contextmanager
 def phases(label: str, shown: bool) -> Iterator[Begin]:
     """A progress bar over judging a finished run; yields what is called as each phase begins.
@@ -71,29 +66,31 @@ def phases(label: str, shown: bool) -> Iterator[Begin]:
 def write_artefact(
     spec: PanelSpec,
     directory: RunDirectory,
-    command: str,
-    workers: int,
+    label: str,
+    called: Call,
+    progress: bool,
     of: PanelSpec | None = None,
-    begin: Begin = no_op,
 ) -> Panel:
     """Reduce the evidence and write ``panel.json``, ``figures/`` and ``report.html``.
 
     Args:
         spec: the panel, or a stage of it.
         directory: in which all of that is finished.
-        command: how to run it again, for the page.
-        workers: processes that it ran in.
+        label: of the bar.
+        called: how the run was called.
+        progress: show a bar.
         of: the panel whose stage it is; nothing is decided then.
-        begin: called with the name of each phase when it begins.
     """
-    begin(CHECKING)
-    check_records(directory)
-    begin(JUDGING)
-    if of is None:
-        directory.record_look(describe_look(spec))
-    called = Call(command, workers, display_path(str(directory.storage)))
-    panel = panel_of(spec, directory, called, of)
-    return write_outputs(directory, panel, called, begin, decided=of is None)
+    with phases(label, progress) as begin:
+        begin(CHECKING)
+        check_records(directory)
+        begin(JUDGING)
+        if of is None:
+            directory.record_look(describe_look(spec))
+        made = panel_of(spec, directory, called, of)
+        panel = write_outputs(directory, made, called, begin, decided=of is None)
+    directory.storage.send()
+    return panel
 
 
 def panel_of(
@@ -205,7 +202,7 @@ def write_outputs(
     directory: RunDirectory,
     made: Panel,
     called: Call,
-    begin: Begin = no_op,
+    begin: Begin,
     decided: bool = True,
 ) -> Panel:
     """Write ``panel.json`` and the figures, seal the run if it is decided, and write the page.

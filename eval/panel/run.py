@@ -7,11 +7,11 @@ import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 from integ_gym.support.errors import InputError
 from integ_gym.support.executors import Cluster, Resources, open_cluster
+from integ_gym.support.files import display_path
 from integ_gym.support.optional import require
 from integ_gym.support.processes import check_spawning, cores
 from integ_gym.support.storage import Place, Storage, open_storage
@@ -23,7 +23,7 @@ from .costs import check_cost
 from .elsewhere import all_cells, make_interpreters
 from .episodes import Subject
 from .evaluate import evaluate_all, evaluated
-from .outputs import phases, write_artefact
+from .outputs import Call, write_artefact
 from .plan import stages, with_episode_parts
 from .result import Panel
 from .run_directory import MANIFEST, RunDirectory, read_manifest
@@ -207,38 +207,19 @@ def run_panel(
         place = stack.enter_context(open_storage(out))
         given = as_there(asked, place)
         directory = stack.enter_context(opened(given, place, cluster, taken, progress))
-        write = partial(
-            _write, directory, command=command, workers=cluster.workers, progress=progress
-        )
+        called = Call(command, cluster.workers, display_path(str(directory.storage)))
         before = directory.markers("")
         every = stages(given) if staged else (given,)
         for number, stage in enumerate(every, 1):
             label = f"panel {given.name}" + (f" {number}/{len(every)}" if len(every) > 1 else "")
             new = complete(stage, directory, label, cluster, progress)
             if new and stage is not given:
-                write(stage, label, of=given)
+                write_artefact(stage, directory, label, called, progress, of=given)
         if progress and directory.markers("") == before:
             print("Complete: nothing to train or evaluate.", file=sys.stderr)
-        panel = write(given, label)
+        panel = write_artefact(given, directory, label, called, progress)
         directory.finish_work()
         return panel
-
-
-def _write(
-    directory: RunDirectory,
-    spec: PanelSpec,
-    label: str,
-    of: PanelSpec | None = None,
-    *,
-    command: str,
-    workers: int,
-    progress: bool,
-) -> Panel:
-    """Write a panel's page, or that of a stage of it, while a bar shows the progress."""
-    with phases(label, progress) as begin:
-        panel = write_artefact(spec, directory, command, workers, of=of, begin=begin)
-    directory.storage.send()
-    return panel
 
 
 @contextmanager

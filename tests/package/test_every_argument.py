@@ -244,14 +244,16 @@ def panelled(monkeypatch, tmp_path):
         @contextmanager
         def opened(spec, place, cluster, policies, progress):
             found.append((spec.to_json(), str(place), cluster.workers, policies, progress))
-            yield SimpleNamespace(markers=lambda under: set(), finish_work=lambda: None)
+            yield SimpleNamespace(
+                markers=lambda under: set(), finish_work=lambda: None, storage=place
+            )
 
-        def noted(*args, **kwargs):
-            found.append(sorted((name, str(value)) for name, value in kwargs.items()))
+        def written(spec, directory, label, called, progress, of=None):
+            found.append((called, progress, of is None))
 
         monkeypatch.setattr(calls, "opened", opened)
-        monkeypatch.setattr(calls, "complete", noted)
-        monkeypatch.setattr(calls, "_write", noted)
+        monkeypatch.setattr(calls, "complete", lambda *args: True)
+        monkeypatch.setattr(calls, "write_artefact", written)
         calls.run_panel(**{"spec": "quick", "out": "out", "progress": True, **given})
         return repr(found)
 
