@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
 from itertools import chain
 from typing import Any
 
@@ -37,8 +36,7 @@ TRYING = "trying to solve cells"
 """What is done while cells are tried, in words."""
 
 
-@dataclass(frozen=True)
-class Tried:
+class Tried(msgspec.Struct, frozen=True):
     """What was tried in a cell.
 
     Attributes:
@@ -113,7 +111,8 @@ def try_cell(spec: PanelSpec, cell: Cell, store: EvidenceStore) -> tuple[Tried, 
         found, later, tables = attempts(spec, cell, baseline_of(spec, HANDMADE), store)
         success, recovered = (tuple(x.ravel().astype(float).tolist()) for x in (found, later))
     own = Tried(success, recovered)
-    return replace(own, search=None if own.solved else search_of(spec, cell)), tables
+    search = None if own.solved else search_of(spec, cell)
+    return msgspec.structs.replace(own, search=search), tables
 
 
 def search_of(spec: PanelSpec, cell: Cell) -> Search | None:
@@ -139,25 +138,19 @@ def try_and_note(spec: PanelSpec, directory: RunDirectory, cell: Cell) -> None:
     start = time.time()
     store, unit = EvidenceStore(directory.evidence), unit_of_cell(spec, cell)
     found, tables = try_cell(spec, cell, store)
-    search = msgspec.to_builtins(found.search)
     directory.discard_remains(unit)
     if tables:
         store.commit_all(unit, tables)
     directory.finish(
         unit, _key(spec, cell), start, first=spec.latest.start,
-        cell=cell.name, success=found.success, recovered=found.recovered, search=search,
+        cell=cell.name, **msgspec.to_builtins(found),
     )  # fmt: skip
     report_work(trying_seconds(spec, cell))
 
 
 def read_tried(marker: Mapping[str, Any]) -> Tried:
     """What a unit's marker says was tried."""
-    search = marker["search"]
-    return Tried(
-        tuple(marker["success"]),
-        tuple(marker["recovered"]),
-        msgspec.convert(search, Search | None),
-    )
+    return msgspec.convert(marker, Tried)
 
 
 def _together(parts: Sequence[Tried]) -> Tried:
