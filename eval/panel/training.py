@@ -21,7 +21,7 @@ from integ_gym.train.policy_files.sidecar import TrainedPolicy
 from .plan import stages
 from .run_directory import MANIFEST, WORK, RunDirectory, RunDirectoryError, read_manifest
 from .spec import PanelSpec
-from .units import Unit, is_there, is_trained, trained_units, training_config, training_key
+from .units import Unit, is_trained, trained_units, training_config, training_key
 
 _CHUNKS = "together"
 _DIVISION = "division.json"
@@ -39,7 +39,7 @@ def waiting_chunks(
         memory_gib: that they may take together.
     """
     units = {unit.policy: unit for unit in trained_units(spec)}
-    waiting = {unit.policy for unit in units.values() if not is_there(spec, directory, unit)}
+    waiting = {unit.policy for unit in units.values() if not is_trained(spec, directory, unit)}
     noted = _read_chunks(directory)
     chunks = [tuple(map(str, chunk)) for chunk in noted if set(chunk) <= set(units)]
     known = {policy for chunk in chunks for policy in chunk}
@@ -122,7 +122,7 @@ def train_units(spec: PanelSpec, directory: RunDirectory, cluster: Cluster, prog
     units = [unit for chunk in chunks for unit in chunk]
     again = RunDirectory(directory.path / WORK / _AGAIN, spec.to_json())
     again.make_folders()
-    places = [again if is_there(spec, directory, u) else directory for u in units]
+    places = [again if is_trained(spec, directory, u) else directory for u in units]
     for unit, place in zip(units, places, strict=True):
         place.discard_remains(unit.training)
         shutil.rmtree(place.policies / unit.policy, ignore_errors=True)
@@ -173,7 +173,7 @@ def _make_marker(
     def mark(number: int, trained: TrainedPolicy) -> None:
         unit, seconds = units[number], float(trained.card["wall_seconds"])
         hashes = {"policy": trained.content_hash, "card": card_hash(trained.card)}
-        key = training_key(training_config(spec, unit))
+        key = training_key(spec, unit)
         places[number].finish(unit.training, key, start, seconds, **hashes)
         places[number].storage.send()
 
@@ -222,7 +222,7 @@ def finished_policies(path: Path, spec: PanelSpec) -> RunDirectory:
         )
     source = RunDirectory(path, held)
     for unit in trained_units(spec):
-        _check(source, unit, training_key(training_config(spec, unit)))
+        _check(source, unit, spec)
     return source
 
 
@@ -234,7 +234,7 @@ def copy_policies(source: RunDirectory, directory: RunDirectory, spec: PanelSpec
         directory: held by the caller.
         spec: the panel that wants them.
     """
-    missing = [unit for unit in trained_units(spec) if not is_there(spec, directory, unit)]
+    missing = [unit for unit in trained_units(spec) if not is_trained(spec, directory, unit)]
     if missing:
         directory.inherit_looks(source)
         for unit in missing:
@@ -244,14 +244,14 @@ def copy_policies(source: RunDirectory, directory: RunDirectory, spec: PanelSpec
     directory.storage.send()
 
 
-def _check(source: RunDirectory, unit: Unit, key: str) -> None:
+def _check(source: RunDirectory, unit: Unit, spec: PanelSpec) -> None:
     marker = source.marker(unit.training)
-    if marker is not None and marker.get("key") != key:
+    if marker is not None and marker.get("key") != training_key(spec, unit):
         raise RunDirectoryError(
             f"policy {unit.policy} in {source.path} was trained with other hyperparameters, on "
             "another environment or by another version; train without --policies"
         )
-    if marker is None or not is_trained(source, unit, key):
+    if marker is None or not is_trained(spec, source, unit):
         raise RunDirectoryError(
             f"{source.path} has no finished policy {unit.policy}; give the directory of a "
             "finished panel with all rows and seeds of this one, or train without --policies"

@@ -98,27 +98,23 @@ def training_config(spec: PanelSpec, unit: Unit) -> TrainingConfig:
     )
 
 
-def training_key(config: TrainingConfig) -> str:
+def training_key(spec: PanelSpec, unit: Unit) -> str:
     """Hash of all that a training run depends on."""
+    config = training_config(spec, unit)
     arguments = config.env_arguments
     members = (arguments, *arguments.get("mixture", ()))
     engines = {member["engine"] for member in members if "engine" in member}
     return key_of(engine_versions(engines), config=asdict(config))
 
 
-def is_trained(directory: RunDirectory, unit: Unit, key: str) -> bool:
-    """Whether the unit's policy and its records are there.
+def is_trained(spec: PanelSpec, directory: RunDirectory, unit: Unit) -> bool:
+    """Whether the policy of a panel's unit and its records are there.
 
     Raises:
         RunDirectoryError: if they are of another configuration or version.
     """
     policy = policy_file(directory.policies / unit.policy)
-    return directory.finished(unit.training, key, policy) is not None
-
-
-def is_there(spec: PanelSpec, directory: RunDirectory, unit: Unit) -> bool:
-    """Whether the policy of a panel's unit and its records are there; see :func:`is_trained`."""
-    return is_trained(directory, unit, training_key(training_config(spec, unit)))
+    return directory.finished(unit.training, training_key(spec, unit), policy) is not None
 
 
 def is_card_of(card: Mapping[str, Any], marker: Mapping[str, Any]) -> bool:

@@ -11,18 +11,16 @@ from integ_gym.envs.engines.stepping import installed_engines, map_of, missing_m
 from integ_gym.eval.panel.cells import SpecError
 from integ_gym.eval.panel.run import check_spec
 from integ_gym.eval.panel.spec import parse_spec, read_spec
-from integ_gym.eval.panel.units import training_config, training_key
+from integ_gym.eval.panel.units import training_key
 
 
 def test_the_built_in_panel_asks_the_quick_panels_policies():
     quick, engines = read_spec("quick"), read_spec("engines")
     assert (engines.training, engines.environment) == (quick.training, quick.environment)
     assert (engines.train, engines.trainer) == (quick.train, quick.trainer)
-    known = {
-        unit.policy: training_key(training_config(quick, unit)) for unit in trained_units(quick)
-    }
+    known = {unit.policy: training_key(quick, unit) for unit in trained_units(quick)}
     for unit in trained_units(engines):
-        assert known[unit.policy] == training_key(training_config(engines, unit))
+        assert known[unit.policy] == training_key(engines, unit)
     for engine in set(installed_engines()) - {"native"}:
         maps = {(map_of(d.engine, d.integrator), d.dt) for d in engines.grid if d.engine == engine}
         assert maps

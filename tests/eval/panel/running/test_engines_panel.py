@@ -26,7 +26,7 @@ from integ_gym.eval.panel.matrix import PanelLayout
 from integ_gym.eval.panel.result import Policy, Row, read_panel
 from integ_gym.eval.panel.run_directory import RunDirectoryError
 from integ_gym.eval.panel.spec import parse_spec
-from integ_gym.eval.panel.units import training_config, training_key
+from integ_gym.eval.panel.units import training_key
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.support.optional import package_version
 
@@ -163,7 +163,7 @@ def test_keys_of_units_hold_the_versions_of_engines_that_are_used(monkeypatch):
 
 
 def _key(spec):
-    return training_key(training_config(spec, trained_units(spec)[0]))
+    return training_key(spec, trained_units(spec)[0])
 
 
 FREE = Pendulum()
