@@ -19,6 +19,7 @@ from integ_gym.envs.engines.stepping import engine_versions
 from integ_gym.evidence.episodes import Layout
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.support.executors import Cluster
+from integ_gym.support.terminal import WorkBar
 
 from .achieve import Tried, not_tried, tried, try_cells
 from .cells import Cell
@@ -29,7 +30,7 @@ from .plan import inputs
 from .run_directory import RunDirectory, first_of, key_of, name_start
 from .spec import PanelSpec
 from .training import preparation_of
-from .units import Work, open_work, panel_bar
+from .units import Work, open_work
 
 PREFIX = "evaluate-"
 
@@ -214,8 +215,10 @@ def evaluate_all(
     before = not_tried(spec, directory) or not_compared(spec, directory, homes)
     if not any(own for _, own in waiting) and not before:
         return
-    seconds, left = expected_seconds(spec, directory, subjects, waiting)
-    bar = panel_bar(label, seconds, progress)
+    seconds = all_seconds(spec, subjects)
+    left = sum(evaluation_seconds(*own) for own in waiting)
+    left += sum(trying_seconds(*own) for own in not_tried(spec, directory))
+    bar = WorkBar(label, seconds, progress)
     with open_work(directory, cluster, bar, preparation_of(spec, cluster)) as work:
         work.skip(seconds - left)
         compare_engines(spec, directory, homes, work)
@@ -284,25 +287,6 @@ def all_seconds(spec: PanelSpec, subjects: Sequence[Subject]) -> float:
     """Time that one worker takes to try all cells, and to evaluate from all starts, s."""
     cells = [trying_seconds(part, cell) for part in spec.parts() for cell in part.columns()]
     return sum(cells) + sum(evaluation_seconds(part, subjects) for part in spec.parts())
-
-
-def expected_seconds(
-    spec: PanelSpec,
-    directory: RunDirectory,
-    subjects: Sequence[Subject],
-    waiting: Iterable[tuple[PanelSpec, Sequence[Subject]]],
-) -> tuple[float, float]:
-    """Time that one worker takes to try the cells and to evaluate, s: all of it, and what is left.
-
-    Args:
-        spec: the panel.
-        directory: of the run.
-        subjects: all policies.
-        waiting: the panel's parts, each with those that are not evaluated from its starts.
-    """
-    left = sum(evaluation_seconds(*own) for own in waiting)
-    left += sum(trying_seconds(*own) for own in not_tried(spec, directory))
-    return all_seconds(spec, subjects), left
 
 
 def _evaluate_whole(*given: Any) -> list[Any]:

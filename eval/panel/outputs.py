@@ -13,6 +13,7 @@ from integ_gym.evidence.sealing import seal
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.support.errors import InputError
 from integ_gym.support.processes import limit_threads
+from integ_gym.support.terminal import WorkBar
 from integ_gym.train.policy_files.sidecar import policy_file
 
 from ..report.figures import write_figures
@@ -28,7 +29,7 @@ from .matrix import COLUMNS, Matrix, PanelLayout, read_applied, reward_doubts
 from .result import Cost, Panel, Policy, Row, RowKind, Stage, write_panel
 from .run_directory import CALLED, MANIFEST, RunDirectory, Seen
 from .spec import PanelSpec
-from .units import panel_bar, training_config, units_of
+from .units import training_config, units_of
 
 CHECKING, JUDGING = "checking records", "judging"
 DRAWING, WRITING = "drawing figures", "writing the page"
@@ -52,7 +53,7 @@ def phases(label: str, shown: bool) -> Iterator[Begin]:
         label: of the run.
         shown: whether the bar is.
     """
-    with panel_bar(f"{label}, verdicts and page", sum(_SECONDS.values()), shown) as bar:
+    with WorkBar(f"{label}, verdicts and page", sum(_SECONDS.values()), shown) as bar:
 
         def begin(phase: str) -> None:
             if _BEFORE[phase] > bar.n:

@@ -16,7 +16,6 @@ from integ_gym.support.errors import IntegGymError
 from integ_gym.support.executors import Cluster, TaskPool
 from integ_gym.support.files import read_files
 from integ_gym.support.processes import Progress
-from integ_gym.support.terminal import WorkBar
 from integ_gym.train.baselines import make_baseline, possible_baselines
 from integ_gym.train.config import TrainingConfig
 from integ_gym.train.policy import Policy
@@ -246,8 +245,3 @@ def open_work(
         progress = Progress(bar)
         with TaskPool(cluster, progress, prepare) as pool:
             yield Work(directory, cluster, pool, progress, bar)
-
-
-def panel_bar(label: str, seconds: float, shown: bool) -> Any:
-    """A bar over expected work, s."""
-    return WorkBar(label, seconds, shown)
