@@ -199,12 +199,23 @@ _COMMAND: Final = ".query"
 """End of the places of commands, which name the directory."""
 
 
-def differences(said: Mapping[str, Any], panel: result.Panel) -> Iterator[tuple[str, Any, Any]]:
+def differences(
+    said: Mapping[str, Any], panel: result.Panel, but: tuple[str, ...] = VOLATILE
+) -> Iterator[tuple[str, Any, Any]]:
     """What ``panel.json`` says and is not what comes of its plan and records.
 
     Place, in words, what is said there, and what comes out.
+
+    Args:
+        said: content of the file.
+        panel: what comes out.
+        but: attributes that are not compared.
     """
-    yield from _of_parts(said, panel, VOLATILE)
+    left_out = dict.fromkeys(but)
+    come = {**msgspec.to_builtins(panel), **left_out}
+    unsaid = {name for name in _ADDED if not any(name in entry for entry in said["matrix"])}
+    come["matrix"] = [{k: x for k, x in one.items() if k not in unsaid} for one in come["matrix"]]
+    yield from find_differences("", {**said, **left_out}, come, ROUNDING)
 
 
 def as_sealed(directory: RunDirectory, panel: result.Panel) -> result.Panel:
@@ -216,16 +227,5 @@ def as_sealed(directory: RunDirectory, panel: result.Panel) -> result.Panel:
     except result.OtherVersionError:
         return panel
     sealed = msgspec.to_builtins(held)
-    other = (place for place, *_ in _of_parts(sealed, panel, (*VOLATILE, *_CALLED)))
+    other = (place for place, *_ in differences(sealed, panel, (*VOLATILE, *_CALLED)))
     return panel if any(not place.endswith(_COMMAND) for place in other) else held
-
-
-def _of_parts(
-    said: Mapping[str, Any], panel: result.Panel, but: tuple[str, ...]
-) -> Iterator[tuple[str, Any, Any]]:
-    """What differs in all parts but some."""
-    left_out = dict.fromkeys(but)
-    come = {**msgspec.to_builtins(panel), **left_out}
-    unsaid = {name for name in _ADDED if not any(name in entry for entry in said["matrix"])}
-    come["matrix"] = [{k: x for k, x in one.items() if k not in unsaid} for one in come["matrix"]]
-    yield from find_differences("", {**said, **left_out}, come, ROUNDING, ROUNDING)

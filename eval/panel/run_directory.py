@@ -16,6 +16,7 @@ from typing import Any
 
 import msgspec
 
+from integ_gym.evidence.schema import Finding
 from integ_gym.evidence.sealing import SEAL_FILE, find_broken_seals, restore_seal, suspend_seal
 from integ_gym.support.errors import IntegGymError
 from integ_gym.support.files import (
@@ -478,21 +479,22 @@ class RunDirectory:
             "from a copy, or remove it to do the unit again"
         )
 
-    def faults(self) -> Iterator[tuple[str, str]]:
-        """Files of finished units that are missing or were changed: file, and what is wrong."""
+    def faults(self) -> Iterator[Finding]:
+        """Files of finished units that are missing or changed, and files of no unit."""
         markers, damaged = self.readable_markers("")
         for unit, fault in damaged.items():
-            yield self._marker(unit).relative_to(self.path).as_posix(), fault
+            yield Finding(self._marker(unit).relative_to(self.path).as_posix(), None, fault)
         for unit, held in markers.items():
             file = self._records(unit)
             name = file.relative_to(self.path).as_posix()
             if held.get(RECORDS) is not None and not file.is_file():
-                yield name, "is missing"
+                yield Finding(name, None, "is missing")
             elif file.is_file() and file_hash(file) != held.get(RECORDS):
-                yield name, "is not what its unit was finished with"
+                yield Finding(name, None, "is not what its unit was finished with")
         for file in sorted(self.evidence.glob("*.parquet")):
             if file.stem not in markers and file.stem not in damaged:
-                yield file.relative_to(self.path).as_posix(), "belongs to no finished unit"
+                name = file.relative_to(self.path).as_posix()
+                yield Finding(name, None, "belongs to no finished unit")
 
     def finish(
         self, unit: str, key: str, start: float, seconds: float | None = None, **facts: Any

@@ -27,7 +27,7 @@ _NOTHING: Final = _Nothing()
 
 
 def find_differences(
-    place: str, said: Any, expected: Any, tolerance: float = 1e-12, least: float = 0.0
+    place: str, said: Any, expected: Any, tolerance: float = 1e-12
 ) -> Iterator[tuple[str, Any, Any]]:
     """Places at which plain data differ, with what is there and what should be.
 
@@ -35,17 +35,13 @@ def find_differences(
         place: of both, keys joined by dots.
         said: as it was read.
         expected: the same, computed.
-        tolerance: of numbers, relative.
-        least: of numbers, absolute.
+        tolerance: of numbers, relative; :data:`ROUNDING` is also absolute.
     """
     if isinstance(said, Mapping) and isinstance(expected, Mapping):
         for key in {**said, **expected}:
             name = f"{place}.{key}".removeprefix(".")
             one, other = said.get(key, _NOTHING), expected.get(key, _NOTHING)
-            if key in said and key in expected:
-                yield from find_differences(name, one, other, tolerance, least)
-            else:
-                yield name, one, other
+            yield from find_differences(name, one, other, tolerance)
     elif isinstance(said, list | tuple) and isinstance(expected, list | tuple):
         if len(said) != len(expected):
             yield f"len({place})", len(said), len(expected)
@@ -53,16 +49,17 @@ def find_differences(
         for k, (one, other) in enumerate(zip(said, expected, strict=True)):
             entry = one if isinstance(one, Mapping) else {}
             words = ", ".join(str(entry[name]) for name in _NAMES if entry.get(name) is not None)
-            yield from find_differences(f"{place}[{words or k}]", one, other, tolerance, least)
-    elif not _is_same(said, expected, tolerance, least):
+            yield from find_differences(f"{place}[{words or k}]", one, other, tolerance)
+    elif not _is_same(said, expected, tolerance):
         yield place, said, expected
 
 
-def _is_same(said: Any, expected: Any, tolerance: float, least: float) -> bool:
+def _is_same(said: Any, expected: Any, tolerance: float) -> bool:
     if isinstance(said, bool) or isinstance(expected, bool):
         return said is expected
     numbers = isinstance(said, float | int) and isinstance(expected, float | int)
     if numbers and float in (type(said), type(expected)):
+        least = ROUNDING if tolerance == ROUNDING else 0.0
         return math.isclose(said, expected, rel_tol=tolerance, abs_tol=least)
     return bool(said == expected)
 
@@ -89,8 +86,7 @@ def deny(
         where: what is meant, before the rest.
         tolerance: of numbers.
     """
-    least = ROUNDING if tolerance == ROUNDING else 0.0
-    for found in find_differences(place, said, expected, tolerance, least):
+    for found in find_differences(place, said, expected, tolerance):
         yield denial(file, record_id, *found, how=how, where=where)
 
 

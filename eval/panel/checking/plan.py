@@ -101,7 +101,7 @@ def planned(path: Path, own_code: bool, all_searches: bool = False) -> Iterator[
     is_whole = is_present and is_finished(directory, spec)
     homes = [policy.home for policy in policies.values()]
     parts = (
-        of_files(directory),
+        directory.faults(),
         _of_looks(directory, spec, is_present),
         _of_schema(store) if is_present else iter(()),
         _find_missing_units(directory, found, spec, policies) if can_load else iter(()),
@@ -203,12 +203,6 @@ def _find_missing_units(
         elif lost := sorted(cells - found[policy].cells):
             message = f"policy {policy!r} is not evaluated in {len(lost)} cells of the plan"
             yield Finding("units", None, f"{message}, {lost[0]!r} among them")
-
-
-def of_files(directory: RunDirectory) -> Iterator[Finding]:
-    """Files of finished units that are missing or changed, and files of no unit."""
-    for file, fault in directory.faults():
-        yield Finding(file, None, fault)
 
 
 def _of_policies(
@@ -327,7 +321,7 @@ def check_records(directory: RunDirectory) -> None:
     Raises:
         RunDirectoryError: with the first of them and the remedy.
     """
-    refuse_first(directory.path, of_files(directory), of_sample(directory))
+    refuse_first(directory.path, directory.faults(), of_sample(directory))
 
 
 def refuse_first(path: Path, *findings: Iterator[Finding]) -> None:

@@ -96,7 +96,7 @@ def test_a_training_in_which_no_episode_ended_has_no_records(tmp_path):
     (made.evidence / "train-a.parquet").write_bytes(b"PAR1 of somebody PAR1")
     with pytest.raises(RunDirectoryError, match="was changed after unit train-a was finished"):
         made.finished("train-a", "key")
-    assert [name for name, _ in made.faults()] == ["evidence/train-a.parquet"]
+    assert [found.file for found in made.faults()] == ["evidence/train-a.parquet"]
 
 
 def test_another_driver_is_told_who_works_there_and_since_when(directory):
