@@ -63,33 +63,22 @@ ReferenceClass: TypeAlias = Literal["true_pass", "false_pass", "false_fail", "tr
 """A cell's pass or fail, and whether the reference agrees (true) or not (false)."""
 
 
-def reference_class(s_cell: float, s_reference: float, threshold: float = PASS) -> ReferenceClass:
+def reference_class(s_cell: float, s_reference: float) -> ReferenceClass:
     """Class of a cell's answer against the reference's.
 
     Parameters
     ----------
     s_cell, s_reference
         Success rates of the same policies in the cell and on the reference, in [0, 1].
-    threshold
-        Rate from which on a policy passes.
 
     Returns
     -------
     `true_pass` and `true_fail` where both agree; `false_pass` where only the cell passes;
     `false_fail` where only the reference does.
-
-    Raises
-    ------
-    ValueError
-        If a rate or the threshold is not in [0, 1].
     """
-    rates = {"s_cell": s_cell, "s_reference": s_reference, "threshold": threshold}
-    for name, value in rates.items():
-        if not 0.0 <= value <= 1.0:
-            raise InputError(f"expected {name} in [0, 1], got {value!r}")
-    if s_cell >= threshold:
-        return "true_pass" if s_reference >= threshold else "false_pass"
-    return "false_fail" if s_reference >= threshold else "true_fail"
+    if s_cell >= PASS:
+        return "true_pass" if s_reference >= PASS else "false_pass"
+    return "false_fail" if s_reference >= PASS else "true_fail"
 
 
 LEVEL: Final = 0.95
