@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 from integ_gym.envs.engines.stepping import is_engine
 from integ_gym.envs.registries import ENGINES
@@ -127,8 +126,7 @@ WEIGHT_BYTES = 12.0
 """Storage of an actor's weight: in both files, and in one of them also the critic's like it."""
 
 
-@dataclass(frozen=True)
-class ExpectedCost:
+class ExpectedCost(NamedTuple):
     """What something costs.
 
     Attributes:
@@ -148,17 +146,12 @@ class ExpectedCost:
 
     def times(self, count: float) -> ExpectedCost:
         """That of so many."""
-        own = (self.train_seconds, self.evaluate_seconds, self.storage)
-        return ExpectedCost(*(count * one for one in own))
+        return ExpectedCost(*(count * one for one in self))
 
 
 def total_cost(costs: Sequence[ExpectedCost]) -> ExpectedCost:
     """Of all together."""
-    return ExpectedCost(
-        sum(one.train_seconds for one in costs),
-        sum(one.evaluate_seconds for one in costs),
-        sum(one.storage for one in costs),
-    )
+    return ExpectedCost(*map(sum, zip(ExpectedCost(0.0, 0.0, 0.0), *costs, strict=True)))
 
 
 def policy_costs(spec: PanelSpec) -> list[ExpectedCost]:

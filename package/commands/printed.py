@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import replace
 from pathlib import Path
 from typing import Final, TextIO
 
@@ -62,7 +61,7 @@ def print_plan(spec: PanelSpec, workers: int | None, trains: bool = True) -> Non
     count = workers or cores()
     each, fixed = policy_costs(spec), fixed_cost(spec, count)
     if not trains:
-        fixed, *each = (replace(cost, train_seconds=0.0) for cost in (fixed, *each))
+        fixed, *each = (cost._replace(train_seconds=0.0) for cost in (fixed, *each))
     mean = total_cost(each).times(1.0 / len(each)) if each else total_cost([])
     rows = []
     for policies in sorted({len(each), *(COUNTS if each else ())}):
