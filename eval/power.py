@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final, Literal, TypeAlias
@@ -353,7 +354,8 @@ def fewest_seeds(family: int, looks: rules.Looks = rules.FIRST_LOOK) -> int:
             < level / family
         )
 
-    return _first(rules.MIN_SEEDS, _MOST, shown)
+    tried = range(rules.MIN_SEEDS, _MOST)
+    return rules.MIN_SEEDS + bisect_left(tried, True, key=shown)
 
 
 def seeds_wanted(
@@ -396,14 +398,6 @@ def _more_seeds(now: int, planned: Sequence[int]) -> Iterator[int]:
     while seeds < FARTHEST * now:
         seeds = math.ceil(seeds * _GROWTH)
         yield seeds
-
-
-def _first(low: int, high: int, holds: Callable[[int], bool]) -> int:
-    """The smallest number in [low, high] for which it holds, as for all above it."""
-    while low < high:
-        middle = (low + high) // 2
-        low, high = (low, middle) if holds(middle) else (middle + 1, high)
-    return low
 
 
 def _verdicts(rates: rules.Rates, shares: rules.Shares, family: int) -> tuple[bool, bool]:

@@ -24,11 +24,6 @@ WIDEST = 1e4
 """Largest limit of the control that is tried, as a multiple of the smallest."""
 
 
-def setup_of(env_id: str, environment: Mapping[str, Any], at: Discretization) -> Any:
-    """The setup of an environment in a discretization."""
-    return environment_setup(env_id, {**environment, **at.arguments()})
-
-
 def control_argument(setup: Any) -> tuple[str, float]:
     """Name and value of the constructor argument that limits the control.
 
@@ -78,7 +73,7 @@ def critical_limit(
 
 @lru_cache(maxsize=256)
 def _critical_limit(env_id: str, given: tuple[tuple[str, Any], ...], at: Discretization) -> float:
-    setup = setup_of(env_id, dict(given), at)
+    setup = environment_setup(env_id, {**dict(given), **at.arguments()})
     required = numerics.goal_energy(setup)
     if required is None:
         raise SpecError(f"{env_id} names no goal at rest; state `critical` under [atlas]")

@@ -145,7 +145,6 @@ def summarize(run: Path, atlas: str, block: Block) -> Summary:
 
     panel, sealed = read_panel(run / FILE_NAME), read_seal(run)
     assert sealed is not None
-    assert panel.cost is not None
     found = open_run(run).query(_OUTCOMES)
     rows = {policy.id: row.name for row in panel.rows for policy in row.policies}
     homes = pa.array([rows[policy] for policy in found["policy_id"].to_pylist()])

@@ -6,14 +6,13 @@ import os
 import re
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from types import MappingProxyType
+from types import MappingProxyType, SimpleNamespace
 from typing import Annotated, Any
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from integ_gym.envs.settings import Discretization
 from integ_gym.envs.testbeds.gym_testbed import Testbed
@@ -91,20 +90,6 @@ class Facts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     statistics: bool
     bounds: tuple[list[float], list[float]] | None
     overridden: dict[str, Any]
-
-
-@dataclass(frozen=True)
-class _Known:
-    """What doubts ask of a policy."""
-
-    policy_id: str
-    content_hash: str
-    bounds: tuple[list[float], list[float]] | None
-    statistics: object
-
-    def act(self, observation: NDArray[Any]) -> NDArray[Any]:
-        """It does not act: nothing here plays an episode."""
-        raise NotImplementedError
 
 
 def facts_of(existing: Existing) -> dict[str, Any]:
@@ -197,7 +182,12 @@ def _find_existing(spec: PanelSpec, directory: RunDirectory) -> Existing:
     folder = directory.policies / name
     home, origin = read_planned_home(plan), str(plan["home"].get("origin"))
     known = Provenance(home, spec.control_period, spec.environment, origin, {}, facts.overridden)
-    policy = _Known(name, str(plan["policy"]), facts.bounds, facts.statistics or None)
+    policy: Any = SimpleNamespace(  # it does not act: nothing here plays an episode
+        policy_id=name,
+        content_hash=str(plan["policy"]),
+        bounds=facts.bounds,
+        statistics=facts.statistics or None,
+    )
     files = {} if facts.file is None else {facts.file: folder / facts.file}
     space = environments.single_action_space
     return Existing(policy, known, files, facts.seed, space, facts.unscaled)
@@ -465,10 +455,9 @@ def _read_cells(path: Path) -> Evaluation:
     """
     data = read_toml(path)
     try:
-        found: Evaluation = convert("", data, Evaluation)
+        return convert("", data, Evaluation)
     except SpecError as error:
         raise SpecError(f"{path}: {error}") from None
-    return found
 
 
 def tell_doubt(doubt: str) -> None:

@@ -116,7 +116,7 @@ def of_setups(
             expected |= _plan_arguments(spec, policies[row["policy_id"]], cell)
         if cell is not None and row["engine"] == NATIVE and is_integ_environment(spec.env_id):
             if cell.name not in setups:
-                setups[cell.name] = _arguments(spec, cell)
+                setups[cell.name] = recorded_arguments(setup_of(spec.testbed, cell))
             expected |= {"arguments": setups[cell.name], "float_width": 64, "first_of_seed": True}
         yield from _check_fields(row, expected, where)
 
@@ -256,11 +256,6 @@ def _plan_arguments(spec: PanelSpec, policy: PlannedPolicy, cell: Cell) -> dict[
         "training_seed": policy.seed,
         "first_seed": spec.start_seed(policy.starts, 0),
     }
-
-
-def _arguments(spec: PanelSpec, cell: Cell) -> dict[str, Any]:
-    """Constructor arguments of a cell's environments, as records have them."""
-    return recorded_arguments(setup_of(spec.testbed, cell))
 
 
 def _read(name: str, row: Mapping[str, Any]) -> Any:
