@@ -22,6 +22,7 @@ from integ_gym.support.files import make_folder, replace_file
 from integ_gym.support.terminal import NONE, fixed
 
 from ..panel.run import run_panel
+from ..report.drawing import draw_box
 from ..statistics import draws_for, paired_difference, rate_interval
 from . import summaries
 from .specification import Atlas, Block
@@ -177,17 +178,12 @@ def draw_phases(
 
 
 def _draw_cell(axes: Axes, x: float, y: float, rates: np.ndarray[Any, Any] | None) -> None:
-    from matplotlib.patches import Rectangle
-
-    colour = figures.SUNK if rates is None else figures.success_colour(float(rates.mean()))
-    axes.add_patch(
-        Rectangle((x, y), WIDE, HIGH, facecolor=colour, edgecolor=figures.PAPER, linewidth=1.2)
-    )
-    text, ink = (
-        (NONE, figures.SOFT)
-        if rates is None
-        else (fixed(float(rates.mean())), figures.ink_on(colour))
-    )
+    colour, text, ink = figures.SUNK, NONE, figures.SOFT
+    if rates is not None:
+        colour = figures.success_colour(float(rates.mean()))
+        text, ink = fixed(float(rates.mean())), figures.ink_on(colour)
+    edge = {"edgecolor": figures.PAPER, "linewidth": 1.2}
+    draw_box(axes, (x, y), (WIDE, HIGH), 0.0, facecolor=colour, **edge)
     axes.text(x + WIDE / 2, y + HIGH / 2, text, size=7.5, color=ink, ha="center", va="center")
 
 

@@ -374,13 +374,6 @@ def cause_of(
     return "cause" if shown else "undecided"
 
 
-def explain_closed_cell(place: str, achievability: Achievability | None) -> str:
-    """Why a loss in a closed cell says nothing about dt, as the end of a sentence."""
-    if achievability in UNSOLVABLE:
-        return f"{place} cannot be solved in time, so the loss says nothing about dt."
-    return f"whether {place} can be solved in time is not known, so the loss says nothing about dt."
-
-
 def _succeeds(panel: Panel, row: str) -> bool:
     """Whether success tells how a policy does: there is a truth, and it succeeds somewhere."""
     entries = [panel.entry(row, cell.name) for cell in panel.columns]
@@ -497,12 +490,16 @@ def _exception(panel: Panel, finding: Finding, row: Row) -> str:
 
 
 def _end_closed(panel: Panel, finding: Finding) -> str:
+    """Why a loss in a closed cell says nothing about dt."""
     if finding.cell is None:
         return ""
     place = f"the finest step ({finding.cell})"
     if panel.yardstick is not None:
         place = f"the {panel.yardstick_name}"
-    return explain_closed_cell(place, panel.cell(finding.cell).achievability)
+    solved = f"whether {place} can be solved in time is not known"
+    if panel.cell(finding.cell).achievability in UNSOLVABLE:
+        solved = f"{place} cannot be solved in time"
+    return f"{solved}, so the loss says nothing about dt."
 
 
 _MEASURES: Final = {"success": "Success", "return": "Mean return"}
