@@ -96,16 +96,6 @@ class Impact:
     stiffness: float
     damping: float
 
-    def starts(self, dt: float, run_up: float, phases: int = PHASES) -> Array:
-        """Starts that touch the stop at evenly spaced places within a step, shape (phases, n).
-
-        Args:
-            dt: step, s.
-            run_up: time before the first touch, at least, s.
-            phases: how many.
-        """
-        return sweep_approach(self.touching, dt, run_up, phases)
-
     def rate(self, stiffness: float) -> float:
         """Frequency of the mass on the stop, rad/s."""
         return math.sqrt(stiffness / self.mass)
@@ -287,7 +277,8 @@ def _strike(
     run_up = subject.control_period
     slowest = impact.rate(float(stiffness.min()))
     duration = math.ceil((4.0 * run_up + 1.5 * math.pi / slowest) / period) * period
-    starts = np.repeat(impact.starts(dt, run_up, phases), len(stiffness), axis=0)
+    touches = sweep_approach(impact.touching, dt, run_up, phases)
+    starts = np.repeat(touches, len(stiffness), axis=0)
     return diagnosis.bench.run_open_loop(
         f"{diagnosis.section}/{len(stiffness)}/{integrator}/dt={dt:g}", subject, integrator, dt,
         ("zero", NO_CONTROL), starts, control_period=period, duration=duration,

@@ -54,8 +54,7 @@ def interpreters_of(spec: PanelSpec) -> dict[tuple[str, ...], bool]:
 
 def all_cells(spec: PanelSpec) -> list[Cell]:
     """Cells of all rows and of the baselines, each once."""
-    every = (cell for home in (*spec.train, None) for cell in spec.cells_of(home))
-    return list({cell.name: cell for cell in every}.values())
+    return list(spec.cells_by_name((*spec.train, None)).values())
 
 
 def make_interpreters(

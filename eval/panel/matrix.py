@@ -574,16 +574,13 @@ def _proportional_to_the_step(records: EvidenceStore) -> Iterator[str]:
     )
 
 
-_APPLIED_COLUMNS = ("engine", "engine_version", "integrator", "dt", "substeps", "control_period")
-
-
 def read_applied(store: EvidenceStore) -> dict[str, AppliedDiscretization]:
     """What was applied, by cell, from the records of evaluations.
 
     Raises:
         ValueError: if the records of a cell do not agree.
     """
-    names = ", ".join(_APPLIED_COLUMNS)
+    names = ", ".join(AppliedDiscretization.__struct_fields__)
     rows = store.query(f"SELECT DISTINCT cell, {names} FROM records WHERE phase = 'evaluation'")
     found: dict[str, AppliedDiscretization] = {}
     for row in rows.to_pylist():

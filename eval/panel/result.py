@@ -638,7 +638,7 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
         rules.require_unique([cell.name for cell in self.cells], "cell")
         rules.require_unique([f"{e.row} in {e.cell}" for e in self.matrix], "entry")
         for entry in self.matrix:
-            if entry.row not in self._row_places or entry.cell not in self._cell_places:
+            if entry.row not in self.row_places or entry.cell not in self.cell_places:
                 raise InputError(
                     f"the matrix has {entry.row!r} in {entry.cell!r}, but rows and cells do not "
                     "declare both"
@@ -646,11 +646,11 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
 
     def row(self, name: str) -> Row:
         """The row of a name."""
-        return self.rows[self._row_places[name]]
+        return self.rows[self.row_places[name]]
 
     def cell(self, name: str) -> Cell:
         """The cell of a name."""
-        return self.cells[self._cell_places[name]]
+        return self.cells[self.cell_places[name]]
 
     def entry(self, row: str, cell: str) -> Entry | None:
         """What a row did in a cell, or None where it was not evaluated."""
@@ -673,7 +673,7 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
         """Name of an entry's place in the report; None where there is none."""
         if self.entry(row, cell) is None:
             return None
-        return f"r{self._row_places[row]}c{self._cell_places[cell]}"
+        return f"r{self.row_places[row]}c{self.cell_places[cell]}"
 
     @cached_property
     def groups(self) -> tuple[Group, ...]:
@@ -869,11 +869,13 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
         return {cell.name: "limit" for cell in cells[:1]} | others
 
     @cached_property
-    def _row_places(self) -> dict[str, int]:
+    def row_places(self) -> dict[str, int]:
+        """Places of rows, by name."""
         return {row.name: place for place, row in enumerate(self.rows)}
 
     @cached_property
-    def _cell_places(self) -> dict[str, int]:
+    def cell_places(self) -> dict[str, int]:
+        """Places of cells, by name."""
         return {cell.name: place for place, cell in enumerate(self.cells)}
 
     @cached_property

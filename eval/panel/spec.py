@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import lru_cache
 from operator import attrgetter
@@ -279,6 +279,10 @@ class PanelSpec(Stated):
         separated = self._separated(home, varied) if isinstance(home, Discretization) else ()
         return _each_once(*columns, *self._limit_cells(), *varied, *separated, *self._ladder(home))
 
+    def cells_by_name(self, homes: Iterable[Home | None]) -> dict[str, Cell]:
+        """Cells of rows with these homes, by name."""
+        return {cell.name: cell for home in homes for cell in self.cells_of(home)}
+
     def varied(self, own: Sequence[Discretization]) -> Iterator[tuple[Cell | None, str | None]]:
         """Cells of variations, each with what is wrong with it, if anything."""
         truths = tuple(map(self.testbed.truth, (d.control_period for d in own)))
@@ -340,7 +344,7 @@ class PanelSpec(Stated):
 
     def engine_versions(self) -> dict[str, str]:
         """Version of the distribution behind each foreign engine that is used."""
-        cells = (cell for home in (*self.train, None) for cell in self.cells_of(home))
+        cells = self.cells_by_name((*self.train, None)).values()
         return engine_versions({cell.engine for cell in cells if not cell.packages})
 
     def to_json(self) -> dict[str, Any]:

@@ -209,7 +209,7 @@ def _script(panel: Panel, episodes: Episodes | None) -> str:
     Then all files, `main.js` last.
     """
     scripts = episodes.live.scripts if episodes and episodes.live else {}
-    places = {cell.name: place for place, cell in enumerate(panel.cells)}
+    places = panel.cell_places
     steps = [f"{places[name]}: [{start},\n{step}],\n" for name, (start, step) in scripts.items()]
     files = dict(_files("script"))
     main = files.pop("main.js")

@@ -24,8 +24,7 @@ from integ_gym.support.terminal import compact, fixed, nonbreaking, percent, ste
 from integ_gym.train.policy import MlpPolicy
 
 from ..film import LEAST_START
-from ..panel.cells import Cell
-from ..panel.result import Entry, Panel, Row
+from ..panel.result import Entry, Panel
 from ..statistics import Estimate
 from . import matrices
 from .episodes import LEDGER, Episodes, Trace, choice_words
@@ -78,7 +77,7 @@ def pack_payload(
         task: what is asked; None where that is not known.
         href: from a file of the panel to a link.
     """
-    rows, cells = _places(panel)
+    rows, cells = panel.row_places, panel.cell_places
     files = {name for entry in panel.matrix for name in entry.file}
     head = {
         "directory": panel.directory,
@@ -218,7 +217,7 @@ def _interval(
 
 
 def _episodes(panel: Panel, episodes: Episodes, numbers: bytearray) -> dict[str, Any]:
-    rows, cells = _places(panel)
+    rows, cells = panel.row_places, panel.cell_places
     outcomes, live = episodes.outcomes, episodes.live
     names = sorted({str(x) for own in outcomes.values() for x in np.unique(own.label)})
     unit = _ledger_unit(episodes)
@@ -329,12 +328,6 @@ def _trace(trace: Trace, numbers: bytearray, finest: float) -> dict[str, Any]:
         "control": {name: column(values) for name, values in trace.control.items()},
         "ledger": {name: column(values) for name, values in zip(LEDGER, trace.ledger, strict=True)},
     }
-
-
-def _places(panel: Panel) -> list[dict[str, int]]:
-    """Places of rows and of cells, by name."""
-    parts: tuple[Sequence[Row | Cell], ...] = (panel.rows, panel.cells)
-    return [{one.name: place for place, one in enumerate(part)} for part in parts]
 
 
 def _add(numbers: bytearray, values: Array) -> int:

@@ -248,8 +248,7 @@ def _of_evaluations(
 ) -> Iterator[Finding]:
     """Units that began with other episodes or inputs than the plan has."""
     homes = (*spec.train, None, *((read_planned_home(plan),) if "policy" in plan else ()))
-    own = [cell for home in homes for cell in spec.cells_of(home)] if can_load else []
-    cells = {cell.name: cell for cell in own}
+    cells = spec.cells_by_name(homes) if can_load else {}
     parts = {part.latest.start: part for part in spec.parts()}
     markers = {**directory.markers(EVALUATION), **directory.markers(TRIED)}
     for unit, marker in markers.items():

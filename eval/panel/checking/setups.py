@@ -106,7 +106,8 @@ def of_setups(
         own_code: whether setups may be made, which loads code that the plan names.
     """
     rows = [row for row in store.query(_SETUPS).to_pylist() if row["policy_id"] in policies]
-    cells = _cells(spec, policies) if own_code else {}
+    homes = dict.fromkeys(policy.home for policy in policies.values())
+    cells = spec.cells_by_name(homes) if own_code else {}
     setups: dict[str, dict[str, Any] | None] = {}
     for row in rows:
         where = f"{row['records']} records of policy {row['policy_id']!r} in cell {row['cell']!r}"
@@ -239,11 +240,6 @@ def _check_fields(
             yield Finding("evidence", None, f"{place}: {error}")
             continue
         yield from deny("evidence", None, name, recorded, wanted, where=place)
-
-
-def _cells(spec: PanelSpec, policies: Mapping[str, PlannedPolicy]) -> dict[str, Cell]:
-    homes = dict.fromkeys(policy.home for policy in policies.values())
-    return {cell.name: cell for home in homes for cell in spec.cells_of(home)}
 
 
 def _plan_arguments(spec: PanelSpec, policy: PlannedPolicy, cell: Cell) -> dict[str, Any]:

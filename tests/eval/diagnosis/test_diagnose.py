@@ -24,7 +24,7 @@ from integ_gym.envs.plants.quadrotor import Quadrotor
 from integ_gym.envs.registries import INTEGRATORS
 from integ_gym.eval.diagnosis import drift, identity, run
 from integ_gym.eval.diagnosis.bench import Bench
-from integ_gym.eval.diagnosis.contact import impact_of
+from integ_gym.eval.diagnosis.contact import impact_of, sweep_approach
 from integ_gym.eval.diagnosis.page import print_diagnosis
 from integ_gym.eval.diagnosis.run import SECTIONS
 from integ_gym.eval.diagnosis.subject import rest_state, subjects, theory_of
@@ -242,7 +242,7 @@ def test_analytic_impact_is_what_the_plant_does(name):
         return
     plant = subject.varied(**impact.arguments)
     place = 2 * plant.stopped
-    (start,) = impact.starts(1e-3, 0.1, 1)
+    (start,) = sweep_approach(impact.touching, 1e-3, 0.1, 1)
     states = [start]
     for _ in range(600):
         states.append(advance("reference", plant, states[-1], 1e-3))
