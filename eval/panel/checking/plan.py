@@ -187,7 +187,7 @@ def _find_missing_units(
     directory: RunDirectory,
     found: Mapping[str, Evaluated],
     spec: PanelSpec,
-    policies: Mapping[str, setups.PlannedPolicy],
+    policies: Mapping[str, Unit],
 ) -> Iterator[Finding]:
     """Units of a finished run that its plan has, and of which nothing is left."""
     if not is_finished(directory, spec):
@@ -208,7 +208,7 @@ def _find_missing_units(
 def _of_policies(
     directory: RunDirectory,
     found: Mapping[str, Evaluated],
-    policies: Mapping[str, setups.PlannedPolicy],
+    policies: Mapping[str, Unit],
     units: Mapping[str, Unit],
     training: setups.Trained,
 ) -> Iterator[Finding]:

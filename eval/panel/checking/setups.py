@@ -9,7 +9,7 @@ from contextlib import closing, suppress
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import gymnasium as gym
 from gymnasium import spaces
@@ -25,12 +25,12 @@ from integ_gym.train.policy_files.card import LAST_EPISODES, episode_summary, ma
 from integ_gym.train.policy_files.sb3_published import zip_faults
 from integ_gym.train.policy_files.sidecar import POLICY_FILE, WEIGHTS_FILE
 
-from ..cells import Cell, Home, setup_of
+from ..cells import Cell, setup_of
 from ..plan import read_planned_home
 from ..run_directory import PACKAGES as OF_EVERY_RUN
 from ..run_directory import key_of
 from ..spec import TRAINERS, PanelSpec
-from ..units import Unit, trained_units, training_config
+from ..units import Unit, training_config, units_of
 from .comparing import deny, find_differences
 
 _SETUPS = """
@@ -65,37 +65,21 @@ FROM records GROUP BY ALL ORDER BY 1
 _PARSED = ("perturbation", "training_discretization")
 
 
-class PlannedPolicy(NamedTuple):
-    """A policy of a plan.
-
-    Attributes:
-        home: what it was trained on; None: nothing, or unknown.
-        seed: of its training, or None.
-        starts: training seed whose starts it acts from.
-    """
-
-    home: Home | None
-    seed: int | None
-    starts: int
-
-
-def planned_policies(plan: Mapping[str, Any], spec: PanelSpec) -> dict[str, PlannedPolicy]:
+def planned_policies(plan: Mapping[str, Any], spec: PanelSpec) -> dict[str, Unit]:
     """The policies that a plan says will be evaluated, by id.
 
     Raises:
         SpecError: for an evaluation that does not say its policy's home.
     """
-    found = {name: PlannedPolicy(None, None, spec.start_sets[0]) for name in spec.baselines}
+    found = {unit.policy: unit for unit in units_of(spec)}
     if "policy" in plan:
         name = spec.name.removeprefix("evaluate ")
-        return {name: PlannedPolicy(read_planned_home(plan), None, 0), **found}
-    units = trained_units(spec)
-    trained = {unit.policy: PlannedPolicy(unit.home, unit.seed, unit.seed or 0) for unit in units}
-    return {**found, **trained}
+        return {name: Unit(name, read_planned_home(plan)), **found}
+    return found
 
 
 def of_setups(
-    spec: PanelSpec, policies: Mapping[str, PlannedPolicy], store: EvidenceStore, own_code: bool
+    spec: PanelSpec, policies: Mapping[str, Unit], store: EvidenceStore, own_code: bool
 ) -> Iterator[Finding]:
     """Records of other setups or starts than were planned, or without the trace that they have.
 
@@ -242,15 +226,16 @@ def _check_fields(
         yield from deny("evidence", None, name, recorded, wanted, where=place)
 
 
-def _plan_arguments(spec: PanelSpec, policy: PlannedPolicy, cell: Cell) -> dict[str, Any]:
+def _plan_arguments(spec: PanelSpec, policy: Unit, cell: Cell) -> dict[str, Any]:
     given = cell.arguments(spec.environment)
+    starts = spec.start_sets[0] if policy.seed is None else policy.seed
     return {
         "env_id": spec.env_id,
         **{name: given[name] for name in DISCRETIZATION},
         "perturbation": cell.environment or None,
         "training_discretization": policy.home.arguments() if policy.home else None,
         "training_seed": policy.seed,
-        "first_seed": spec.start_seed(policy.starts, 0),
+        "first_seed": spec.start_seed(starts, 0),
     }
 
 

@@ -36,9 +36,9 @@ from ..episodes import Successes
 from ..evaluate import Evaluated, statuses
 from ..run_directory import RunDirectory
 from ..spec import PanelSpec
-from ..units import HANDMADE, baseline_of, has_controller
+from ..units import HANDMADE, Unit, baseline_of, has_controller
 from .comparing import ROUNDING, deny
-from .setups import PlannedPolicy, planned_key
+from .setups import planned_key
 
 SEARCHES = 4
 """Searches over controls that are made again, where not all are."""
@@ -94,7 +94,7 @@ def of_replays(
     directory: RunDirectory,
     found: Mapping[str, Evaluated],
     spec: PanelSpec,
-    policies: Mapping[str, PlannedPolicy],
+    policies: Mapping[str, Unit],
     given: bool,
 ) -> Iterator[Finding]:
     """Records whose replays, home or cell are not what other records come to.
