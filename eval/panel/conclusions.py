@@ -750,7 +750,8 @@ def _exploratory(panel: Panel, finding: Finding) -> tuple[str, ...]:
     found, worst = panel.exploratory, panel.exploratory[0]
     losses = [entry.overfitting.estimate for entry in found if entry.overfitting]
     looks = "looks" if losses[0] > FAIL_MARGIN else "does not look"
-    small, large = sum(loss <= EQUIVALENCE_MARGIN for loss in losses), panel.exploratory_failures
+    small = sum(loss <= EQUIVALENCE_MARGIN for loss in losses)
+    large = sum(loss > FAIL_MARGIN for loss in losses)
     return (
         f"{_trained_first(panel, finding)}: dt {looks} like the cause (exploratory: no family was "
         "declared).",

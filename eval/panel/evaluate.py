@@ -220,7 +220,7 @@ def evaluate_all(
     left += sum(trying_seconds(*own) for own in not_tried(spec, directory))
     bar = WorkBar(label, seconds, progress)
     with open_work(directory, cluster, bar, preparation_of(spec, cluster)) as work:
-        work.skip(seconds - left)
+        work.progress.begin_at(seconds - left)
         compare_engines(spec, directory, homes, work)
         try_cells(spec, directory, work)
         for part in spec.parts():

@@ -855,12 +855,6 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
             entry for entry in self.undeclared if self.cell(entry.cell).achievability != "undecided"
         )
 
-    @property
-    def exploratory_failures(self) -> int:
-        """How many of them lose more by overfitting than verdicts let pass."""
-        losses = [entry.overfitting for entry in self.exploratory]
-        return sum(loss is not None and loss.estimate > rules.FAIL_MARGIN for loss in losses)
-
     @cached_property
     def _limit_names(self) -> dict[str, str]:
         """What limits' finest cells are called; all but the first with the control period."""

@@ -148,10 +148,6 @@ class Work:
     progress: Progress
     bar: Any
 
-    def skip(self, seconds: float) -> None:
-        """Count work that was done before."""
-        self.progress.begin_at(seconds)
-
     def commit(
         self, phase: str, task: Callable[..., None], units: Mapping[str, tuple[Any, ...]]
     ) -> None:
