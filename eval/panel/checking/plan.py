@@ -28,7 +28,7 @@ from integ_gym.train.policy_files.sidecar import (
 
 from ..achieve import unit_of_cell
 from ..cells import SpecError
-from ..evaluate import Evaluated, evaluated
+from ..evaluate import evaluated
 from ..plan import inputs, names_code, read_planned_home, read_planned_spec
 from ..policies import ActingIn, hashes_of
 from ..result import FILE_NAME, read_panel
@@ -41,7 +41,7 @@ from ..run_directory import (
     read_manifest,
 )
 from ..spec import PanelSpec
-from ..units import Unit, is_card_of, trained_units
+from ..units import is_card_of, trained_units
 from . import setups
 from .comparing import deny
 from .yardsticks import of_attempts, of_contracts, of_replays
@@ -92,28 +92,24 @@ def planned(path: Path, own_code: bool, all_searches: bool = False) -> Iterator[
     except UNFIT as error:
         yield Finding(MANIFEST, None, unfit(error))
         return
-    store = EvidenceStore(directory.evidence)
-    found = evaluated(directory, lost=True)
-    versions = manifest["versions"]
-    training = setups.Trained(spec, versions, store, can_load)
-    given = "policy" in plan
+    found, versions = evaluated(directory, lost=True), manifest["versions"]
+    run = setups.PlannedRun(directory, plan, spec, versions, policies, units, found, can_load)
     is_present = _is_of_this_version(directory, versions)
     is_whole = is_present and is_finished(directory, spec)
-    homes = [policy.home for policy in policies.values()]
     parts = (
         directory.faults(),
         _of_looks(directory, spec, is_present),
-        _of_schema(store) if is_present else iter(()),
-        _find_missing_units(directory, found, spec, policies) if can_load else iter(()),
-        _of_policies(directory, found, policies, units, training),
-        _of_records(directory, found, spec),
-        _of_evaluations(directory, spec, plan, versions, can_load),
-        setups.of_setups(spec, policies, store, can_load),
-        setups.of_training(spec, units, store, can_load),
-        setups.of_versions(versions, store),
-        of_replays(directory, found, spec, policies, given) if can_load else iter(()),
-        of_attempts(directory, spec, all_searches) if can_load else iter(()),
-        of_contracts(directory, spec, homes, versions, is_whole) if can_load else iter(()),
+        _of_schema(run.store) if is_present else iter(()),
+        _find_missing_units(run) if can_load else iter(()),
+        _of_policies(run),
+        _of_records(run),
+        _of_evaluations(run),
+        setups.of_setups(run),
+        setups.of_training(run),
+        setups.of_versions(versions, run.store),
+        of_replays(run) if can_load else iter(()),
+        of_attempts(run, all_searches) if can_load else iter(()),
+        of_contracts(run, is_whole) if can_load else iter(()),
     )
     for part in parts:
         try:
@@ -183,20 +179,16 @@ def is_finished(directory: RunDirectory, spec: PanelSpec) -> bool:
     return (directory.path / SEAL_FILE).exists() or (len(spec.seeds), spec.episodes) in seen
 
 
-def _find_missing_units(
-    directory: RunDirectory,
-    found: Mapping[str, Evaluated],
-    spec: PanelSpec,
-    policies: Mapping[str, Unit],
-) -> Iterator[Finding]:
+def _find_missing_units(run: setups.PlannedRun) -> Iterator[Finding]:
     """Units of a finished run that its plan has, and of which nothing is left."""
-    if not is_finished(directory, spec):
+    spec, found = run.spec, run.found
+    if not is_finished(run.directory, spec):
         return
-    wanted = [f"train-{name}" for name, own in policies.items() if own.seed is not None]
+    wanted = [f"train-{name}" for name in run.units]
     wanted += [unit_of_cell(part, cell) for part in spec.parts() for cell in part.columns()]
-    for unit in sorted({*wanted} - directory.markers("").keys()):
+    for unit in sorted({*wanted} - run.directory.markers("").keys()):
         yield Finding("units", None, f"{unit}.json is missing, which the plan has")
-    for policy, own in policies.items():
+    for policy, own in run.policies.items():
         cells = {cell.name for cell in spec.cells_of(own.home)}
         if policy not in found:
             yield Finding("units", None, f"policy {policy!r}, which the plan has, is not evaluated")
@@ -205,21 +197,15 @@ def _find_missing_units(
             yield Finding("units", None, f"{message}, {lost[0]!r} among them")
 
 
-def _of_policies(
-    directory: RunDirectory,
-    found: Mapping[str, Evaluated],
-    policies: Mapping[str, Unit],
-    units: Mapping[str, Unit],
-    training: setups.Trained,
-) -> Iterator[Finding]:
+def _of_policies(run: setups.PlannedRun) -> Iterator[Finding]:
     """Policies that are not those that were trained or evaluated."""
-    markers = directory.markers("train-")
+    found, markers = run.found, run.directory.markers("train-")
     trained = {unit.removeprefix("train-"): marker for unit, marker in markers.items()}
     for policy in {**found, **trained}:
-        if policy not in policies:
+        if policy not in run.policies:
             yield Finding("units", None, f"policy {policy!r} is none of the plan's")
             continue
-        folder, name = directory.policies / policy, f"policies/{policy}"
+        folder, name = run.directory.policies / policy, f"policies/{policy}"
         if policy in trained and not policy_file(folder).exists():
             yield Finding(name, None, "is missing")
             continue
@@ -236,19 +222,14 @@ def _of_policies(
             yield Finding(name, None, "is not the policy that this run was made with")
         elif policy in trained:
             card = read_trained(readable_file(folder))[1]
-            yield from training.faults(folder, card, units[policy], trained[policy])
+            yield from run.training_faults(folder, card, run.units[policy], trained[policy])
 
 
-def _of_evaluations(
-    directory: RunDirectory,
-    spec: PanelSpec,
-    plan: Mapping[str, Any],
-    versions: Mapping[str, str],
-    can_load: bool,
-) -> Iterator[Finding]:
+def _of_evaluations(run: setups.PlannedRun) -> Iterator[Finding]:
     """Units that began with other episodes or inputs than the plan has."""
+    spec, plan, directory = run.spec, run.plan, run.directory
     homes = (*spec.train, None, *((read_planned_home(plan),) if "policy" in plan else ()))
-    cells = spec.cells_by_name(homes) if can_load else {}
+    cells = spec.cells_by_name(homes) if run.can_load else {}
     parts = {part.latest.start: part for part in spec.parts()}
     markers = {**directory.markers(EVALUATION), **directory.markers(TRIED)}
     for unit, marker in markers.items():
@@ -265,7 +246,7 @@ def _of_evaluations(
         where = [cells[name] for name in names]
         engines = engine_versions({cell.discretization.engine for cell in where})
         given = {**inputs(part, where), "trainer": plan["trainer"]}
-        wanted = setups.planned_key(versions, engines, **{"spec": given, last: marker[last]})
+        wanted = setups.planned_key(run.versions, engines, **{"spec": given, last: marker[last]})
         yield from deny(file, None, "key", marker["key"], wanted)
 
 
@@ -277,11 +258,9 @@ def _is_trained(folder: Path, marker: Mapping[str, Any]) -> bool:
     return same and is_card_of(card, marker)
 
 
-def _of_records(
-    directory: RunDirectory, found: Mapping[str, Evaluated], spec: PanelSpec
-) -> Iterator[Finding]:
+def _of_records(run: setups.PlannedRun) -> Iterator[Finding]:
     """Records of other runs or policies, and cells without all their episodes."""
-    store = EvidenceStore(directory.evidence)
+    spec, store, found = run.spec, run.store, run.found
     for row in store.query(_WHOSE).to_pylist():
         policy, whose = row["policy_id"], f"{row['records']} records of policy {row['policy_id']!r}"
         if row["run_id"] != spec.name:

@@ -26,9 +26,10 @@ from integ_gym.train.policy_files.sb3_published import zip_faults
 from integ_gym.train.policy_files.sidecar import POLICY_FILE, WEIGHTS_FILE
 
 from ..cells import Cell, setup_of
+from ..evaluate import Evaluated
 from ..plan import read_planned_home
 from ..run_directory import PACKAGES as OF_EVERY_RUN
-from ..run_directory import key_of
+from ..run_directory import RunDirectory, key_of
 from ..spec import TRAINERS, PanelSpec
 from ..units import Unit, training_config, units_of
 from .comparing import deny, find_differences
@@ -78,178 +79,6 @@ def planned_policies(plan: Mapping[str, Any], spec: PanelSpec) -> dict[str, Unit
     return found
 
 
-def of_setups(
-    spec: PanelSpec, policies: Mapping[str, Unit], store: EvidenceStore, own_code: bool
-) -> Iterator[Finding]:
-    """Records of other setups or starts than were planned, or without the trace that they have.
-
-    Args:
-        spec: of the run.
-        policies: of its plan, by id.
-        store: its records.
-        own_code: whether setups may be made, which loads code that the plan names.
-    """
-    rows = [row for row in store.query(_SETUPS).to_pylist() if row["policy_id"] in policies]
-    homes = dict.fromkeys(policy.home for policy in policies.values())
-    cells = spec.cells_by_name(homes) if own_code else {}
-    setups: dict[str, dict[str, Any] | None] = {}
-    for row in rows:
-        where = f"{row['records']} records of policy {row['policy_id']!r} in cell {row['cell']!r}"
-        expected: dict[str, Any] = {"trace_every": spec.trace_every, "traceless": False}
-        cell = cells.get(row["cell"])
-        if cell is not None:
-            expected |= _plan_arguments(spec, policies[row["policy_id"]], cell)
-        if cell is not None and row["engine"] == NATIVE and is_integ_environment(spec.env_id):
-            if cell.name not in setups:
-                setups[cell.name] = recorded_arguments(setup_of(spec.testbed, cell))
-            expected |= {"arguments": setups[cell.name], "float_width": 64, "first_of_seed": True}
-        yield from _check_fields(row, expected, where)
-
-
-def of_training(
-    spec: PanelSpec, units: Mapping[str, Unit], store: EvidenceStore, own_code: bool
-) -> Iterator[Finding]:
-    """Training records of other setups or starts than were planned, or without their trace.
-
-    Args:
-        spec: of the run.
-        units: of its plan, by the policy that they train.
-        store: its records.
-        own_code: whether setups may be made, which loads code that the plan names.
-    """
-    made: dict[str, list[dict[str, Any]]] = {}
-    for row in store.query(_TRAINING).to_pylist():
-        policy = row["policy_id"]
-        where = f"{row['records']} training records of policy {policy!r}"
-        unit = units.get(policy)
-        if unit is None or unit.home is None:
-            yield Finding("evidence", None, f"{where}, which the plan does not train")
-            continue
-        config: Any = training_config(spec, unit)
-        expected = {
-            "cell": unit.training,
-            "env_id": spec.env_id,
-            "training_discretization": unit.home.arguments(),
-            "training_seed": unit.seed,
-            "trace_every": config.trace_every,
-            "traceless": False,
-            "unseeded": spec.trainer == "fleet",
-        }
-        native = {home.engine for home in unit.home.shares} == {NATIVE}
-        if own_code and native and is_integ_environment(spec.env_id):
-            if policy not in made:
-                made[policy] = list(map(recorded_arguments, _train_on(config).setups))
-            row_arguments: Any = None
-            with suppress(EvidenceError):
-                row_arguments = argument_values(row["arguments"])
-            nearest = min(
-                made[policy], key=lambda one: len([*find_differences("", row_arguments, one)])
-            )
-            expected |= {"arguments": nearest, "float_width": 32 if spec.trainer == "fleet" else 64}
-        yield from _check_fields(row, expected, where)
-    yield from _of_lanes(spec, units, store)
-
-
-def _train_on(config: Any) -> Mixture:
-    """What a run trains on."""
-    env = gym.make_vec(
-        config.env_id, 1, vectorization_mode="vector_entry_point", **config.env_arguments
-    )
-    with closing(env):
-        return mixture_of(env)
-
-
-def _of_lanes(
-    spec: PanelSpec, units: Mapping[str, Unit], store: EvidenceStore
-) -> Iterator[Finding]:
-    """Training episodes of generators that no environment of the run has, or twice of one."""
-    seen: dict[str, set[str]] = {}
-    for row in store.query(_LANES).to_pylist():
-        unit = units.get(row["policy_id"])
-        if unit is None or unit.home is None:
-            continue
-        config: Any = training_config(spec, unit)
-        lanes = range(config.n_envs)
-        if spec.trainer == "fleet":
-            known = {f"fleet-{unit.seed}-{lane}" for lane in lanes}
-            seeded = row["seed"] is None
-        else:
-            known = {str(config.first_lane_seed + lane) for lane in lanes}
-            seeded = f"{row['seed']}" == str(row["rng_key"]).partition("/")[0]
-        name, _, number = str(row["rng_key"]).partition("/")
-        own = seen.setdefault(row["policy_id"], set())
-        fresh = number.isdecimal() and row["rng_key"] not in own
-        own.add(row["rng_key"])
-        if not (name in known and seeded and fresh):
-            whose = f"training episode {row['episode_index']} of policy {row['policy_id']!r}"
-            yield Finding("evidence", None, f"{whose} has no generator of its run's environments")
-
-
-def of_versions(versions: Mapping[str, str], store: EvidenceStore) -> Iterator[Finding]:
-    """Records of other versions than the manifest's, or without one that others like them have.
-
-    In cells with other package versions those are expected in place of the manifest's.
-    """
-    read: list[tuple[Any, Any, dict[str, str]]] = []
-    named: dict[tuple[bool, str | None], set[str]] = {}
-    for row in store.query(_VERSIONS).to_pylist():
-        try:
-            recorded = parse_field("package_versions", row["package_versions"])
-            changes = parse_field("perturbation", row["perturbation"]) or {}
-            changed = versions_of(parse_packages(changes[PACKAGES])) if PACKAGES in changes else {}
-        except ValueError as error:
-            yield Finding("evidence", None, f"{row['records']} records: {error}")
-            continue
-        read.append((row, recorded, changed))
-        own = named.setdefault((row["trained"], row["perturbation"]), {*BASE, *changed})
-        own.update(recorded)
-    for row, recorded, changed in read:
-        there = {**versions, **changed}
-        names = sorted(named[row["trained"], row["perturbation"]])
-        expected: dict[str, Any] = {"package_versions": {name: there.get(name) for name in names}}
-        if changed and row["engine"] in changed:
-            expected["engine_version"] = changed[row["engine"]]
-        yield from _check_fields({**row, "package_versions": recorded}, expected, None)
-
-
-def _check_fields(
-    row: Mapping[str, Any], expected: Mapping[str, Any], where: str | None
-) -> Iterator[Finding]:
-    """What records alike say, and the plan does not."""
-    place = f"{row['records']} records" if where is None else where
-    for name, wanted in expected.items():
-        try:
-            recorded = _read(name, row)
-        except EvidenceError as error:
-            yield Finding("evidence", None, f"{place}: {error}")
-            continue
-        yield from deny("evidence", None, name, recorded, wanted, where=place)
-
-
-def _plan_arguments(spec: PanelSpec, policy: Unit, cell: Cell) -> dict[str, Any]:
-    given = cell.arguments(spec.environment)
-    starts = spec.start_sets[0] if policy.seed is None else policy.seed
-    return {
-        "env_id": spec.env_id,
-        **{name: given[name] for name in DISCRETIZATION},
-        "perturbation": cell.environment or None,
-        "training_discretization": policy.home.arguments() if policy.home else None,
-        "training_seed": policy.seed,
-        "first_seed": spec.start_seed(starts, 0),
-    }
-
-
-def _read(name: str, row: Mapping[str, Any]) -> Any:
-    """A column's value, of text that holds JSON what it says.
-
-    Raises:
-        EvidenceError: for text that is not of its form.
-    """
-    if name == "arguments":
-        return argument_values(row[name])
-    return parse_field(name, row[name]) if name in _PARSED else row[name]
-
-
 _ELSEWHERE = ("card_hash", "content_hash", "format", "last_episodes", "platform", "versions")
 """What a side-car says that is checked in other ways, or not at all."""
 
@@ -266,22 +95,35 @@ _SINGLE = 1e-5
 
 
 @dataclass(frozen=True)
-class Trained:
-    """The training units of a run.
+class PlannedRun:
+    """A run, and what its plan says of it.
 
     Attributes:
-        spec: that its plan describes.
+        directory: of the run.
+        plan: the `specification` of its manifest.
+        spec: that this describes.
         versions: of its manifest.
-        store: its records.
-        can_load: whether environments of the plan may be made here.
+        policies: that will be evaluated, by id.
+        units: of training, by the policy that they train.
+        found: where each policy was evaluated.
+        can_load: whether environments of the plan may be made here, which loads code that it names.
     """
 
+    directory: RunDirectory
+    plan: Mapping[str, Any]
     spec: PanelSpec
     versions: Mapping[str, str]
-    store: EvidenceStore
+    policies: Mapping[str, Unit]
+    units: Mapping[str, Unit]
+    found: Mapping[str, Evaluated]
     can_load: bool
 
-    def faults(
+    @cached_property
+    def store(self) -> EvidenceStore:
+        """Its records."""
+        return EvidenceStore(self.directory.evidence)
+
+    def training_faults(
         self, folder: Path, card: Mapping[str, Any], unit: Unit, marker: Mapping[str, Any]
     ) -> Iterator[Finding]:
         """What the files of a training unit say, and its plan and its records do not.
@@ -364,6 +206,159 @@ class Trained:
         for row in self.store.query(_EPISODES).to_pylist():
             found[row["policy_id"]].append((row["returned"], row["success"]))
         return found
+
+
+def of_setups(run: PlannedRun) -> Iterator[Finding]:
+    """Records of other setups or starts than were planned, or without the trace that they have."""
+    spec, policies = run.spec, run.policies
+    rows = [row for row in run.store.query(_SETUPS).to_pylist() if row["policy_id"] in policies]
+    homes = dict.fromkeys(policy.home for policy in policies.values())
+    cells = spec.cells_by_name(homes) if run.can_load else {}
+    setups: dict[str, dict[str, Any] | None] = {}
+    for row in rows:
+        where = f"{row['records']} records of policy {row['policy_id']!r} in cell {row['cell']!r}"
+        expected: dict[str, Any] = {"trace_every": spec.trace_every, "traceless": False}
+        cell = cells.get(row["cell"])
+        if cell is not None:
+            expected |= _plan_arguments(spec, policies[row["policy_id"]], cell)
+        if cell is not None and row["engine"] == NATIVE and is_integ_environment(spec.env_id):
+            if cell.name not in setups:
+                setups[cell.name] = recorded_arguments(setup_of(spec.testbed, cell))
+            expected |= {"arguments": setups[cell.name], "float_width": 64, "first_of_seed": True}
+        yield from _check_fields(row, expected, where)
+
+
+def of_training(run: PlannedRun) -> Iterator[Finding]:
+    """Training records of other setups or starts than were planned, or without their trace."""
+    spec, made = run.spec, dict[str, list[dict[str, Any]]]()
+    for row in run.store.query(_TRAINING).to_pylist():
+        policy = row["policy_id"]
+        where = f"{row['records']} training records of policy {policy!r}"
+        unit = run.units.get(policy)
+        if unit is None or unit.home is None:
+            yield Finding("evidence", None, f"{where}, which the plan does not train")
+            continue
+        config: Any = training_config(spec, unit)
+        expected = {
+            "cell": unit.training,
+            "env_id": spec.env_id,
+            "training_discretization": unit.home.arguments(),
+            "training_seed": unit.seed,
+            "trace_every": config.trace_every,
+            "traceless": False,
+            "unseeded": spec.trainer == "fleet",
+        }
+        native = {home.engine for home in unit.home.shares} == {NATIVE}
+        if run.can_load and native and is_integ_environment(spec.env_id):
+            if policy not in made:
+                made[policy] = list(map(recorded_arguments, _train_on(config).setups))
+            row_arguments: Any = None
+            with suppress(EvidenceError):
+                row_arguments = argument_values(row["arguments"])
+            nearest = min(
+                made[policy], key=lambda one: len([*find_differences("", row_arguments, one)])
+            )
+            expected |= {"arguments": nearest, "float_width": 32 if spec.trainer == "fleet" else 64}
+        yield from _check_fields(row, expected, where)
+    yield from _of_lanes(run)
+
+
+def _train_on(config: Any) -> Mixture:
+    """What a run trains on."""
+    env = gym.make_vec(
+        config.env_id, 1, vectorization_mode="vector_entry_point", **config.env_arguments
+    )
+    with closing(env):
+        return mixture_of(env)
+
+
+def _of_lanes(run: PlannedRun) -> Iterator[Finding]:
+    """Training episodes of generators that no environment of the run has, or twice of one."""
+    spec, seen = run.spec, dict[str, set[str]]()
+    for row in run.store.query(_LANES).to_pylist():
+        unit = run.units.get(row["policy_id"])
+        if unit is None or unit.home is None:
+            continue
+        config: Any = training_config(spec, unit)
+        lanes = range(config.n_envs)
+        if spec.trainer == "fleet":
+            known = {f"fleet-{unit.seed}-{lane}" for lane in lanes}
+            seeded = row["seed"] is None
+        else:
+            known = {str(config.first_lane_seed + lane) for lane in lanes}
+            seeded = f"{row['seed']}" == str(row["rng_key"]).partition("/")[0]
+        name, _, number = str(row["rng_key"]).partition("/")
+        own = seen.setdefault(row["policy_id"], set())
+        fresh = number.isdecimal() and row["rng_key"] not in own
+        own.add(row["rng_key"])
+        if not (name in known and seeded and fresh):
+            whose = f"training episode {row['episode_index']} of policy {row['policy_id']!r}"
+            yield Finding("evidence", None, f"{whose} has no generator of its run's environments")
+
+
+def of_versions(versions: Mapping[str, str], store: EvidenceStore) -> Iterator[Finding]:
+    """Records of other versions than the manifest's, or without one that others like them have.
+
+    In cells with other package versions those are expected in place of the manifest's.
+    """
+    read: list[tuple[Any, Any, dict[str, str]]] = []
+    named: dict[tuple[bool, str | None], set[str]] = {}
+    for row in store.query(_VERSIONS).to_pylist():
+        try:
+            recorded = parse_field("package_versions", row["package_versions"])
+            changes = parse_field("perturbation", row["perturbation"]) or {}
+            changed = versions_of(parse_packages(changes[PACKAGES])) if PACKAGES in changes else {}
+        except ValueError as error:
+            yield Finding("evidence", None, f"{row['records']} records: {error}")
+            continue
+        read.append((row, recorded, changed))
+        own = named.setdefault((row["trained"], row["perturbation"]), {*BASE, *changed})
+        own.update(recorded)
+    for row, recorded, changed in read:
+        there = {**versions, **changed}
+        names = sorted(named[row["trained"], row["perturbation"]])
+        expected: dict[str, Any] = {"package_versions": {name: there.get(name) for name in names}}
+        if changed and row["engine"] in changed:
+            expected["engine_version"] = changed[row["engine"]]
+        yield from _check_fields({**row, "package_versions": recorded}, expected, None)
+
+
+def _check_fields(
+    row: Mapping[str, Any], expected: Mapping[str, Any], where: str | None
+) -> Iterator[Finding]:
+    """What records alike say, and the plan does not."""
+    place = f"{row['records']} records" if where is None else where
+    for name, wanted in expected.items():
+        try:
+            recorded = _read(name, row)
+        except EvidenceError as error:
+            yield Finding("evidence", None, f"{place}: {error}")
+            continue
+        yield from deny("evidence", None, name, recorded, wanted, where=place)
+
+
+def _plan_arguments(spec: PanelSpec, policy: Unit, cell: Cell) -> dict[str, Any]:
+    given = cell.arguments(spec.environment)
+    starts = spec.start_sets[0] if policy.seed is None else policy.seed
+    return {
+        "env_id": spec.env_id,
+        **{name: given[name] for name in DISCRETIZATION},
+        "perturbation": cell.environment or None,
+        "training_discretization": policy.home.arguments() if policy.home else None,
+        "training_seed": policy.seed,
+        "first_seed": spec.start_seed(starts, 0),
+    }
+
+
+def _read(name: str, row: Mapping[str, Any]) -> Any:
+    """A column's value, of text that holds JSON what it says.
+
+    Raises:
+        EvidenceError: for text that is not of its form.
+    """
+    if name == "arguments":
+        return argument_values(row[name])
+    return parse_field(name, row[name]) if name in _PARSED else row[name]
 
 
 def planned_key(versions: Mapping[str, str], engines: Iterable[str], **parts: Any) -> str:

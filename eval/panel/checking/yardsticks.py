@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import random
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
 from typing import Any
 
@@ -19,10 +19,9 @@ from integ_gym.envs.engines.stepping import is_engine, missing_modules
 from integ_gym.envs.settings import Discretization
 from integ_gym.evidence.fields import ATTEMPT, LATER_ATTEMPT, SECOND_HORIZON
 from integ_gym.evidence.schema import Finding, argument_values
-from integ_gym.evidence.store import EvidenceStore
 
 from ..achieve import read_tried, search_of, unit_of_cell
-from ..cells import Cell, Home
+from ..cells import Cell
 from ..contracts import PREFIX as COMPARED
 from ..contracts import (
     contract_of,
@@ -33,12 +32,11 @@ from ..contracts import (
     pairs_of,
 )
 from ..episodes import Successes
-from ..evaluate import Evaluated, statuses
-from ..run_directory import RunDirectory
+from ..evaluate import statuses
 from ..spec import PanelSpec
-from ..units import HANDMADE, Unit, baseline_of, has_controller
+from ..units import HANDMADE, baseline_of, has_controller
 from .comparing import ROUNDING, deny
-from .setups import planned_key
+from .setups import PlannedRun, planned_key
 
 SEARCHES = 4
 """Searches over controls that are made again, where not all are."""
@@ -90,23 +88,9 @@ WHERE phase = 'evaluation' GROUP BY cell
 """
 
 
-def of_replays(
-    directory: RunDirectory,
-    found: Mapping[str, Evaluated],
-    spec: PanelSpec,
-    policies: Mapping[str, Unit],
-    given: bool,
-) -> Iterator[Finding]:
-    """Records whose replays, home or cell are not what other records come to.
-
-    Args:
-        directory: of the run.
-        found: where each policy was evaluated.
-        spec: of the run.
-        policies: of its plan, by id.
-        given: whether the run judges a policy that was given, so that its home may be unknown.
-    """
-    store = EvidenceStore(directory.evidence)
+def of_replays(run: PlannedRun) -> Iterator[Finding]:
+    """Records whose replays, home or cell are not what other records come to."""
+    spec, store, policies = run.spec, run.store, run.policies
     later: dict[tuple[str, str], dict[int, bool]] = defaultdict(dict)
     for row in store.query(_LATER).to_pylist():
         if not row["same"] or not _has_setup(row, row["own"], spec.twice_the_time):
@@ -119,9 +103,9 @@ def of_replays(
     for row in store.query(_EVALUATED).to_pylist():
         if row["schema_version"] > 1:  # which did not keep what its labels rest on
             rows[row["policy_id"]][row["cell"]].append(row)
-    can = [(part, statuses(part, directory)) for part in spec.parts()]
-    contracts = contracts_in(directory)
-    for policy in policies.keys() & rows.keys() & found.keys():
+    can = [(part, statuses(part, run.directory)) for part in spec.parts()]
+    contracts, is_given = contracts_in(run.directory), "policy" in run.plan
+    for policy in policies.keys() & rows.keys() & run.found.keys():
         home = policies[policy].home
         before: dict[Discretization, tuple[int, int]] = {}
         for part, status in can:
@@ -134,7 +118,7 @@ def of_replays(
             successes = Successes(
                 [home], [[cell for cell, _ in cells]], part.environment, part.latest.start, status,
                 whole=part.testbed.batched, before=[{**before}] if part.latest.start else [],
-                homeless=[0] if given and home is None and policy not in spec.baselines else [],
+                homeless=[0] if is_given and home is None and policy not in spec.baselines else [],
                 contracts=contracts,
             )  # fmt: skip
             for cell, held in cells:
@@ -186,15 +170,14 @@ def _of_labels(
             yield from deny("evidence", row["record_id"], name, *both, "comes out")
 
 
-def of_attempts(directory: RunDirectory, spec: PanelSpec, all_searches: bool) -> Iterator[Finding]:
+def of_attempts(run: PlannedRun, all_searches: bool) -> Iterator[Finding]:
     """What markers say of attempts and searches, and their records and the search do not come to.
 
     Args:
-        directory: of the run.
-        spec: of the run.
+        run: the run.
         all_searches: whether all are made again, or some.
     """
-    store = EvidenceStore(directory.evidence)
+    store = run.store
     held: dict[str, dict[str, dict[int, dict[str, Any]]]] = defaultdict(lambda: defaultdict(dict))
     for row in store.query(_ATTEMPTS).to_pylist():
         held[row["cell"]][row["phase"]][row["episode_index"]] = row
@@ -202,10 +185,10 @@ def of_attempts(directory: RunDirectory, spec: PanelSpec, all_searches: bool) ->
     oldest = store.query("SELECT min(schema_version) AS v FROM records WHERE phase = 'evaluation'")
     recorded = (oldest.to_pylist()[0]["v"] or 0) >= RECORDS_SINCE
     searched = []
-    for part in spec.parts():
+    for part in run.spec.parts():
         for cell in part.columns():
             unit = unit_of_cell(part, cell)
-            marker = directory.marker(unit)
+            marker = run.directory.marker(unit)
             if marker is None:
                 continue
             file, attempts = f"units/{unit}.json", read_tried(marker)
@@ -227,25 +210,17 @@ def of_attempts(directory: RunDirectory, spec: PanelSpec, all_searches: bool) ->
         yield from deny(file, None, "search", search, again, "comes out", tolerance=ROUNDING)
 
 
-def of_contracts(
-    directory: RunDirectory,
-    spec: PanelSpec,
-    homes: Iterable[Home | None],
-    versions: Mapping[str, str],
-    whole: bool,
-) -> Iterator[Finding]:
+def of_contracts(run: PlannedRun, whole: bool) -> Iterator[Finding]:
     """Comparisons of engines that are missing, or that come out otherwise when made again.
 
     Those of engines that are not installed here are believed.
 
     Args:
-        directory: of the run.
-        spec: of the run.
-        homes: of its policies.
-        versions: of the run's manifest.
+        run: the run.
         whole: whether all that is planned must be there.
     """
-    pairs, markers = pairs_of(spec, homes), directory.markers(COMPARED)
+    spec, markers = run.spec, run.directory.markers(COMPARED)
+    pairs = pairs_of(spec, [policy.home for policy in run.policies.values()])
     for unit in markers.keys() - pairs.keys():
         yield Finding(f"units/{unit}.json", None, "compares what the plan does not have")
     for unit, pair in pairs.items():
@@ -253,7 +228,7 @@ def of_contracts(
             if whole:
                 yield Finding("units", None, f"{unit}.json is missing, which the plan has")
             continue
-        expected = {"key": planned_key(versions, engines_of(pair), **key_parts(spec, pair))}
+        expected = {"key": planned_key(run.versions, engines_of(pair), **key_parts(spec, pair))}
         if not any(is_engine(one.engine) and missing_modules(one.engine) for one in pair):
             expected |= describe_comparison(pair, contract_of(spec, pair))
         said = {name: markers[unit].get(name) for name in expected}
