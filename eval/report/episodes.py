@@ -215,7 +215,7 @@ def read_episodes(panel: Panel, directory: str | PathLike[str]) -> Episodes | No
         samples = duration / SKELETON_PERIOD
     numbers = samples * (len(names.motion) + len(names.control) + len(LEDGER))
     leads = choose_episodes(panel, outcomes, min(MOST_TRACES, max(4, int(MOST_NUMBERS / numbers))))
-    traces = _read_traces(panel, store, leads, skeleton, names)
+    traces = _read_traces(panel, store, leads, names)
     there = {trace.key for trace in traces}
     shown = [lead for lead in leads if (lead.row, lead.cell, lead.seed, lead.episode) in there]
     policies: dict[tuple[str, int], MlpPolicy] = {}
@@ -406,11 +406,12 @@ def _cells_of_lead(
 
 
 class _Columns(NamedTuple):
-    """Names of columns of a trace."""
+    """Names of columns of a trace, and the skeleton of a robot."""
 
     motion: list[str]
     control: list[str]
     commands: list[str]
+    skeleton: Mapping[str, Any] | None = None
 
 
 def _trace_columns(
@@ -421,7 +422,7 @@ def _trace_columns(
     after = names[names.index("time") + 1 :]
     if skeleton is not None:
         commands = [name for name in after if name.startswith(COMMANDED)]
-        return _Columns(_robot_columns(skeleton, after), [], commands)
+        return _Columns(_robot_columns(skeleton, after), [], commands, skeleton)
     control = [name for name in after if name.endswith("_applied")][:2]
     setup = panel_setup(panel)
     if setup is not None:
@@ -432,11 +433,7 @@ def _trace_columns(
 
 
 def _read_traces(
-    panel: Panel,
-    store: EvidenceStore,
-    leads: Iterable[Lead],
-    skeleton: Mapping[str, Any] | None,
-    names: _Columns,
+    panel: Panel, store: EvidenceStore, leads: Iterable[Lead], names: _Columns
 ) -> list[Trace]:
     """The traces that the leads ask for, in their order; without those that were not kept."""
     keys = list(dict.fromkeys(key for lead in leads for key in lead.keys))
@@ -445,7 +442,7 @@ def _read_traces(
     wanted = {(panel.row(r).policies[s].id, c, e): (r, c, s, e) for r, c, s, e in keys}
     columns = ", ".join(
         '"' + name.replace('"', '""') + '"'
-        for name in (*_FIELDS, "time", *itertools.chain(*names), *_SUMS)
+        for name in (*_FIELDS, "time", *itertools.chain(*names[:3]), *_SUMS)
     )
     where = " AND ".join(
         f"{name} IN ({', '.join(sorted({sql_literal(key[place]) for key in wanted}))})"
@@ -456,17 +453,12 @@ def _read_traces(
     for record in table.to_pylist():
         key = wanted.get((record["policy_id"], record["cell"], record["episode_index"]))
         if key is not None and record["time"] and record["length"]:
-            traces[key] = _trace(key, record, names, skeleton)
+            traces[key] = _trace(key, record, names)
     return [traces[key] for key in keys if key in traces]
 
 
-def _trace(
-    key: Key,
-    record: Mapping[str, Any],
-    names: _Columns,
-    skeleton: Mapping[str, Any] | None,
-) -> Trace:
-    motion, control, commands = names
+def _trace(key: Key, record: Mapping[str, Any], names: _Columns) -> Trace:
+    motion, control, commands, skeleton = names
     length = record["length"]
     every = -(-(length + 1) // MOST_SAMPLES)
     if skeleton is not None:

@@ -320,21 +320,21 @@ def of_versions(versions: Mapping[str, str], store: EvidenceStore) -> Iterator[F
         expected: dict[str, Any] = {"package_versions": {name: there.get(name) for name in names}}
         if changed and row["engine"] in changed:
             expected["engine_version"] = changed[row["engine"]]
-        yield from _check_fields({**row, "package_versions": recorded}, expected, None)
+        said, where = {**row, "package_versions": recorded}, f"{row['records']} records"
+        yield from _check_fields(said, expected, where)
 
 
 def _check_fields(
-    row: Mapping[str, Any], expected: Mapping[str, Any], where: str | None
+    row: Mapping[str, Any], expected: Mapping[str, Any], where: str
 ) -> Iterator[Finding]:
     """What records alike say, and the plan does not."""
-    place = f"{row['records']} records" if where is None else where
     for name, wanted in expected.items():
         try:
             recorded = _read(name, row)
         except EvidenceError as error:
-            yield Finding("evidence", None, f"{place}: {error}")
+            yield Finding("evidence", None, f"{where}: {error}")
             continue
-        yield from deny("evidence", None, name, recorded, wanted, where=place)
+        yield from deny("evidence", None, name, recorded, wanted, where=where)
 
 
 def _plan_arguments(spec: PanelSpec, policy: Unit, cell: Cell) -> dict[str, Any]:
