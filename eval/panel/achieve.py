@@ -32,9 +32,6 @@ from .units import HANDMADE, Work, baseline_of, has_controller
 
 PREFIX = "achieve-"
 
-TRYING = "trying to solve cells"
-"""What is done while cells are tried, in words."""
-
 
 class Tried(msgspec.Struct, frozen=True):
     """What was tried in a cell.
@@ -71,7 +68,7 @@ class Tried(msgspec.Struct, frozen=True):
 def try_cells(spec: PanelSpec, directory: RunDirectory, work: Work) -> None:
     """Try every cell of the matrix that has not been tried, each a unit that reports its time."""
     waiting = {unit_of_cell(*one): one for one in not_tried(spec, directory)}
-    work.commit(TRYING, try_and_note, waiting)
+    work.commit("trying to solve cells", try_and_note, waiting)
 
 
 def not_tried(spec: PanelSpec, directory: RunDirectory) -> list[tuple[PanelSpec, Cell]]:

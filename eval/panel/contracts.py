@@ -24,9 +24,6 @@ from .units import Work
 
 PREFIX = "contract-"
 
-COMPARING = "comparing engines"
-"""What is done meanwhile, in words."""
-
 
 class Pair(NamedTuple):
     """A home, and where else its policies are judged, on another engine."""
@@ -64,8 +61,9 @@ def compare_engines(
     Raises:
         RunDirectoryError: if one was compared under another specification or version.
     """
-    waiting = not_compared(spec, directory, homes).items()
-    work.commit(COMPARING, compare_and_note, {unit: (spec, pair) for unit, pair in waiting})
+    pairs = not_compared(spec, directory, homes)
+    waiting = {unit: (spec, pair) for unit, pair in pairs.items()}
+    work.commit("comparing engines", compare_and_note, waiting)
 
 
 def not_compared(

@@ -442,7 +442,7 @@ def _read_traces(
     wanted = {(panel.row(r).policies[s].id, c, e): (r, c, s, e) for r, c, s, e in keys}
     columns = ", ".join(
         '"' + name.replace('"', '""') + '"'
-        for name in (*_FIELDS, "time", *itertools.chain(*names[:3]), *_SUMS)
+        for name in (*_FIELDS, "time", *names.motion, *names.control, *names.commands, *_SUMS)
     )
     where = " AND ".join(
         f"{name} IN ({', '.join(sorted({sql_literal(key[place]) for key in wanted}))})"
