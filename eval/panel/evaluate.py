@@ -243,9 +243,19 @@ def _evaluate_part(
         units = {unit_of(spec, batch)[0]: (spec, batch, can, contracts) for batch in batches}
         work.commit("evaluating", evaluate_batch, units)
         return
+
+    def divide(batch: Sequence[Subject]) -> Iterator[Any]:
+        """The tables of a batch whose episodes are divided among all workers."""
+        given = EvidenceStore(directory.evidence), can, None, contracts
+        parts = {
+            f"{', '.join(_hashes(batch))} from episode {part.start}": (spec, batch, part, *given)
+            for part in divided(spec, workers)
+        }
+        for tables in work.do("evaluating", _evaluate_whole, parts):
+            yield from tables
+
     for batch in batches:
-        tables = _divide_batch(spec, directory, batch, can, contracts, work, workers)
-        evaluate_batch(spec, directory, batch, can, contracts, tables)
+        evaluate_batch(spec, directory, batch, can, contracts, divide(batch))
         directory.storage.send()
 
 
@@ -291,25 +301,6 @@ def all_seconds(spec: PanelSpec, subjects: Sequence[Subject]) -> float:
 
 def _evaluate_whole(*given: Any) -> list[Any]:
     return list(evaluate(*given))
-
-
-def _divide_batch(
-    spec: PanelSpec,
-    directory: RunDirectory,
-    batch: Sequence[Subject],
-    can: Mapping[str, str],
-    contracts: Contracts,
-    work: Work,
-    workers: int,
-) -> Iterator[Any]:
-    """The tables of a batch whose episodes are divided among all workers."""
-    given = EvidenceStore(directory.evidence), can, None, contracts
-    parts = {
-        f"{', '.join(_hashes(batch))} from episode {part.start}": (spec, batch, part, *given)
-        for part in divided(spec, workers)
-    }
-    for tables in work.do("evaluating", _evaluate_whole, parts):
-        yield from tables
 
 
 def unit_of(spec: PanelSpec, batch: Sequence[Subject]) -> tuple[str, str]:
