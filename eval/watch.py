@@ -170,8 +170,13 @@ def watch(
     cells = parse(on or ((*homes, own, TRUTH) if record["policy_hash"] else (own,)))
     twins = _twins(record, own, store)
     policy = cache(partial(policy_of, record, store, own_code))
-    if not on:
-        cells = _possible(cells, twins, policy, on_doubt)
+    traced = [cell for cell in cells if isinstance(twins.get(cell), EvidenceRecord)]
+    if not on and traced and traced != cells:
+        try:
+            policy()
+        except ValueError as error:
+            on_doubt(f"{error}; shown is what has a trace")
+            cells = traced
     for cell in cells:  # what cannot be is refused before any episode is played
         environment_setup(record["env_id"], place_arguments(cell, record.arguments()))
     episodes = [_episode(cell, record, twins.get(cell), policy, on_doubt) for cell in cells]
@@ -247,23 +252,6 @@ def candidates(run: str | os.PathLike[str]) -> list[dict[str, Any]]:
         EvidenceError: for a run that is not there.
     """
     return list(open_run(Path(run)).query(_CANDIDATES).to_pylist())
-
-
-def _possible(
-    cells: list[Discretization],
-    twins: Mapping[Discretization, EvidenceRecord | bool],
-    policy: Callable[[], Policy],
-    on_doubt: Callable[[str], None],
-) -> list[Discretization]:
-    """All of them; where there is no policy any more, those whose episodes have traces."""
-    traced = [cell for cell in cells if isinstance(twins.get(cell), EvidenceRecord)]
-    if traced and traced != cells:
-        try:
-            policy()
-        except ValueError as error:
-            on_doubt(f"{error}; shown is what has a trace")
-            return traced
-    return cells
 
 
 _SAME = ("phase", "env_id", "policy_id", "policy_hash", "episode_index", "seed", "perturbation")
