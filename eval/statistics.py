@@ -23,6 +23,9 @@ Floats: TypeAlias = npt.NDArray[np.float64]
 RatesLike: TypeAlias = Sequence[float] | Floats
 """One number per training seed."""
 
+LEVEL: Final = 0.95
+"""Nominal coverage of an interval, unless another one is asked for."""
+
 
 class Part(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A part of ``panel.json``: immutable, and of a file it must say all that is asked for."""
@@ -92,7 +95,7 @@ class Median(Part, frozen=True, kw_only=True):
     level: float
 
 
-def equal_tailed(estimate: float, draws: Floats, level: float) -> Estimate:
+def equal_tailed(estimate: float, draws: Floats, level: float = LEVEL) -> Estimate:
     """Equal-tailed interval of the draws, stretched where needed to hold the estimate."""
     check_level(level)
     tail = 0.5 * (1.0 - level)
@@ -139,7 +142,7 @@ def check_level(level: float) -> None:
         raise InputError(f"expected a level in (0, 1), got {level!r}")
 
 
-def mean_interval(values: RatesLike, level: float = 0.95) -> Estimate | None:
+def mean_interval(values: RatesLike, level: float = LEVEL) -> Estimate | None:
     """Mean over training seeds with Student's t interval, for any scalar but success.
 
     Meant for quantities such as time to success or energy residual. Seeds without a finite
@@ -177,7 +180,7 @@ def mean_interval(values: RatesLike, level: float = 0.95) -> Estimate | None:
     return Estimate(mean, mean - half, mean + half, level)
 
 
-def median_interval(values: RatesLike, level: float = 0.95) -> Median | None:
+def median_interval(values: RatesLike) -> Median | None:
     """Median over training seeds between two order statistics, whatever the distribution.
 
     Infinity stands for "not within the time there was": such seeds count as larger than all
@@ -189,8 +192,6 @@ def median_interval(values: RatesLike, level: float = 0.95) -> Median | None:
     ----------
     values
         Shape (seeds,), one value per seed in any unit; infinities are allowed, NaN is not.
-    level
-        Least nominal coverage where the seeds allow it, in (0, 1).
 
     Returns
     -------
@@ -200,18 +201,17 @@ def median_interval(values: RatesLike, level: float = 0.95) -> Median | None:
     Raises
     ------
     ValueError
-        If ``values`` is not one-dimensional or has a NaN, or ``level`` is outside (0, 1).
+        If ``values`` is not one-dimensional or has a NaN.
     """
     array = np.sort(np.asarray(values, dtype=np.float64))
     if array.ndim != 1 or np.isnan(array).any():
         raise InputError(f"expected values of shape (seeds,) without NaN, got {values!r}")
-    check_level(level)
     count = array.size
     if count < 2:
         return None
     tails = np.cumsum([math.comb(count, k) for k in range(count // 2)]) / 2.0**count
     covers = 1.0 - 2.0 * tails
-    place = max(0, int(np.count_nonzero(covers >= level)) - 1)
+    place = max(0, int(np.count_nonzero(covers >= LEVEL)) - 1)
     low, high = array[place], array[count - 1 - place]
     middle = array[(count - 1) // 2 : count // 2 + 1]
     found = (float(x) if math.isfinite(x) else None for x in (middle.mean(), low, high))
@@ -583,7 +583,7 @@ def mean_rate(rates: RatesLike) -> float:
     return mean_of(one_dimensional(rates, "rates"))
 
 
-def rate_interval(rates: RatesLike, level: float = 0.95, *, draws: int = DRAWS) -> Estimate:
+def rate_interval(rates: RatesLike, level: float = LEVEL, *, draws: int = DRAWS) -> Estimate:
     """Interval for the mean success rate over training seeds.
 
     Equal-tailed interval of `rate_posterior`, stretched to the estimate where the prior pulls
@@ -620,7 +620,7 @@ def rate_interval(rates: RatesLike, level: float = 0.95, *, draws: int = DRAWS) 
     return equal_tailed(mean_of(values), rate_posterior(values, draws=draws), level)
 
 
-def paired_difference(home: RatesLike, away: RatesLike, level: float = 0.95) -> Difference:
+def paired_difference(home: RatesLike, away: RatesLike, level: float = LEVEL) -> Difference:
     """Home drop: the same policies judged twice, home − away.
 
     Parameters
@@ -645,7 +645,7 @@ def paired_difference(home: RatesLike, away: RatesLike, level: float = 0.95) -> 
 
 
 def unpaired_difference(
-    native: RatesLike, transferred: RatesLike, level: float = 0.95, *, draws: int = DRAWS
+    native: RatesLike, transferred: RatesLike, level: float = LEVEL, *, draws: int = DRAWS
 ) -> Difference:
     """Transfer gap: two groups of policies in one place, native − transferred.
 
@@ -701,9 +701,7 @@ def iqm(values: npt.ArrayLike) -> float:
     return float(load("scipy.stats", "report").trim_mean(array, 0.25))
 
 
-def iqm_interval(
-    values: npt.ArrayLike, level: float = 0.95, *, draws: int = BOOTSTRAP_DRAWS
-) -> Estimate | None:
+def iqm_interval(values: npt.ArrayLike, level: float = LEVEL) -> Estimate | None:
     """Interquartile mean of returns with a percentile bootstrap over training seeds.
 
     For returns only: see `iqm`. One cell of a panel is one task, hence one stratum of the
@@ -718,8 +716,6 @@ def iqm_interval(
         Shape (seeds, episodes); units of the return.
     level
         Nominal coverage, in (0, 1).
-    draws
-        Number of resamples.
 
     Returns
     -------
@@ -738,10 +734,10 @@ def iqm_interval(
     check_level(level)
     if array.shape[0] < 2:
         return None
-    return equal_tailed(iqm(array), _bootstrap_iqm(array, draws), level)
+    return equal_tailed(iqm(array), _bootstrap_iqm(array), level)
 
 
-def _bootstrap_iqm(array: Floats, draws: int) -> Floats:
+def _bootstrap_iqm(array: Floats) -> Floats:
     """Interquartile means of resampled seeds, shape (draws,), for array (seeds, episodes)."""
     stats = load("scipy.stats", "report")
     ordered = array[np.lexsort(array.T[::-1])]
@@ -753,7 +749,7 @@ def _bootstrap_iqm(array: Floats, draws: int) -> Floats:
     found = stats.bootstrap(
         (np.arange(len(ordered)),),
         iqm_of,
-        n_resamples=draws,
+        n_resamples=BOOTSTRAP_DRAWS,
         batch=max(1, 2_000_000 // array.size),
         vectorized=True,
         method="percentile",
@@ -781,9 +777,7 @@ def highest_share(count: int, of: int) -> float:
     return float(load("scipy.stats", "report").beta.ppf(0.95, count + 1, of - count))
 
 
-def paired_success(
-    first: RatesLike, second: RatesLike, level: float = 0.95
-) -> tuple[Estimate, float]:
+def paired_success(first: RatesLike, second: RatesLike) -> tuple[Estimate, float]:
     """Success of one policy in two places from the same starts: first − second.
 
     The unit of replication is the episode, so the interval and the test are about this policy and
@@ -794,8 +788,6 @@ def paired_success(
     ----------
     first, second
         Shape (episodes,), in [0, 1]: entry k of both has the same start.
-    level
-        Nominal coverage of the interval, in (0, 1).
 
     Returns
     -------
@@ -808,23 +800,19 @@ def paired_success(
     """
     one, other = np.asarray(first, dtype=np.float64), np.asarray(second, dtype=np.float64)
     posterior = paired_posterior(one, other, draws=draws_for(one.size))
-    interval = equal_tailed(mean_of(one) - mean_of(other), posterior, level)
+    interval = equal_tailed(mean_of(one) - mean_of(other), posterior)
     more, count = np.count_nonzero(one > other), np.count_nonzero(one != other)
     binomial = load("scipy.stats", "report").binomtest
     return interval, float(binomial(int(more), int(count)).pvalue) if count else 1.0
 
 
-def paired_return(
-    first: RatesLike, second: RatesLike, level: float = 0.95
-) -> tuple[Estimate | None, float]:
+def paired_return(first: RatesLike, second: RatesLike) -> tuple[Estimate | None, float]:
     """Returns of one policy in two places from the same starts: mean of first − second.
 
     Parameters
     ----------
     first, second
         Shape (episodes,), in any unit: entry k of both has the same start.
-    level
-        Nominal coverage of the interval, in (0, 1).
 
     Returns
     -------
@@ -846,20 +834,16 @@ def paired_return(
         )
     differences = one - other
     require_finite(differences, "returns")
-    return mean_interval(differences, level), _flip_test(differences)
+    return mean_interval(differences), _flip_test(differences)
 
 
-def unpaired_return(
-    first: RatesLike, second: RatesLike, level: float = 0.95
-) -> tuple[Estimate, float]:
+def unpaired_return(first: RatesLike, second: RatesLike) -> tuple[Estimate, float]:
     """Difference of the mean returns of two independent groups, first − second.
 
     Parameters
     ----------
     first, second
         Shapes (n,) and (m,), in any unit.
-    level
-        Nominal coverage of the interval, in (0, 1).
 
     Returns
     -------
@@ -878,8 +862,8 @@ def unpaired_return(
     if min(one.size, other.size) < 2 or max(np.ptp(one), np.ptp(other)) == 0.0:
         return Estimate(estimate), 1.0
     found = load("scipy.stats", "report").ttest_ind(one, other, equal_var=False)
-    low, high = found.confidence_interval(level)
-    return Estimate(estimate, float(low), float(high), level), float(found.pvalue)
+    low, high = found.confidence_interval(LEVEL)
+    return Estimate(estimate, float(low), float(high), LEVEL), float(found.pvalue)
 
 
 def _flip_test(differences: Floats) -> float:
@@ -959,6 +943,6 @@ def ranking_intervals(
     whole = pearson(judged, true)
     known = correlations.size > 0 and np.isfinite(whole)
     return (
-        equal_tailed(whole, correlations, 0.95) if known else None,
-        equal_tailed(rank_violation(judged, true), violations, 0.95),
+        equal_tailed(whole, correlations) if known else None,
+        equal_tailed(rank_violation(judged, true), violations),
     )

@@ -81,8 +81,6 @@ def reference_class(s_cell: float, s_reference: float) -> ReferenceClass:
     return "false_fail" if s_reference >= PASS else "true_fail"
 
 
-LEVEL: Final = 0.95
-
 INTERVAL_DRAWS: Final = 20_000
 """Draws of an interval: its ends are right to about 0.002."""
 
@@ -208,9 +206,7 @@ def split(rates: Rates, *, draws: int = INTERVAL_DRAWS) -> Loss:
     )
     means = np.array([stats.mean_of(quantity) for quantity in rates.row])
     found = _parts(means, [np.asarray(stats.mean_of(own)) for own, _ in rates.yardsticks])
-    return Loss(
-        *(stats.equal_tailed(float(x), own, LEVEL) for x, own in zip(found, drawn, strict=True))
-    )
+    return Loss(*(stats.equal_tailed(float(x), own) for x, own in zip(found, drawn, strict=True)))
 
 
 CHECKED_LEVEL: Final = 0.97
@@ -230,7 +226,8 @@ def checked_loss(
     """
     drawn = stats.paired_posterior(home, away, draws=draws)
     loss = stats.mean_of(np.asarray(home, float)) - stats.mean_of(np.asarray(away, float))
-    return msgspec.structs.replace(stats.equal_tailed(loss, drawn, CHECKED_LEVEL), level=LEVEL)
+    checked = stats.equal_tailed(loss, drawn, CHECKED_LEVEL)
+    return msgspec.structs.replace(checked, level=stats.LEVEL)
 
 
 def _parts(

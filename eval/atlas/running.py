@@ -250,7 +250,7 @@ def _losses(found: Sequence[summaries.Point]) -> bytes:
     for point in found:
         if not point.learned:
             continue
-        lost = paired_difference(point.at_home, point.on_truth, 0.95).interval
+        lost = paired_difference(point.at_home, point.on_truth).interval
         rates = (point.at_home.mean(), point.on_truth.mean(), point.recovered.mean())
         numbers = (*rates, lost.estimate, *lost.ends)
         table.writerow(

@@ -294,7 +294,7 @@ def _difference_by_chance(
     changes = {home: after[home] - before[home] for home in before}
     level = 1.0 - 0.05 / len(changes)
     intervals = {home: mean_interval(values, level) for home, values in changes.items()}
-    overall = mean_interval(np.mean(list(changes.values()), axis=0), 0.95)
+    overall = mean_interval(np.mean(list(changes.values()), axis=0))
     for home, found in intervals.items():
         if found is None or overall is None:
             raise InputError("one seed cannot show what another processor changes")
