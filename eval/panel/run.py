@@ -150,15 +150,6 @@ def subject_of(spec: PanelSpec, directory: RunDirectory, unit: Unit) -> Subject:
     return Subject(own, cells, unit.home, unit.seed, unit.seed or 0)
 
 
-def specified(spec: PanelSpec | str | os.PathLike[str]) -> PanelSpec:
-    """A specification as it is, by the name of a built-in one, or from a TOML file.
-
-    Raises:
-        SpecError: for a file that cannot be read or says what cannot be.
-    """
-    return spec if isinstance(spec, PanelSpec) else read_spec(os.fspath(spec))
-
-
 def run_panel(
     spec: PanelSpec | str | os.PathLike[str],
     out: str | os.PathLike[str],
@@ -177,7 +168,7 @@ def run_panel(
     A first page comes after a few training seeds, marked as not decided; see :func:`stages`.
 
     Args:
-        spec: of the panel; see :func:`specified`.
+        spec: of the panel: as it is, the name of a built-in one, or the path of a TOML file.
         out: its directory, or ``s3://…``, ``gs://…``, ``az://…``; see docs/how-to/clusters.md.
         workers: processes; by default one per core.
         progress: show a bar with the remaining time on stderr.
@@ -200,7 +191,8 @@ def run_panel(
     """
     require("report", "evidence")
     check_spawning()
-    asked, taken = specified(spec), None if policies is None else Path(policies)
+    asked = spec if isinstance(spec, PanelSpec) else read_spec(os.fspath(spec))
+    taken = None if policies is None else Path(policies)
     wanted = resources_for(resources, workers, asked.memory_gib)
     with ExitStack() as stack:
         cluster = stack.enter_context(open_cluster(executor, address, wanted))

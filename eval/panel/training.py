@@ -222,7 +222,17 @@ def finished_policies(path: Path, spec: PanelSpec) -> RunDirectory:
         )
     source = RunDirectory(path, held)
     for unit in trained_units(spec):
-        _check(source, unit, spec)
+        marker = source.marker(unit.training)
+        if marker is not None and marker.get("key") != training_key(spec, unit):
+            raise RunDirectoryError(
+                f"policy {unit.policy} in {source.path} was trained with other hyperparameters, on "
+                "another environment or by another version; train without --policies"
+            )
+        if marker is None or not is_trained(spec, source, unit):
+            raise RunDirectoryError(
+                f"{source.path} has no finished policy {unit.policy}; give the directory of a "
+                "finished panel with all rows and seeds of this one, or train without --policies"
+            )
     return source
 
 
@@ -242,20 +252,6 @@ def copy_policies(source: RunDirectory, directory: RunDirectory, spec: PanelSpec
             directory.adopt_policy(source, unit.policy)
             directory.adopt(source, unit.training)
     directory.storage.send()
-
-
-def _check(source: RunDirectory, unit: Unit, spec: PanelSpec) -> None:
-    marker = source.marker(unit.training)
-    if marker is not None and marker.get("key") != training_key(spec, unit):
-        raise RunDirectoryError(
-            f"policy {unit.policy} in {source.path} was trained with other hyperparameters, on "
-            "another environment or by another version; train without --policies"
-        )
-    if marker is None or not is_trained(spec, source, unit):
-        raise RunDirectoryError(
-            f"{source.path} has no finished policy {unit.policy}; give the directory of a "
-            "finished panel with all rows and seeds of this one, or train without --policies"
-        )
 
 
 def _trainer_words(trainer: Any) -> str:

@@ -11,8 +11,8 @@ from pathlib import Path
 
 from integ_gym.eval.panel.conclusions import verdict_reason
 from integ_gym.eval.panel.plan import with_seed_count
-from integ_gym.eval.panel.run import run_panel, specified
-from integ_gym.eval.panel.spec import BUILT_IN, TRAINERS, PanelSpec
+from integ_gym.eval.panel.run import run_panel
+from integ_gym.eval.panel.spec import BUILT_IN, TRAINERS, PanelSpec, read_spec
 from integ_gym.eval.report.forests import ordered_verdicts
 from integ_gym.evidence.sealing import check_key, read_seal, sign
 from integ_gym.support import options
@@ -126,7 +126,7 @@ def main(argv: Sequence[str]) -> int:
         options.refuse_unused(
             known, arguments, "--plan says what a panel costs and runs nothing", used
         )
-    spec = specified(arguments.spec or BUILT_IN[0])
+    spec = read_spec(arguments.spec or BUILT_IN[0])
     words = ["integ-gym", "panel", *([arguments.spec] if arguments.spec else [])]
     if arguments.trainer:
         spec = replace(spec, trainer=arguments.trainer)

@@ -13,7 +13,6 @@ from shared_panel import specification
 from integ_gym.cli import main
 from integ_gym.eval.panel.costs import fixed_cost, policy_costs, total_cost
 from integ_gym.eval.panel.plan import with_seed_count
-from integ_gym.eval.panel.run import specified
 from integ_gym.eval.panel.run_directory import (
     MANIFEST,
     PACKAGES,
@@ -139,7 +138,7 @@ def test_looks_at_verdicts_are_noted_of_what_is_done_elsewhere(directory, tmp_pa
 @pytest.mark.slow
 def test_storage_is_that_of_a_run(undisturbed, tmp_path):
     """Within a third: a run as small as this is all but its files' heads."""
-    spec = specified(specification(tmp_path))
+    spec = read_spec(specification(tmp_path))
     told = total_cost([*policy_costs(spec), fixed_cost(spec)]).storage
     folders = ("evidence", "policies")
     held = sum(f.stat().st_size for name in folders for f in (undisturbed / name).rglob("*.*"))
