@@ -753,8 +753,7 @@ class Panel(Part, frozen=True, kw_only=True, dict=True):
 
         At the first of its control periods.
         """
-        name = next(iter(limits_called(self.limits, self.rows)), None)
-        return None if name is None else self.cell(name)
+        return next(map(self.cell, self._limit_names), None)
 
     @property
     def yardstick(self) -> Cell | None:
