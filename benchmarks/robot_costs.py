@@ -1,0 +1,36 @@
+"""Settings in which a published robot loses nothing: which is the coarsest, and which the cheapest?
+
+``python benchmarks/robot_plain.py go1 DIR RUN 4 | python benchmarks/robot_costs.py RUN``, where no
+other program runs. A setting is safe where at most a tenth of the episodes that succeed at home are
+lost: the upper end of the 95 % interval of the panel, paired by starts. Settings are integrator,
+step and solver; processor time is that of the loop of MuJoCo and onnxruntime, for 10 s of motion.
+"""
+
+import json
+import sys
+from pathlib import Path
+
+MOST = 0.1
+"""Loss that is safe, in share of success."""
+
+
+def main(run):
+    panel = json.loads(Path(run, "panel.json").read_text(encoding="utf-8"))
+    lines = [line.rstrip(" ms\n").rpartition(" ") for line in sys.stdin if line.endswith(" ms\n")]
+    times = {words.rpartition(": ")[0]: float(time) for words, _, time in lines}
+    home = panel["rows"][0]["home"]
+    steps = {cell["name"]: cell["dt"] for cell in panel["cells"]}
+    lost = {one["cell"]: one["success"] for one in panel["paired"] if one["row"] == "policy"}
+    lost[home] = dict.fromkeys(("estimate", "low", "high"), 0.0)
+    other = ("control=", "latency", "==", "tight")
+    tried = [cell for cell in times if cell in lost and not any(word in cell for word in other)]
+    safe = [cell for cell in tried if lost[cell]["high"] <= MOST]
+    coarsest = max(safe, key=lambda cell: (steps[cell], -times[cell]))
+    cheapest = min(safe, key=times.__getitem__)
+    for words, cell in ("home", home), ("coarsest", coarsest), ("cheapest", cheapest):
+        estimate, low, high = (lost[cell][name] for name in ("estimate", "low", "high"))
+        print(f"{words}: {cell}, lost {estimate:.2f} ({low:.2f} to {high:.2f}), {times[cell]:g} ms")
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
