@@ -28,7 +28,9 @@ from .mjcf_model import CompiledModel
 READ: Final = ("qpos", "qvel", "act", "ctrl", "qfrc_applied", "xfrc_applied", "qacc_warmstart")
 """What an engine takes from MuJoCo's data before a step."""
 
-WRITTEN: Final = ("qpos", "qvel", "act", "qacc", "qacc_warmstart", "qfrc_actuator")
+WRITTEN: Final = (
+    "qpos", "qvel", "act", "qacc", "qacc_warmstart", "qfrc_actuator", "qfrc_constraint"
+)  # fmt: skip
 """What it puts there after it, with the time and the iterations of its solver."""
 
 CONTACTS: Final = 64

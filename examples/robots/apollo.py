@@ -12,6 +12,7 @@ class Apollo(Humanoid):
     """32 joints; its gait is faster the more it is commanded."""
 
     keyframe = "knees_bent"
+    still = 0.01
     commands = {"v_x": (-1.5, 1.5), "v_y": (-0.8, 0.8), "yaw_rate": (-1.5, 1.5)}
 
     def frequency(self, command):

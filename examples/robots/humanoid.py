@@ -17,7 +17,7 @@ class Humanoid(MjcfTestbed):
     largest_error = 0.7  # of m/s, m/s and rad/s
     velocimeter, gyro, unit = "local_linvel", "gyro", "imu"
     scale = 0.5
-    unseen = 0
+    unseen, still = 0, 0.0  # joints; the command below which the clock stands
 
     def model(self, folder):
         return Path(folder) / "scene_mjx_feetonly_flat_terrain.xml"
@@ -36,10 +36,10 @@ class Humanoid(MjcfTestbed):
         angles[..., : self.unseen] = speeds[..., : self.unseen] = 0.0
         turn = 2.0 * np.pi * self.frequency(command) * memory.time
         phases = np.stack([turn, turn + np.pi], axis=-1)
+        phases[np.sqrt(np.vecdot(command, command)) < self.still] = np.pi
         body = [robot.sensor(self.velocimeter), robot.sensor(self.gyro), robot.gravity(self.unit)]
         joints = [angles, speeds, memory.last_action]
-        clock = [np.cos(phases), np.sin(phases)]
-        return np.concatenate([*body, command, *joints, *clock], axis=-1)
+        return np.concatenate([*body, command, *joints, np.cos(phases), np.sin(phases)], axis=-1)
 
     def act(self, action, robot):
         return robot.key_ctrl + self.scale * action

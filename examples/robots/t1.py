@@ -11,4 +11,4 @@ class T1(Humanoid):
 
     keyframe = "home"
     scale = 1.0
-    unseen = 2
+    unseen, still = 2, 0.01
