@@ -475,18 +475,24 @@ def is_small(lost: Estimate) -> bool:
 
 
 def _exception(panel: Panel, finding: Finding, row: Row) -> str:
-    """Where most is lost on another discretization, as the end of a sentence; mostly empty."""
+    """Where most is lost on another discretization, as the end of a sentence; mostly empty.
+
+    Where none is lost there, other settings of the solver are looked at.
+    """
     best = finding.at_home if finding.measure == "success" else _lead(panel, row)
+    least = max(0.5 * (best or 0.0), FAIL_MARGIN if finding.measure == "success" else 0.0)
     columns = {cell.name for cell in panel.columns if cell.achievability not in UNSOLVABLE}
-    found = []
-    for one in panel.paired:
-        own, p = one.difference(finding.measure) or (Estimate(0.0), 1.0)
-        if one.row == row.name and one.cell in columns - {finding.cell} and p < ALPHA:
-            found.append((own.estimate, one.cell))
-    lost, cell = max(found, default=(0.0, ""))
-    if lost <= max(0.5 * (best or 0.0), FAIL_MARGIN if finding.measure == "success" else 0.0):
-        return ""
-    return f"; but on {panel.in_words(cell)} it loses {fixed(lost, finding.digits)}"
+    solvers = {cell.name for cell in panel.cells if cell.environment.keys() == {"solver"}}
+    for names in (columns - {finding.cell}, solvers):
+        found = []
+        for one in panel.paired:
+            own, p = one.difference(finding.measure) or (Estimate(0.0), 1.0)
+            if one.row == row.name and one.cell in names and p < ALPHA:
+                found.append((own.estimate, one.cell))
+        lost, cell = max(found, default=(0.0, ""))
+        if lost > least:
+            return f"; but on {panel.in_words(cell)} it loses {fixed(lost, finding.digits)}"
+    return ""
 
 
 def _end_closed(panel: Panel, finding: Finding) -> str:
@@ -600,34 +606,53 @@ def _split(loss: Entry | Verdict | None) -> str:
 
 def _comparison_lines(panel: Panel, finding: Finding, row: Row) -> Iterator[str]:
     """Every other discretization, then every variation, beside home or the truth."""
-    columns = {cell.name for cell in panel.columns if cell.achievability not in UNSOLVABLE}
-    own = [one for one in panel.paired if one.row == row.name and one.difference(finding.measure)]
-    others = [one for one in own if one.cell in columns and one.cell != finding.cell]
-    varied = [one for one in own if panel.cell(one.cell).kind == "varied"]
-    for noun, found in (("other discretization", others), ("variation", varied)):
+    for noun, found in _comparisons(panel, finding, row).items():
         if found:
             yield _tally(panel, finding, row, noun, found)
+
+
+def _comparisons(panel: Panel, finding: Finding, row: Row) -> dict[str, list[PairedEpisodes]]:
+    """Other discretizations than the finding's, and variations, each beside home or the truth."""
+    columns = {cell.name for cell in panel.columns if cell.achievability not in UNSOLVABLE}
+    own = [one for one in panel.paired if one.row == row.name and one.difference(finding.measure)]
+    return {
+        "other discretization": [x for x in own if x.cell in columns and x.cell != finding.cell],
+        "variation": [x for x in own if panel.cell(x.cell).kind == "varied"],
+    }
+
+
+def _status(panel: Panel, finding: Finding, row: Row, one: PairedEpisodes) -> tuple[Cause, float]:
+    """What a comparison says, and the size of its difference; 0 where that is within the margin."""
+    margin = _margin(panel, row, finding.measure)
+    lost, p = one.difference(finding.measure) or (Estimate(0.0), 1.0)
+    size = abs(lost.estimate)
+    return cause_of(lost, shown=p < ALPHA, margin=margin), size if size > margin else 0.0
 
 
 def _tally(
     panel: Panel, finding: Finding, row: Row, noun: str, found: Sequence[PairedEpisodes]
 ) -> str:
-    margin, counts = _margin(panel, row, finding.measure), Counter[str]()
-    changed: list[tuple[float, str]] = []
+    counts = Counter[str]()
+    changed, seeming = list[tuple[float, str]](), list[tuple[float, str]]()
     for one in found:
-        lost, p = one.difference(finding.measure) or (Estimate(0.0), 1.0)
-        status = cause_of(lost, shown=p < ALPHA, margin=margin)
+        status, size = _status(panel, finding, row, one)
         counts[status] += 1
+        lost, _ = one.difference(finding.measure) or (Estimate(0.0), 1.0)
+        words = f"{panel.in_words(one.cell)} {finding.lost_words(lost)}"
         if status in ("cause", "gained"):
-            words = f"{panel.in_words(one.cell)} {finding.lost_words(lost)}"
             changed.append((abs(lost.estimate), words))
+        elif status == "undecided" and size:
+            seeming.append((size, words))
     kinds = {"cause": "lower", "gained": "higher", "undecided": "undecided"}
     kinds["not_cause"] = f"practically equal ({_margin_words(finding)})"
     parts = [f"{counts[status]} {words}" for status, words in kinds.items() if counts[status]]
     against = "home" if found[0].against == "home" else f"the {found[0].against}"
     text = f"{plural(len(found), noun)} against {against}: {', '.join(parts)}."
-    shown = [words for _, words in sorted(changed, reverse=True)[:_MOST_NAMES]]
-    return text + (f" Largest: {'; '.join(shown)}." if shown else "")
+    for title, named in (("Largest", changed), ("Undecided, and not small", seeming)):
+        if named:
+            shown = [words for _, words in sorted(named, reverse=True)[:_MOST_NAMES]]
+            text += f" {title}: {'; '.join(shown)}."
+    return text
 
 
 def _returns(panel: Panel, finding: Finding, row: Row) -> str:
@@ -1048,7 +1073,12 @@ def _next_of_given(panel: Panel, finding: Finding) -> NextStep | None:
         count = len(panel.looks)
         known = f"; this was look {count}, and all of them count there too" if count > 1 else ""
         return NextStep(f"Say what it was trained on{known}", again)
-    if finding.status == "undecided":
+    compared = [one for found in _comparisons(panel, finding, row).values() for one in found]
+    seeming = ("undecided", True) in [
+        (status, size > 0.0)
+        for status, size in (_status(panel, finding, row, one) for one in compared)
+    ]
+    if finding.status == "undecided" or (finding.status == "not_cause" and seeming):
         more = 4 * _starts(panel, row)
         return NextStep("Try more starts", _again(panel, "--episodes", more))
     if (

@@ -1,6 +1,7 @@
 """The answer's first line says home, truth, loss and cause; the rest and what to do follow."""
 
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any
 
 import msgspec
@@ -37,6 +38,7 @@ def judged(
     truth: bool = True,
     starts: int = 50,
     command: str = "integ-gym evaluate mine.zip --env IntegPendulum-v0 --out runs/mine",
+    changed: Mapping[str, Any] = MappingProxyType({"mass": 1.2}),
     tried: Tried = SOLVED,
 ) -> Panel:
     """An evaluation of one policy; what is not given is as at home.
@@ -49,7 +51,7 @@ def judged(
         HOME,
         "varied",
         name=f"{HOME.name}, {HEAVY}",
-        environment={"mass": 1.2},
+        environment=dict(changed),
         variation=HEAVY,
         at=HOME.name,
     )
@@ -117,6 +119,20 @@ def test_what_is_found_of_home_and_truth(
         assert next_step(panel) is None
 
 
+@pytest.mark.parametrize(("starts", "decided"), [(4, False), (40, True)])
+def test_a_variation_that_seems_to_lose_much_is_named_and_asks_for_more_starts(
+    starts: int, decided: bool
+) -> None:
+    varied = f"{HOME.name}, {HEAVY}"
+    panel = judged({HOME.name: 1.0}, {varied: -100.0}, truth=False, starts=starts)
+    found = finding_of(panel)
+    assert found is not None
+    assert found.status == "not_cause"
+    assert f"{'Largest' if decided else 'Undecided, and not small'}: {varied} lost" in panel.answer
+    step = next_step(panel)
+    assert (step is not None and "more starts" in step.purpose) == (not decided)
+
+
 def test_the_next_command_checks_the_step_or_asks_for_what_is_missing() -> None:
     """Half the step where success is lost; the same with other seeds where none is."""
     for there, dt in ((0.4, "0.025"), (1.0, "0.05")):
@@ -152,3 +168,5 @@ def test_what_loses_most_elsewhere_stands_behind_a_clean_answer() -> None:
     heavy = f"{HOME.name}, {HEAVY}"
     for other in ({RK4.name: 0.7}, {heavy: 0.0}):
         assert judged({**clean, RK4.name: 1.0, **other}).headline.endswith("dt is not the cause.")
+    solver = judged({**clean, RK4.name: 1.0, heavy: 0.0}, changed={"solver": {"iterations": 1}})
+    assert solver.headline.endswith(f"but on {heavy} it loses 1.00.")
