@@ -54,7 +54,7 @@ def suggestion(name: str, choices: Iterable[str]) -> str:
     lower = {choice.lower(): choice for choice in known}
     close = difflib.get_close_matches(name.lower(), lower, n=1)
     guess = f"Did you mean {lower[close[0]]!r}? " if close else ""
-    return f"{guess}Valid choices: {', '.join(known)}"
+    return f"{guess}Valid choices: {', '.join(known) or 'none, there are no names'}"
 
 
 def is_number(value: Any) -> bool:

@@ -716,10 +716,11 @@ class CalledPolicy:
         discrete = isinstance(self.action_space, spaces.Discrete)
         size = 1 if discrete else int(np.prod(self.action_space.shape or ()))
         if given.size != count * size or given.dtype.kind not in "biuf":
+            shape = "" if discrete else f" of shape {self.action_space.shape}"
             raise InputError(
                 f"policy {self.policy_id!r} gave an array of shape {given.shape} and type "
                 f"{given.dtype} for {count} observations, where {count} actions of "
-                f"{self.action_space} were expected; give one action for one observation"
+                f"{self.action_space} were expected; give one action{shape} for one observation"
             )
         if not discrete:
             return given.reshape(count, size).astype(np.float32)

@@ -63,6 +63,10 @@ class Acting:
         """Take an action and remember it; the controls of the actuators."""
         testbed, robot, memory = self.testbed, self.robot, self.memory
         low, high = self.bounds
+        if np.shape(action)[-1:] != low.shape:
+            raise InputError(
+                f"an action of {testbed.title} has shape {low.shape}, got {np.shape(action)}"
+            )
         taken = read_only(np.minimum(np.maximum(np.asarray(action, np.float64), low), high))
         control = np.array(testbed.act(taken, robot), dtype=np.float64)  # may act much later
         wanted = (*taken.shape[:-1], robot.model.nu)
@@ -169,7 +173,12 @@ class MjcfTask(Acting, MujocoEnv):
     def _begin(self, rng: np.random.Generator) -> None:
         testbed, robot = self.testbed, self.robot
         robot.to_keyframe()
-        testbed.start(robot, rng)
+        start: Any = testbed.start
+        if start(robot, rng) is not None:
+            raise InputError(
+                f"`start` of {testbed.title} must change `robot.data` in place, as in "
+                "`robot.data.qvel[:] = …`, and return nothing"
+            )
         self.command = read_only(np.asarray(testbed.draw_command(rng), dtype=np.float64))
         self.memory = Memory(last_action=read_only(np.zeros(self.action_space.shape)), time=0.0)
         self.decisions, self.squares = 0, 0.0

@@ -1,6 +1,9 @@
 """Testbeds of robots' models: their episodes are those of a plain loop of MuJoCo's."""
 
 import importlib
+import os
+import subprocess
+import sys
 import warnings
 
 import gymnasium as gym
@@ -212,6 +215,9 @@ def changed(**members):
         ({"observe": lambda self, robot, memory, command: robot.sensor("gyr")}, "gyro"),
         ({"observe": lambda self, robot, memory, command: robot.gravity("im")}, "imu"),
         ({"act": lambda self, action, robot: action[:2]}, "act"),
+        ({"actions": 4}, r"shape \(4,\), got \(3,\)"),
+        ({"start": lambda self, robot, rng: robot.data.qpos}, "in place"),
+        ({"observe": lambda self, robot, memory, command: robot.sensor("")}, "gyro"),
         ({"measure": lambda self, robot: [1.0]}, "measure"),
         ({"control_period": 0.012}, "control_period"),
         ({"duration": -1.0}, "duration"),
@@ -285,6 +291,29 @@ def test_it_is_an_environment_of_gymnasium():
     vector.close()
     again = testbed.environment().reset(seed=0)[0]
     assert (seen[0] == again).all()
+
+
+DRAWING = f"""
+from integ_gym.envs.testbeds.making import find_testbed
+from integ_gym.support.errors import SetupError
+
+env = find_testbed({MONOPED!r}, {{}}).environment(render_mode="rgb_array")
+env.reset(seed=0)
+try:
+    frame = env.render()
+    print(frame.shape, frame.dtype, frame.std() > 1.0)
+except SetupError as error:
+    print(error)
+"""
+
+
+@pytest.mark.parametrize("interface", ["egl", "glfw"])
+def test_it_is_drawn_where_a_context_can_be_had_else_told_what_to_set(interface):
+    surroundings = {**os.environ, "MUJOCO_GL": interface, "PYTHONPATH": str(ROOT)}
+    surroundings.pop("DISPLAY", None)
+    command = [sys.executable, "-c", DRAWING]
+    drawn = subprocess.run(command, env=surroundings, capture_output=True, text=True, check=True)
+    assert drawn.stdout.startswith(("(480, 480, 3) uint8 True", "MuJoCo has no OpenGL context"))
 
 
 def test_who_stands_presses_with_the_weight_and_does_not_slip():
@@ -571,3 +600,7 @@ def test_a_published_robot_sees_what_its_policy_takes(module):
         assert observation[-4:] == pytest.approx(
             [np.cos(turn), -np.cos(turn), np.sin(turn), -np.sin(turn)]
         )
+        members["draw_command"] = lambda self, rng: np.zeros(3)
+        stopped, _ = type(name, (kind,), members)().environment().reset(seed=1)
+        cosines = [-1.0, -1.0] if name in ("T1", "Apollo") else [1.0, -1.0]
+        assert stopped[-4:] == pytest.approx([*cosines, 0.0, 0.0])

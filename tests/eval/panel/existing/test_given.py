@@ -95,7 +95,10 @@ def _broken(observation):
         (_broken, "raised KeyError: 'weights'; give a function from one observation"),
         (os.getcwd, r"policy '\w+' raised TypeError: .*; give a function from one observation"),
         (lambda observation: [0.0, 1.0], "where 34 actions|where 136 actions"),
-        (lambda observation: ["left"], "were expected; give one action for one observation"),
+        (
+            lambda observation: ["left"],
+            r"expected; give one action of shape \(1,\) for one observation",
+        ),
         ("no_such_module:f", "cannot load policy 'no_such_module:f': ModuleNotFoundError"),
     ],
 )
