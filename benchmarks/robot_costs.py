@@ -1,10 +1,10 @@
-"""Settings in which a published robot loses nothing: which is the coarsest, and which the cheapest?
+"""Settings in which a published robot loses little: the coarsest and the cheapest.
 
 ``python benchmarks/robot_plain.py go1 DIR RUN 4 | python benchmarks/robot_costs.py RUN``; of what
 several such loops print, one after the other, the least time of a setting is taken. A setting is
-safe where at most a tenth of the episodes that succeed at home are lost: the upper end of the 95 %
-interval of the panel, paired by starts. Settings are integrator, step and solver; processor time is
-that of the loop of MuJoCo and onnxruntime, for 10 s of motion.
+safe where success is at most 0.1 lower than at home, by the upper end of the panel's 95 % interval,
+paired by starts. Settings are integrator, step and solver; processor time is that of the loop of
+MuJoCo and onnxruntime, for 10 s of motion.
 """
 
 import json
@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 
 MOST = 0.1
-"""Loss that is safe, in share of success."""
+"""Loss of success that is safe."""
 
 
 def main(run):

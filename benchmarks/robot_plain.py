@@ -38,6 +38,7 @@ def plain_episode(name, model, session, qpos, qvel, command, period=0.02, late=0
         angles, speeds = data.qpos[7:] - key.qpos[7:], data.qvel[6:].copy()
         angles[:hidden] = speeds[:hidden] = 0.0
         phases = 2.0 * np.pi * rate * (decision * period) + np.array([0.0, np.pi])
+        phases += (name in ("t1", "apollo") and np.linalg.norm(command) < 0.01) * (np.pi - phases)
         joints, clock = [angles, speeds, action], [np.cos(phases), np.sin(phases)]
         further = [*joints, command] if name == "go1" else [command, *joints, *clock]
         error = np.sum((np.append(velocity[:2], spin[2]) - command) ** 2)
@@ -57,9 +58,8 @@ def plain_episode(name, model, session, qpos, qvel, command, period=0.02, late=0
                 looks.append(look(decision + 1, action))
         states.append(np.concatenate([data.qpos, data.qvel]))
         seen.append(looks[0][0])
-        _, stands, square = looks[-1]
-        squares += square
-        if not stands:
+        squares += looks[-1][2]
+        if not (stands := looks[-1][1]):
             break
     return states, stands, np.sqrt(squares / len(states))
 

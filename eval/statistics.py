@@ -738,7 +738,7 @@ def iqm_interval(values: npt.ArrayLike, level: float = LEVEL) -> Estimate | None
 
 
 def _bootstrap_iqm(array: Floats) -> Floats:
-    """Interquartile means of resampled seeds, shape (draws,), for array (seeds, episodes)."""
+    """Interquartile means of resampled seeds, shape (BOOTSTRAP_DRAWS,), for (seeds, episodes)."""
     stats = load("scipy.stats", "report")
     ordered = array[np.lexsort(array.T[::-1])]
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from glob import escape
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -298,8 +298,9 @@ def merge(sources: Sequence[EvidenceStore], target: EvidenceStore) -> Merged:
             raise EvidenceError(
                 f"{store.directory} is damaged: {problems[0]}; mend it before it is merged"
             )
-    taken = set(_hashes([target]))
-    added = len(_hashes([target, *sources])) - len(taken)
+    held = _hashes([target])
+    taken = set(held)
+    added = len(_hashes(sources, held)) - len(taken)
     doubled = sum(store.count() for store in sources) - added
     for store in sources:
         for file in store.files():
@@ -310,13 +311,15 @@ def merge(sources: Sequence[EvidenceStore], target: EvidenceStore) -> Merged:
     return Merged(added, doubled)
 
 
-def _hashes(stores: Sequence[EvidenceStore]) -> dict[str, str]:
-    """Content hash of all records, by record id.
+def _hashes(
+    stores: Sequence[EvidenceStore], held: Mapping[str, str] | None = None
+) -> dict[str, str]:
+    """Content hash of all records, and of those that are held, by record id.
 
     Raises:
         EvidenceError: if two records of one id differ.
     """
-    known: dict[str, str] = {}
+    known = dict(held or {})
     for store in stores:
         if not store.files():
             continue

@@ -1,4 +1,4 @@
-"""The planar double pendulum: the acrobot, driven at its second joint, and two-joint arms."""
+"""The planar double pendulum: the acrobot, driven at its second joint, and the reacher's arm."""
 
 from __future__ import annotations
 

@@ -65,7 +65,7 @@ class Acting:
         low, high = self.bounds
         if np.shape(action)[-1:] != low.shape:
             raise InputError(
-                f"an action of {testbed.title} has shape {low.shape}, got {np.shape(action)}"
+                f"an action of {testbed.title} must have shape {low.shape}, got {np.shape(action)}"
             )
         taken = read_only(np.minimum(np.maximum(np.asarray(action, np.float64), low), high))
         control = np.array(testbed.act(taken, robot), dtype=np.float64)  # may act much later

@@ -34,7 +34,8 @@ class Served:
         """A lane; the first makes the environment, which the others have to share.
 
         Args:
-            asked: see :func:`_environment`.
+            asked: task, integrator, step, control period and arguments, as :func:`_environment`
+                takes them.
         """
         if not self._lanes:
             self._env, self._shared = _environment(**asked), asked

@@ -147,7 +147,7 @@ def try_and_note(spec: PanelSpec, directory: RunDirectory, cell: Cell) -> None:
 
 def read_tried(marker: Mapping[str, Any]) -> Tried:
     """What a unit's marker says was tried."""
-    return msgspec.convert(marker, Tried)
+    return msgspec.convert({name: marker[name] for name in Tried.__struct_fields__}, Tried)
 
 
 def _together(parts: Sequence[Tried]) -> Tried:

@@ -477,12 +477,13 @@ def is_small(lost: Estimate) -> bool:
 def _exception(panel: Panel, finding: Finding, row: Row) -> str:
     """Where most is lost on another discretization, as the end of a sentence; mostly empty.
 
-    Where none is lost there, other settings of the solver are looked at.
+    Where no such loss is large, settings of the solver are looked at.
     """
     best = finding.at_home if finding.measure == "success" else _lead(panel, row)
     least = max(0.5 * (best or 0.0), FAIL_MARGIN if finding.measure == "success" else 0.0)
     columns = {cell.name for cell in panel.columns if cell.achievability not in UNSOLVABLE}
-    solvers = {cell.name for cell in panel.cells if cell.environment.keys() == {"solver"}}
+    varied = [cell for cell in panel.cells if cell.kind == "varied"]
+    solvers = {cell.name for cell in varied if cell.environment.keys() == {"solver"}}
     for names in (columns - {finding.cell}, solvers):
         found = []
         for one in panel.paired:

@@ -35,7 +35,7 @@ def find_differences(
         place: of both, keys joined by dots.
         said: as it was read.
         expected: the same, computed.
-        tolerance: of numbers, relative; :data:`ROUNDING` is also absolute.
+        tolerance: of numbers, relative; where it is :data:`ROUNDING`, absolute as well.
     """
     if isinstance(said, Mapping) and isinstance(expected, Mapping):
         for key in {**said, **expected}:
