@@ -12,7 +12,8 @@ from house import ROOT, page_blocks
 
 ELSEWHERE = (
     "explanation/census.md", "explanation/verification.md", "how-to/adding.md",
-    "how-to/judge.md", "how-to/testbeds.md", "reference/environments.md", "reference/evidence.md",
+    "how-to/judge.md", "how-to/own_robot.md", "how-to/testbeds.md", "reference/environments.md",
+    "reference/evidence.md",
 )  # fmt: skip
 COMPILED = {
     "how-to/check.md": "trains twelve policies; tests/eval/test_check.py trains two",

@@ -473,7 +473,7 @@ def test_a_success_follows_its_command(mode, monkeypatch):
 
 
 def test_the_example_of_the_page_takes_a_file(tmp_path, monkeypatch):
-    (block,) = [one for one in page_blocks("docs/how-to/testbeds.md", "python") if "Mjcf" in one]
+    (block,) = [one for one in page_blocks("docs/how-to/own_robot.md", "python") if "Mjcf" in one]
     (tmp_path / "my_robot.py").write_text(block, encoding="utf-8")
     (tmp_path / "scene.xml").write_text(
         MODEL.format(contact=HIDDEN, inertial=HEAVY, from_geoms="auto"), encoding="utf-8"
