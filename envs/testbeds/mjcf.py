@@ -258,7 +258,7 @@ class MjcfTestbed(MujocoTestbed):
         except TypeError as error:
             raise InputError(
                 f"{self.title} is made with the arguments of its `model`"
-                f"{signature(self.model)}: {error}"
+                f"{signature(self.model)}: {error}; a command states them by --env-arg NAME=VALUE"
             ) from error
         return compile_model(self.model(**own))
 
