@@ -14,6 +14,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from itertools import chain
 from typing import Final, Literal, TypeAlias
 
 from integ_gym.envs.environment import is_integ_environment
@@ -484,13 +485,13 @@ def _exception(panel: Panel, finding: Finding, row: Row) -> str:
     columns = {cell.name for cell in panel.columns if cell.achievability not in UNSOLVABLE}
     varied = [cell for cell in panel.cells if cell.kind == "varied"]
     solvers = {cell.name for cell in varied if cell.environment.keys() == {"solver"}}
+    found = []
+    for one in panel.paired:
+        own, p = one.difference(finding.measure) or (Estimate(0.0), 1.0)
+        if one.row == row.name and p < ALPHA:
+            found.append((own.estimate, one.cell))
     for names in (columns - {finding.cell}, solvers):
-        found = []
-        for one in panel.paired:
-            own, p = one.difference(finding.measure) or (Estimate(0.0), 1.0)
-            if one.row == row.name and one.cell in names and p < ALPHA:
-                found.append((own.estimate, one.cell))
-        lost, cell = max(found, default=(0.0, ""))
+        lost, cell = max((one for one in found if one[1] in names), default=(0.0, ""))
         if lost > least:
             return f"; but on {panel.in_words(cell)} it loses {fixed(lost, finding.digits)}"
     return ""
@@ -622,36 +623,35 @@ def _comparisons(panel: Panel, finding: Finding, row: Row) -> dict[str, list[Pai
     }
 
 
-def _status(panel: Panel, finding: Finding, row: Row, one: PairedEpisodes) -> tuple[Cause, float]:
-    """What a comparison says, and the size of its difference; 0 where that is within the margin."""
+def _judge(
+    panel: Panel, finding: Finding, row: Row, one: PairedEpisodes
+) -> tuple[Cause, Estimate, bool]:
+    """What a comparison says, of what loss, and whether more starts may show that it is large."""
     margin = _margin(panel, row, finding.measure)
     lost, p = one.difference(finding.measure) or (Estimate(0.0), 1.0)
-    size = abs(lost.estimate)
-    return cause_of(lost, shown=p < ALPHA, margin=margin), size if size > margin else 0.0
+    status = cause_of(lost, shown=p < ALPHA, margin=margin)
+    return status, lost, status == "undecided" and abs(lost.estimate) > margin
 
 
 def _tally(
     panel: Panel, finding: Finding, row: Row, noun: str, found: Sequence[PairedEpisodes]
 ) -> str:
-    counts = Counter[str]()
-    changed, seeming = list[tuple[float, str]](), list[tuple[float, str]]()
-    for one in found:
-        status, size = _status(panel, finding, row, one)
-        counts[status] += 1
-        lost, _ = one.difference(finding.measure) or (Estimate(0.0), 1.0)
-        words = f"{panel.in_words(one.cell)} {finding.lost_words(lost)}"
-        if status in ("cause", "gained"):
-            changed.append((abs(lost.estimate), words))
-        elif status == "undecided" and size:
-            seeming.append((size, words))
+    judged = [(*_judge(panel, finding, row, one), one.cell) for one in found]
+    counts = Counter[str](status for status, *_ in judged)
     kinds = {"cause": "lower", "gained": "higher", "undecided": "undecided"}
     kinds["not_cause"] = f"practically equal ({_margin_words(finding)})"
     parts = [f"{counts[status]} {words}" for status, words in kinds.items() if counts[status]]
     against = "home" if found[0].against == "home" else f"the {found[0].against}"
     text = f"{plural(len(found), noun)} against {against}: {', '.join(parts)}."
+    changed = [(lost, cell) for status, lost, _, cell in judged if status in ("cause", "gained")]
+    seeming = [(lost, cell) for _, lost, is_open, cell in judged if is_open]
     for title, named in (("Largest", changed), ("Undecided, and not small", seeming)):
-        if named:
-            shown = [words for _, words in sorted(named, reverse=True)[:_MOST_NAMES]]
+        words = [
+            (abs(lost.estimate), f"{panel.in_words(cell)} {finding.lost_words(lost)}")
+            for lost, cell in named
+        ]
+        if words:
+            shown = [one for _, one in sorted(words, reverse=True)[:_MOST_NAMES]]
             text += f" {title}: {'; '.join(shown)}."
     return text
 
@@ -1074,11 +1074,8 @@ def _next_of_given(panel: Panel, finding: Finding) -> NextStep | None:
         count = len(panel.looks)
         known = f"; this was look {count}, and all of them count there too" if count > 1 else ""
         return NextStep(f"Say what it was trained on{known}", again)
-    compared = [one for found in _comparisons(panel, finding, row).values() for one in found]
-    seeming = ("undecided", True) in [
-        (status, size > 0.0)
-        for status, size in (_status(panel, finding, row, one) for one in compared)
-    ]
+    compared = chain.from_iterable(_comparisons(panel, finding, row).values())
+    seeming = any(is_open for *_, is_open in (_judge(panel, finding, row, x) for x in compared))
     if finding.status == "undecided" or (finding.status == "not_cause" and seeming):
         more = 4 * _starts(panel, row)
         return NextStep("Try more starts", _again(panel, "--episodes", more))
