@@ -4,13 +4,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from integ_gym.evidence.schema import Finding
 
-ROUNDING: Final = 1e-6
-"""By how much numbers that are computed again may differ, relative to the larger of 1 and
-themselves: other processors and versions add up in another order."""
+
+class Tolerance(NamedTuple):
+    """By how much numbers may differ: relative to the larger one, or by this much."""
+
+    rel_tol: float
+    abs_tol: float = 0.0
+
+
+EXACT: Final = Tolerance(1e-12)
+"""Of numbers that are written and read again."""
+
+ROUNDING: Final = Tolerance(1e-6, 1e-6)
+"""Of numbers that are computed again: other processors and versions add up in another order."""
 
 _NAMES: Final = ("name", "row", "a", "b", "cell", "policy", "episode_index")
 """Keys that tell an entry of a list."""
@@ -27,7 +37,7 @@ _NOTHING: Final = _Nothing()
 
 
 def find_differences(
-    place: str, said: Any, expected: Any, tolerance: float = 1e-12
+    place: str, said: Any, expected: Any, tolerance: Tolerance = EXACT
 ) -> Iterator[tuple[str, Any, Any]]:
     """Places at which plain data differ, with what is there and what should be.
 
@@ -35,7 +45,7 @@ def find_differences(
         place: of both, keys joined by dots.
         said: as it was read.
         expected: the same, computed.
-        tolerance: of numbers, relative; where it is :data:`ROUNDING`, absolute as well.
+        tolerance: of numbers.
     """
     if isinstance(said, Mapping) and isinstance(expected, Mapping):
         for key in {**said, **expected}:
@@ -54,13 +64,12 @@ def find_differences(
         yield place, said, expected
 
 
-def _is_same(said: Any, expected: Any, tolerance: float) -> bool:
+def _is_same(said: Any, expected: Any, tolerance: Tolerance) -> bool:
     if isinstance(said, bool) or isinstance(expected, bool):
         return said is expected
     numbers = isinstance(said, float | int) and isinstance(expected, float | int)
     if numbers and float in (type(said), type(expected)):
-        least = ROUNDING if tolerance == ROUNDING else 0.0
-        return math.isclose(said, expected, rel_tol=tolerance, abs_tol=least)
+        return math.isclose(said, expected, **tolerance._asdict())
     return bool(said == expected)
 
 
@@ -72,7 +81,7 @@ def deny(
     expected: Any,
     how: str = "planned",
     where: str = "",
-    tolerance: float = 1e-12,
+    tolerance: Tolerance = EXACT,
 ) -> Iterator[Finding]:
     """What is recorded otherwise than it is `planned`, or `comes out`, place by place.
 

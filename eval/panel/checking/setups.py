@@ -32,7 +32,7 @@ from ..run_directory import PACKAGES as OF_EVERY_RUN
 from ..run_directory import RunDirectory, key_of
 from ..spec import TRAINERS, PanelSpec
 from ..units import Unit, training_config, units_of
-from .comparing import deny, find_differences
+from .comparing import Tolerance, deny, find_differences
 
 _SETUPS = """
 SELECT policy_id, cell, env_id, engine, integrator, dt, control_period, perturbation, arguments,
@@ -90,8 +90,8 @@ SELECT policy_id, "return" AS returned, success FROM records WHERE phase = 'trai
 ORDER BY policy_id, episode_index
 """
 
-_SINGLE = 1e-5
-"""Relative: trainers average returns in 32 bits."""
+_SINGLE = Tolerance(1e-5)
+"""Trainers average returns in 32 bits."""
 
 
 @dataclass(frozen=True)
