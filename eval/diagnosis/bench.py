@@ -326,15 +326,7 @@ class OpenLoop(BoxTask):
         """The state in state order."""
         return join_state(q, v)
 
-    def reward(
-        self,
-        ops: Ops,
-        q: Components,
-        v: Components,
-        mean_squares: Components,
-        terminated: Component,
-        control_period: float,
-    ) -> Component:
+    def share(self, ops: Ops, q: Components, v: Components, squares: Components) -> Component:
         """Nothing."""
         return 0.0 * q[0]
 
