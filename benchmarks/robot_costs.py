@@ -22,14 +22,18 @@ def main(run):
         words, _, time = line.removesuffix(" ms\n").rpartition(" ")
         cell = words.rpartition(": ")[0]
         times[cell] = min(float(time), times.get(cell, float("inf")))
+    cells = {cell["name"]: cell for cell in panel["cells"] if cell["kind"] != "limit"}
     home = panel["rows"][0]["home"]
-    steps = {cell["name"]: cell["dt"] for cell in panel["cells"]}
+    period = cells[home]["control_period"]
+    alike = [
+        name
+        for name, cell in cells.items()
+        if cell["environment"].keys() <= {"solver"} and cell["control_period"] == period
+    ]
     lost = {one["cell"]: one["success"] for one in panel["paired"] if one["row"] == "policy"}
     lost[home] = dict.fromkeys(("estimate", "low", "high"), 0.0)
-    other = ("control=", "latency", "==", "tight")
-    tried = [cell for cell in times if cell in lost and not any(word in cell for word in other)]
-    safe = [cell for cell in tried if lost[cell]["high"] <= MOST]
-    coarsest = max(safe, key=lambda cell: (steps[cell], -times[cell]))
+    safe = [cell for cell in alike if cell in times and lost[cell]["high"] <= MOST]
+    coarsest = max(safe, key=lambda cell: (cells[cell]["dt"], -times[cell]))
     cheapest = min(safe, key=times.__getitem__)
     for words, cell in ("home", home), ("coarsest", coarsest), ("cheapest", cheapest):
         estimate, low, high = (lost[cell][name] for name in ("estimate", "low", "high"))
