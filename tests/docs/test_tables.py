@@ -102,14 +102,14 @@ def test_what_the_page_says_of_hidden_terms_is_in_the_rows(experiment, folder):
         assert (arm, home) != ("as got", "pybullet") or means[home] > 0.9
 
 
-def test_what_was_run_again_on_other_seeds_agrees_as_the_page_says():
-    folder = FOLDERS / "learned_engines"
-    script = ROOT / "benchmarks" / "tables" / "learned_engines.py"
+@pytest.mark.parametrize("name", ["learned_engines", "learned_periods"])
+def test_what_was_run_again_on_other_seeds_agrees_as_the_page_says(name):
+    folder, script = FOLDERS / name, ROOT / "benchmarks" / "tables" / f"{name}.py"
     command = [sys.executable, str(script), "--out", str(folder)]
     done = subprocess.run(
         [*command, "--against", str(folder / "again")], capture_output=True, text=True, check=True
     )
-    assert done.stdout.strip() in PAGES["learned_engines"].read_text(encoding="utf-8")
+    assert done.stdout.strip() in PAGES[name].read_text(encoding="utf-8")
     seeds = [
         {row["seed"] for row in pq.read_table(one / "rows.parquet").to_pylist()}
         for one in (folder, folder / "again")
