@@ -305,22 +305,27 @@ class Ledger:
         readings.keep(lane, taken, constrained)
         return taken == len(readings.steps)
 
-    def book(self, readings: Readings) -> Booked:
-        """What the steps that were read brought, arrays of one for each lane."""
-        q, v, force = readings["q"], readings["v"], readings["force"]
-        is_taken = np.arange(force.shape[1]) < readings.taken[:, None]
+    def book(self, readings: Readings, lanes: Any = slice(None)) -> Booked:
+        """What the steps that were read brought, arrays of one for each lane.
+
+        Args:
+            readings: of the lanes.
+            lanes: which of them.
+        """
+        q, v, force = (readings[name][lanes] for name in ("q", "v", "force"))
+        is_taken = np.arange(force.shape[1]) < readings.taken[lanes, None]
         moved = self._displacements(q, force)
         work = self._sums(np.vecdot(force, moved), is_taken)
         lost = np.full(len(work), math.nan)
         if self.accounted:
             lost = self._sums(np.vecdot(self._damping * v[:, 1:], moved), is_taken)
-        used = readings.used.max(axis=(1, 2)).astype(np.int64)
+        used = readings.used[lanes].max(axis=(1, 2)).astype(np.int64)
         worst = [
             # what is beyond in no timestep is 0.0, and not -0.0
-            0.0 + np.fmax.reduce(-values.min(axis=2), axis=1, initial=0.0)
-            for values in map(readings.__getitem__, _NEAREST)
+            0.0 + np.fmax.reduce(-readings[name][lanes].min(axis=2), axis=1, initial=0.0)
+            for name in _NEAREST
         ]
-        return Booked(work, lost, readings.constrained.copy(), used, *worst)
+        return Booked(work, lost, readings.constrained[lanes].copy(), used, *worst)
 
     def _displacements(self, q: Array, force: Array) -> Array:
         """Between timesteps, as `mj_differentiatePos` has them, where a force or damping acts."""

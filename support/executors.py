@@ -197,8 +197,9 @@ class TaskPool:
             if isinstance(error, BrokenExecutor):
                 lost = error
                 continue
-            del waiting[futures[future]]
-            yield futures[future], future
+            key = futures.pop(future)  # so that nothing is kept here of what it holds
+            del waiting[key]
+            yield key, future
         if lost is not None:
             raise lost
 

@@ -523,43 +523,50 @@ class PolicyStack:
 
     Attributes:
         count: of policies.
+        batched: as given.
     """
 
     def __init__(self, policies: Sequence[Policy], batched: bool = True) -> None:
         self.count, self.batched = len(policies), batched
-        self._together = batched or all(getattr(own, "any_batch", False) for own in policies)
         self._parts = [_part(policies, places) for places in _alike(policies)]
-        self._begun: dict[int, list[tuple[list[int], Callable[[Array], Array]]]] = {}
+        self._together = [
+            batched or all(getattr(policies[place], "any_batch", False) for place in places)
+            for places, _ in self._parts
+        ]
+        self._begun: dict[tuple[int, int], Callable[[Array], Array]] = {}
 
-    def act(self, observations: Array, lanes: Iterable[int] | None = None) -> NDArray[np.float64]:
+    def act(self, observations: Array, asked: Array | None = None) -> NDArray[np.float64]:
         """Actions of every policy.
 
         Args:
             observations: shape (policies, n, obs_dim), in the environment's units.
-            lanes: which ones they are of; None: the first n.
+            asked: which ones are to be acted on, shape (policies, n); None: all.
 
         Returns:
             Shape (policies, n, action_dim) for a `Box` action space, (policies, n) for a
-            `Discrete` one.
+            `Discrete` one; zeros where nothing was asked.
 
         Raises:
             ValueError: as `Policy.act` does.
         """
-        if self._together:
-            return self._act(np.ascontiguousarray(observations), 0)
-        order = enumerate(range(observations.shape[1]) if lanes is None else lanes)
-        alone = [self._act(observations[:, [place]], lane) for place, lane in order]
-        return np.concatenate(alone, axis=1)
-
-    def _act(self, observations: Array, lane: int) -> NDArray[np.float64]:
-        """Actions by what has begun with a lane, or with all."""
-        if lane not in self._begun:
-            self._begun[lane] = [(places, begin()) for places, begin in self._parts]
-        taken = [(places, act(observations[places])) for places, act in self._begun[lane]]
-        actions = np.empty((self.count, *taken[0][1].shape[1:]))
-        for places, values in taken:
-            actions[places] = values
+        lanes, taken = np.arange(observations.shape[1]), []
+        for part, (places, _) in enumerate(self._parts):
+            own = lanes if asked is None else np.flatnonzero(asked[places].any(axis=0))
+            groups = [own] if self._together[part] else [*own[:, None]]
+            for group in groups if own.size else ():
+                where = np.ix_(np.array(places), group)
+                first = 0 if self._together[part] else int(group[0])
+                taken.append((where, self._acting(part, first)(observations[where])))
+        actions = np.zeros((*observations.shape[:2], *taken[0][1].shape[2:]))
+        for where, values in taken:
+            actions[where] = values
         return actions
+
+    def _acting(self, part: int, lane: int) -> Callable[[Array], Array]:
+        """What has begun to act with a lane, or with all, for a part."""
+        if (part, lane) not in self._begun:
+            self._begun[part, lane] = self._parts[part][1]()
+        return self._begun[part, lane]
 
 
 def _alike(policies: Sequence[Policy]) -> Iterable[list[int]]:

@@ -348,7 +348,7 @@ class MjcfTestbed(MujocoTestbed):
     ) -> int:
         """Most starts of each policy that are evaluated at once: many, where they are together."""
         alone = discretization.engine != ENGINE or any(arguments.get(name) for name in DELAYS)
-        return max(1, TOGETHER // policies) if self.together and not alone else self.side_by_side
+        return max(1, (TOGETHER if self.together and not alone else self.side_by_side) // policies)
 
     def join(self, make: Any, lanes: int, autoreset_mode: Any) -> DiscretizedVectorEnv:
         """Robots that act together, where they can."""

@@ -278,10 +278,12 @@ class RobotLanes(SequentialVectorEnv):
             lane_data.keep(lane)
             self._looks[lane] = look(readings.contacts)
         self._diverged = np.where(live, readings.lost, self._diverged)
-        booked = ledger.book(readings)
-        if self._diverged.any():
-            booked = _select(self._diverged, ledger.put_back(booked), booked)
-        self._booked = booked if live.all() else _select(live, booked, self._booked)
+        booked, diverged = ledger.book(readings, lanes), self._diverged[lanes]
+        if diverged.any():
+            booked = _select(diverged, ledger.put_back(booked), booked)
+        self._booked = Booked(*(own.copy() for own in self._booked))
+        for own, new in zip(self._booked, booked, strict=True):
+            own[lanes] = new
         return energies[:, 0] + energies[:, 1]
 
     def _outcomes(self, live: Array, rewards: Array) -> dict[str, Array]:

@@ -170,6 +170,9 @@ Numbers = Callable[[int, int], int]
 LATENCY_SAMPLES = 200
 """Decisions at batch size 1 that the inference latency is taken from."""
 
+_LATENCIES: dict[str, tuple[float, float]] = {}
+"""What :func:`inference_latencies` has measured, by the policies' hashes."""
+
 
 def _has_own_packages(cell: Cell) -> bool:
     """Whether a cell has other package versions than this interpreter."""
@@ -338,18 +341,17 @@ def _schedule(subjects: Sequence[Subject]) -> list[tuple[Cell, list[int]]]:
     """Every cell without records, with the policies in it; those that label others come first."""
     cells = {cell.name: cell for subject in subjects for cell in subject.missing}
     names = [{cell.name for cell in subject.missing} for subject in subjects]
+    homes = {home for subject in subjects for home in subject.trained_on}
     return [
         (cell, [place for place, own in enumerate(names) if cell.name in own])
-        for cell in in_order(cells.values(), {d for s in subjects for d in s.trained_on})
+        for cell in sorted(cells.values(), key=lambda cell: depth(cell, homes))
     ]
 
 
-def in_order(cells: Iterable[Cell], homes: Collection[Discretization]) -> list[Cell]:
-    """Cells, those first that labels in others rest on."""
-    return sorted(
-        cells,
-        key=lambda c: (_has_own_packages(c), c.changes is not None, c.discretization not in homes),
-    )
+def depth(cell: Cell, homes: Collection[Discretization]) -> tuple[bool, int]:
+    """How late a cell comes: labels in it rest on cells of less depth; see :func:`_rests_on`."""
+    others = (cell.changes is not None) + (cell.discretization not in homes)
+    return _has_own_packages(cell), others
 
 
 def _record_episodes(
@@ -433,20 +435,15 @@ def _round(
 ) -> Flags:
     """One episode in each of some lanes, for each policy as many; whether it succeeds.
 
-    A policy that is asked about every observation alone is not asked about lanes that rest.
+    Where lanes are run one by one, nothing is asked about those that rest.
     """
     options = None if running.all() else {"reset_mask": running.copy()}
     observation, _ = environments.reset(seed=seeds, options=options)  # type: ignore[arg-type]
     success = np.zeros(len(seeds), dtype=bool)
     policies, shape = stack.count, environments.action_space.shape or ()
-    actions = np.zeros((policies, len(seeds) // policies, *shape[1:]))
     while running.any():
-        seen = observation.reshape(*actions.shape[:2], -1)
-        asked = stack.batched | running.reshape(policies, -1).any(axis=0)
-        if asked.all():
-            actions = stack.act(seen)
-        else:
-            actions[:, asked] = stack.act(seen[:, asked], np.flatnonzero(asked))
+        asked = None if stack.batched else running.reshape(policies, -1)
+        actions = stack.act(observation.reshape(policies, len(seeds) // policies, -1), asked)
         observation, _, terminated, truncated, info = environments.step(actions.reshape(shape))
         ended = running & (terminated | truncated)
         success[ended] = info["success"][ended]
@@ -517,15 +514,18 @@ def attempts(
 def inference_latencies(spec: PanelSpec, subjects: Sequence[Subject]) -> list[tuple[float, float]]:
     """Mean and 99th percentile of the time of one decision at batch size 1, ns, by policy.
 
-    Nothing where there is no cell.
+    A process measures each policy once. Nothing where there is no cell.
     """
     cell = next((cell for subject in subjects for cell in subject.missing), None)
     if cell is None:
         return []
-    environments = environments_of(spec.testbed, cell, 1)
-    observation, _ = environments.reset(seed=spec.start_seed(subjects[0].starts, 0))
-    environments.close()
-    return [inference_latency(subject.policy, observation) for subject in subjects]
+    policies = [subject.policy for subject in subjects]
+    if new := [policy for policy in policies if policy.content_hash not in _LATENCIES]:
+        environments = environments_of(spec.testbed, cell, 1)
+        observation, _ = environments.reset(seed=spec.start_seed(subjects[0].starts, 0))
+        environments.close()
+        _LATENCIES.update((own.content_hash, inference_latency(own, observation)) for own in new)
+    return [_LATENCIES[policy.content_hash] for policy in policies]
 
 
 def inference_latency(policy: Policy, observation: Array) -> tuple[float, float]:

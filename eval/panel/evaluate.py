@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -25,7 +25,7 @@ from .achieve import Tried, not_tried, tried, try_cells
 from .cells import Cell
 from .contracts import Contracts, compare_engines, contracts_in, not_compared
 from .costs import cell_seconds, cell_timing, trying_seconds
-from .episodes import Subject, divided, evaluate, in_order
+from .episodes import Subject, depth, divided, evaluate
 from .plan import inputs
 from .run_directory import RunDirectory, first_of, key_of, name_start
 from .spec import PanelSpec
@@ -38,8 +38,8 @@ LONGEST = 60.0
 """What a batch should take at most, s."""
 
 ROUND = 10.0
-"""What a policy's cells should take at most between two commits where lanes are run one by one, s:
-an episode of a robot takes 1 to 3 MB."""
+"""What a policy's cells should take at most between two commits where lanes are not all advanced at
+once, s: an episode of a robot takes 1 to 3 MB."""
 
 MEMORY = 1 << 30
 """What the episodes of a batch may take, bytes."""
@@ -48,6 +48,9 @@ COPIES = 8
 """How often a cell's rows are in memory: as they come, by episode, as a table, as a row group, and
 twice as many while those that failed have twice the time."""
 
+
+HANDED_OVER = 64
+"""Most episodes that a worker hands over at once."""
 
 ENOUGH = 4
 """Batches per worker that keep all workers busy to the end."""
@@ -151,17 +154,40 @@ FROM records WHERE phase = 'evaluation' AND episode_index < {1} GROUP BY ALL
 """
 
 
-def next_cells(spec: PanelSpec, subject: Subject) -> Subject:
-    """A subject with what is evaluated before the next commit: all cells, where that is quick."""
+def next_cells(spec: PanelSpec, subjects: Sequence[Subject]) -> list[Subject]:
+    """Subjects with the cells that come next: all, where lanes are advanced at once.
+
+    Else those whose labels rest on none that is missing, so that workers can share them.
+    """
     if spec.testbed.batched:
-        return subject
-    chosen: dict[str, float] = {}
-    for cell in in_order(subject.missing, subject.trained_on):
+        return [*subjects]
+    homes = {home for subject in subjects for home in subject.trained_on}
+    depths = [{cell.name: depth(cell, homes) for cell in own.missing} for own in subjects]
+    return [
+        subject.among(name for name, depth in own.items() if depth == min(own.values()))
+        for subject, own in zip(subjects, depths, strict=True)
+    ]
+
+
+def rounds_of(spec: PanelSpec, batch: Sequence[Subject]) -> list[tuple[Subject, ...]]:
+    """A batch with what is evaluated before each commit, the longest cells first."""
+    if spec.testbed.batched:
+        return [tuple(batch)]
+    rounds: list[list[str]] = []
+    left = 0.0
+    for cell in _longest_first(spec, batch):
         seconds = cell_seconds(spec, cell) * len(spec.latest) / spec.episodes
-        if chosen and sum(chosen.values()) + seconds > ROUND:
-            break
-        chosen[cell.name] = seconds
-    return subject.among(chosen)
+        if seconds > left:
+            rounds.append([])
+            left = ROUND
+        rounds[-1].append(cell.name)
+        left -= seconds
+    return [tuple(subject.among(names) for subject in batch) for names in rounds]
+
+
+def _longest_first(spec: PanelSpec, batch: Sequence[Subject]) -> list[Cell]:
+    cells = {cell.name: cell for subject in batch for cell in subject.missing}
+    return sorted(cells.values(), key=lambda cell: -cell_seconds(spec, cell))
 
 
 def batches_of(
@@ -180,8 +206,9 @@ def batches_of(
 def _batches(
     spec: PanelSpec, subjects: Sequence[Subject], workers: int
 ) -> list[tuple[Subject, ...]]:
-    fewest = math.ceil(len(subjects) / _batch_size(spec, subjects))
-    count = min(len(subjects), workers * math.ceil(fewest / workers))
+    count = math.ceil(len(subjects) / _batch_size(spec, subjects))
+    if spec.testbed.batched:
+        count = min(len(subjects), workers * math.ceil(count / workers))
     homes = [subject.home for subject in subjects]
     order = sorted(range(len(subjects)), key=lambda place: homes.index(homes[place]))
     return [tuple(subjects[place] for place in part) for part in np.array_split(order, count)]
@@ -225,8 +252,7 @@ def evaluate_all(
         try_cells(spec, directory, work)
         for part in spec.parts():
             while own := not_evaluated(part, directory, subjects):
-                parts = [next_cells(part, subject) for subject in own]
-                _evaluate_part(part, directory, parts, work, max(1, cluster.workers))
+                _evaluate_part(part, directory, next_cells(part, own), work, cluster.workers)
 
 
 def _evaluate_part(
@@ -237,26 +263,53 @@ def _evaluate_part(
     workers: int,
 ) -> None:
     """Evaluate subjects from the starts that came last, each batch finished by one commit."""
-    batches, can = batches_of(spec, waiting, workers), statuses(spec, directory)
-    contracts = contracts_in(directory)
-    if workers == 1 or spec.testbed.batched or len(batches) >= ENOUGH * workers:
-        units = {unit_of(spec, batch)[0]: (spec, batch, can, contracts) for batch in batches}
+    batches = batches_of(spec, waiting, max(1, workers))
+    rounds = [part for batch in batches for part in rounds_of(spec, batch)]
+    can, contracts = statuses(spec, directory), contracts_in(directory)
+    if workers < 2 or spec.testbed.batched or len(batches) >= ENOUGH * workers:
+        units = {unit_of(spec, batch)[0]: (spec, batch, can, contracts) for batch in rounds}
         work.commit("evaluating", evaluate_batch, units)
         return
+    tasks, rounds_by_task = tasks_of(spec, rounds, workers)
+    given = EvidenceStore(directory.evidence), can, None, contracts
+    found: dict[str, list[Any]] = {}
+    arguments = {name: (spec, *task, *given) for name, task in tasks.items()}
+    for name, tables in work.each("evaluating", _evaluate_whole, arguments):
+        found[name] = tables
+        own = [task for task, place in rounds_by_task.items() if place == rounds_by_task[name]]
+        if found.keys() >= {*own}:
+            played = (table for task in own for table in found.pop(task))
+            batch = rounds[rounds_by_task[name]]
+            evaluate_batch(spec, directory, batch, can, contracts, played)
+            directory.storage.send()
 
-    def divide(batch: Sequence[Subject]) -> Iterator[Any]:
-        """The tables of a batch whose episodes are divided among all workers."""
-        given = EvidenceStore(directory.evidence), can, None, contracts
-        parts = {
-            f"{', '.join(_hashes(batch))} from episode {part.start}": (spec, batch, part, *given)
-            for part in divided(spec, workers)
-        }
-        for tables in work.do("evaluating", _evaluate_whole, parts):
-            yield from tables
 
-    for batch in batches:
-        evaluate_batch(spec, directory, batch, can, contracts, divide(batch))
-        directory.storage.send()
+def tasks_of(
+    spec: PanelSpec, rounds: Sequence[Sequence[Subject]], workers: int
+) -> tuple[dict[str, tuple[tuple[Subject, ...], range]], dict[str, int]]:
+    """Tasks, the longest first: policies in one cell and episodes of theirs, by name.
+
+    Those of a cell are divided where there are many, and among all workers where there are few
+    cells to go round, and at the end, so that none waits long.
+
+    Returns:
+        The tasks, and the place among ``rounds`` of that which each is of.
+    """
+    pieces = [
+        (cell_seconds(spec, cell) * len(batch), place, cell)
+        for place, batch in enumerate(rounds)
+        for cell in _longest_first(spec, batch)
+    ]
+    pieces.sort(key=lambda piece: -piece[0])
+    few = sum(seconds for seconds, _, _ in pieces) < 2 * workers * pieces[0][0]
+    tasks, rounds_by_task = {}, {}
+    for left, (_, place, cell) in zip(range(len(pieces), 0, -1), pieces, strict=True):
+        batch = tuple(subject.among([cell.name]) for subject in rounds[place])
+        parts = math.ceil(len(batch) * len(spec.latest) / HANDED_OVER)
+        for part in divided(spec, max(parts, workers if few or left <= workers else 1)):
+            name = f"{', '.join(_hashes(batch))} in {cell.name} from episode {part.start}"
+            tasks[name], rounds_by_task[name] = (batch, part), place
+    return tasks, rounds_by_task
 
 
 def evaluate_batch(
@@ -332,13 +385,15 @@ def _key(spec: PanelSpec, hashes: Mapping[str, str], cells: Iterable[Cell]) -> s
 
 def _batch_size(spec: PanelSpec, subjects: Sequence[Subject]) -> int:
     """How many policies fit a batch: one where each lane costs its own."""
-    if not spec.testbed.batched:
+    if not (spec.testbed.batched or getattr(spec.testbed, "together", False)):
         return 1
     cells = {cell.name: cell for subject in subjects for cell in subject.missing}
+    most_bytes = COPIES * len(spec.latest) * max(_bytes(spec, cell) for cell in cells.values())
+    if not spec.testbed.batched:
+        return max(1, int(MEMORY / most_bytes))
     times = {name: cell_seconds(spec, cell) for name, cell in cells.items()}
     whole = max(sum(times[cell.name] for cell in subject.missing) for subject in subjects)
     seconds = whole * len(spec.latest) / spec.episodes
-    most_bytes = COPIES * len(spec.latest) * max(_bytes(spec, cell) for cell in cells.values())
     return max(1, int(min(LONGEST / seconds, MEMORY / most_bytes)))
 
 

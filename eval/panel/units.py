@@ -172,17 +172,16 @@ class Work:
                 self.directory.take(files)
             self.directory.storage.send()
 
-    def do(
+    def each(
         self, phase: str, task: Callable[..., Any], arguments: Mapping[str, tuple[Any, ...]]
-    ) -> list[Any]:
-        """Run one task for each of ``arguments``, by name; what they return, in that order.
+    ) -> Iterator[tuple[str, Any]]:
+        """Run one task for each of ``arguments``, by name; what they return, as they end.
 
         Raises:
             PanelError: if one fails.
         """
         tasks = {name: (task, *given) for name, given in arguments.items()}
-        found = dict(self._results(phase, tasks, lambda name: None))
-        return [found[name] for name in tasks]
+        return self._results(phase, tasks, lambda name: None)
 
     def _results(
         self, phase: str, tasks: Mapping[str, tuple[Any, ...]], discard: Callable[[str], None]

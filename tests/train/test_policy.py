@@ -250,8 +250,13 @@ def test_policies_of_all_kinds_act_together(actions):
         _network(5, actions=actions),
     ]
     observations = _observations(len(policies), 20)
-    expected = _each(policies, observations)
+    expected = np.array(_each(policies, observations))
     np.testing.assert_array_equal(PolicyStack(policies).act(observations), expected)
+    asked = np.zeros((len(policies), 20), dtype=bool)
+    asked[1:5, 3:7] = asked[0, 19] = True
+    given = PolicyStack(policies, batched=False).act(observations, asked)
+    np.testing.assert_allclose(given[asked], expected[asked], atol=1e-6)  # batches round otherwise
+    assert not given[1:5, :3].any()
 
 
 @pytest.mark.parametrize("env_id", ENVIRONMENTS)

@@ -395,6 +395,11 @@ def test_a_record_is_the_same_whoever_runs_beside(kind, different, tmp_path, mon
         monkeypatch.setattr(Monoped, "together", together)
         (table,) = evaluate(spec, [subject], range(5), EvidenceStore(tmp_path), {})
         tables.append(table.drop_columns([*VOLATILE_NAMES]).sort_by("episode_index"))
+    others = [make_baseline(name, spec.nominal) for name in ("zero", "random") if name != kind]
+    beside = [subject, *(Subject(other, subject.cells) for other in others)]
+    (table,) = evaluate(spec, beside, range(5), EvidenceStore(tmp_path), {})
+    own = [name == policy.policy_id for name in table["policy_id"].to_pylist()]
+    tables.append(table.filter(own).drop_columns([*VOLATILE_NAMES]).sort_by("episode_index"))
     assert all(table.equals(tables[0]) for table in tables[1:])
     assert tables[0]["seed"].to_pylist() == [1000, 1001, 1002, 1003, 1004]
     assert kind != "random" or len(set(tables[0]["length"].to_pylist())) > 1

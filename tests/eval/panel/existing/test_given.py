@@ -3,22 +3,30 @@
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from house import ROOT
 from sb3_contrib import RecurrentPPO
 from stable_baselines3 import PPO, SAC
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.vec_env import VecNormalize
+from swaying import MONOPED
 from torch import nn
 
 import integ_gym
 from integ_gym.cli import main
+from integ_gym.envs.testbeds.making import find_testbed
 from integ_gym.eval.panel import evaluate as panel_evaluate
+from integ_gym.eval.panel.cells import Cell
+from integ_gym.eval.panel.episodes import Subject
 from integ_gym.eval.panel.policies import given_policy, read_existing
 from integ_gym.eval.panel.run_directory import RunDirectory
+from integ_gym.eval.panel.spec import PanelSpec
 from integ_gym.evidence.store import EvidenceStore
+from integ_gym.train.baselines import make_baseline
 from integ_gym.train.policy import MlpPolicy, start_acting
 
 PENDULUM = "IntegPendulum-v0"
@@ -197,6 +205,12 @@ def test_an_evaluation_does_without_jax(tmp_path):
     assert (tmp_path / "out" / "report.html").exists()
 
 
+def _content(out):
+    wanted = "policy_id, cell, phase, episode_index, content_hash"
+    store = EvidenceStore(out / "evidence")
+    return store.query(f"SELECT {wanted} FROM records ORDER BY ALL").to_pylist()
+
+
 @pytest.mark.slow
 def test_a_killed_evaluation_goes_on_and_its_records_are_those_of_an_undisturbed_one(
     tmp_path, monkeypatch
@@ -223,19 +237,51 @@ def test_a_killed_evaluation_goes_on_and_its_records_are_those_of_an_undisturbed
             monkeypatch.setattr(RunDirectory, "finish", finish)
         return finished
 
-    def hashes(out):
-        wanted = "policy_id, cell, phase, episode_index, content_hash"
-        store = EvidenceStore(tmp_path / out / "evidence")
-        return store.query(f"SELECT {wanted} FROM records ORDER BY ALL").to_pylist()
-
     once = run("once")
     monkeypatch.setattr(panel_evaluate, "ROUND", 0.0)
     with pytest.raises(KeyboardInterrupt):
         run("rounds", commits=5)
     left = run("rounds")
-    assert len(left) > len(once)
-    assert hashes("rounds") == hashes("once")
+    assert 5 + len(left) > len(once)
+    assert _content(tmp_path / "rounds") == _content(tmp_path / "once")
     assert main(["evidence", "verify", str(tmp_path / "rounds"), "--all", "--exact"]) == 0
+
+
+def _shared(episodes, *dts):
+    """Tasks of two workers for two policies of the monoped on these steps, as cells and starts."""
+    home = find_testbed(MONOPED, {}).home
+    spec = PanelSpec(
+        name="shared", env_id=MONOPED, control_period=0.02, train=(), grid=(home,), seeds=(),
+        episodes=episodes, ladder=False,
+    )  # fmt: skip
+    cells = tuple(Cell.of(replace(home, dt=dt), "grid") for dt in dts)
+    policies = (make_baseline(name, spec.nominal) for name in ("zero", "random"))
+    batch = [Subject(policy, cells) for policy in policies]
+    tasks, _ = panel_evaluate.tasks_of(spec, panel_evaluate.rounds_of(spec, batch), workers=2)
+    return [(own[0].missing[0].discretization.dt, len(part)) for own, part in tasks.values()]
+
+
+def test_workers_share_cells_the_longest_first_and_the_last_ones_start_by_start():
+    dts = (0.005, 0.001, 0.00125, 0.002, 0.004, 0.0025, 0.01)
+    whole = [(dt, 8) for dt in (0.001, 0.00125, 0.002, 0.0025, 0.004)]
+    assert _shared(8, *dts) == [*whole, (0.005, 4), (0.005, 4), (0.01, 4), (0.01, 4)]
+    few = (0.001, 0.002, 0.004)
+    assert _shared(8, *few) == [(dt, 4) for dt in few for _ in range(2)]
+    assert [part for _, part in _shared(100, *dts)] == [25] * 28
+
+
+@pytest.mark.slow
+def test_records_do_not_depend_on_how_many_workers_share_the_cells(tmp_path):
+    policy = ROOT / "examples" / "robots" / "monoped_policy" / "policy.safetensors"
+    for workers in (1, 2):
+        integ_gym.evaluate(
+            policy, MONOPED, tmp_path / str(workers), home="stock", dts=[0.002, 0.004],
+            integrators=["Euler", "implicitfast"], varied={"action_latency": [0.02]}, episodes=3,
+            environment={"duration": 1.0}, workers=workers, limit=False, progress=False,
+        )  # fmt: skip
+    one, two = (_content(tmp_path / str(workers)) for workers in (1, 2))
+    assert one == two
+    assert len({row["cell"] for row in one}) > 6
 
 
 def test_what_is_for_files_is_refused_of_others(tmp_path):
