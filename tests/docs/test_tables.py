@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import json
+import re
 import subprocess
 import sys
 from functools import cache
@@ -37,6 +38,18 @@ def test_a_page_shows_what_the_rows_come_to_and_nothing_else(experiment):
     page = PAGES[name].read_text(encoding="utf-8")
     for part in module.tables(rows).strip().split("\n\n"):
         assert part in page
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_a_number_that_was_found_is_in_a_table_or_in_what_a_command_prints(name):
+    page = PAGES[name].read_text(encoding="utf-8")
+    printed = re.findall(r"^\|.*|^```text\n.*?^```", page, re.MULTILINE | re.DOTALL)
+    shown = {number for part in printed for number in re.findall(r"\d+\.\d+", part)}
+    (found,) = re.findall(r"^## What was found\n(.*?)^## ", page, re.MULTILINE | re.DOTALL)
+    said = "\n".join(line for line in found.split("\n") if not line.startswith("|"))
+    numbers = re.findall(r"\d+\.\d+", said)
+    assert numbers
+    assert not {*numbers} - shown
 
 
 @pytest.mark.parametrize("experiment", PAGES, indirect=True)
