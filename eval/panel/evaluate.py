@@ -17,6 +17,7 @@ import numpy as np
 
 from integ_gym.envs.engines.stepping import engine_versions
 from integ_gym.evidence.episodes import Layout
+from integ_gym.evidence.schema import pyarrow
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.support.executors import Cluster
 from integ_gym.support.terminal import WorkBar
@@ -37,7 +38,7 @@ PREFIX = "evaluate-"
 LONGEST = 60.0
 """What a batch should take at most, s."""
 
-ROUND = 10.0
+ROUND = 5.0
 """What a policy's cells should take at most between two commits where lanes are not all advanced at
 once, s: an episode of a robot takes 1 to 3 MB."""
 
@@ -49,8 +50,9 @@ COPIES = 8
 twice as many while those that failed have twice the time."""
 
 
-HANDED_OVER = 64
-"""Most episodes that a worker hands over at once."""
+HANDED_OVER = 64e6
+"""What the episodes that a worker hands over at once may take, bytes; it holds them several times
+meanwhile."""
 
 ENOUGH = 4
 """Batches per worker that keep all workers busy to the end."""
@@ -282,6 +284,7 @@ def _evaluate_part(
             batch = rounds[rounds_by_task[name]]
             evaluate_batch(spec, directory, batch, can, contracts, played)
             directory.storage.send()
+            pyarrow().default_memory_pool().release_unused()
 
 
 def tasks_of(
@@ -305,7 +308,7 @@ def tasks_of(
     tasks, rounds_by_task = {}, {}
     for left, (_, place, cell) in zip(range(len(pieces), 0, -1), pieces, strict=True):
         batch = tuple(subject.among([cell.name]) for subject in rounds[place])
-        parts = math.ceil(len(batch) * len(spec.latest) / HANDED_OVER)
+        parts = math.ceil(len(batch) * len(spec.latest) * _bytes(spec, cell) / HANDED_OVER)
         for part in divided(spec, max(parts, workers if few or left <= workers else 1)):
             name = f"{', '.join(_hashes(batch))} in {cell.name} from episode {part.start}"
             tasks[name], rounds_by_task[name] = (batch, part), place
@@ -353,6 +356,7 @@ def all_seconds(spec: PanelSpec, subjects: Sequence[Subject]) -> float:
 
 
 def _evaluate_whole(*given: Any) -> list[Any]:
+    pyarrow().default_memory_pool().release_unused()  # of tables that were handed over before
     return list(evaluate(*given))
 
 

@@ -267,7 +267,7 @@ def test_workers_share_cells_the_longest_first_and_the_last_ones_start_by_start(
     assert _shared(8, *dts) == [*whole, (0.005, 4), (0.005, 4), (0.01, 4), (0.01, 4)]
     few = (0.001, 0.002, 0.004)
     assert _shared(8, *few) == [(dt, 4) for dt in few for _ in range(2)]
-    assert [part for _, part in _shared(100, *dts)] == [25] * 28
+    assert [part for _, part in _shared(300, *dts)] == [100] * 21
 
 
 @pytest.mark.slow
