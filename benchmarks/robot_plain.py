@@ -70,7 +70,8 @@ def main(robot, folder, run, episodes):
     session = onnxruntime.InferenceSession(f"{folder}/policy.onnx", options)
     model = load_model(f"{folder}/scene_mjx_feetonly_flat_terrain.xml")
     option, bits, most = model.opt, mujoco.mjtDisableBit, {"go1": 0.4, "g1": 1.0}.get(robot, 0.7)
-    ours, commands = [("engine_version", "==", mujoco.__version__)], ["v_x", "v_y", "yaw_rate"]
+    ours = [("engine_version", "==", mujoco.__version__), ("policy_id", "==", "policy")]
+    commands = ["v_x", "v_y", "yaw_rate"]
     for file in sorted(Path(run, "evidence").glob("evaluate-policy*.parquet")):
         names, count = pq.read_schema(file).names, np.zeros(5)
         states = names[names.index("time") + 1 : names.index("sensed_obs0")]

@@ -197,7 +197,7 @@ class TaskPool:
             if isinstance(error, BrokenExecutor):
                 lost = error
                 continue
-            key = futures.pop(future)  # so that nothing is kept here of what it holds
+            key = futures.pop(future)
             del waiting[key]
             yield key, future
         if lost is not None:

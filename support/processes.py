@@ -200,7 +200,8 @@ class Progress:
         while running:
             ended, running = wait(running, timeout=0.2, return_when=FIRST_COMPLETED)
             self._show()
-            yield from ended
+            while ended:  # so that none is kept when it was taken
+                yield ended.pop()
 
     def _show(self) -> None:
         if self._starting and self._done.value:

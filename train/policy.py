@@ -540,7 +540,8 @@ class PolicyStack:
 
         Args:
             observations: shape (policies, n, obs_dim), in the environment's units.
-            asked: which ones are to be acted on, shape (policies, n); None: all.
+            asked: which ones are to be acted on, shape (policies, n), some at least; None: all.
+                Where ``batched``, a policy that remembers is asked about all or none.
 
         Returns:
             Shape (policies, n, action_dim) for a `Box` action space, (policies, n) for a
@@ -560,6 +561,8 @@ class PolicyStack:
         actions = np.zeros((*observations.shape[:2], *taken[0][1].shape[2:]))
         for where, values in taken:
             actions[where] = values
+        if asked is not None:
+            actions[~asked] = 0.0
         return actions
 
     def _acting(self, part: int, lane: int) -> Callable[[Array], Array]:

@@ -170,8 +170,8 @@ Numbers = Callable[[int, int], int]
 LATENCY_SAMPLES = 200
 """Decisions at batch size 1 that the inference latency is taken from."""
 
-_LATENCIES: dict[str, tuple[float, float]] = {}
-"""What :func:`inference_latencies` has measured, by the policies' hashes."""
+_LATENCIES: dict[tuple[str, str, str], tuple[float, float]] = {}
+"""What :func:`inference_latencies` has measured, by environment, policy and its hash."""
 
 
 def _has_own_packages(cell: Cell) -> bool:
@@ -219,6 +219,14 @@ class Subject:
         """Success in the cells with records."""
         own = (cell for cell in self.cells if cell.name in self.recorded)
         return {_key(cell): self.recorded[cell.name] for cell in own}
+
+    def can_label(self, cell: Cell) -> bool:
+        """Whether there are records of all other cells of its own that labels in one rest on."""
+        missing = {_key(one) for one in self.missing}
+        rests_on: set[Key] = {(cell.discretization, None)}
+        if cell.discretization not in self.trained_on:
+            rests_on |= _rests_on(cell, self.home)
+        return missing.isdisjoint(rests_on - {_key(cell)})
 
     def within(self, packages: tuple[str, ...]) -> Subject:
         """The same, of cells without records only with those that have these versions, or, with
@@ -349,7 +357,8 @@ def _schedule(subjects: Sequence[Subject]) -> list[tuple[Cell, list[int]]]:
 
 
 def depth(cell: Cell, homes: Collection[Discretization]) -> tuple[bool, int]:
-    """How late a cell comes: labels in it rest on cells of less depth; see :func:`_rests_on`."""
+    """How late a cell comes: labels in it rest on cells of less depth, if ``homes`` are a policy's
+    own; see :func:`_rests_on`."""
     others = (cell.changes is not None) + (cell.discretization not in homes)
     return _has_own_packages(cell), others
 
@@ -514,18 +523,20 @@ def attempts(
 def inference_latencies(spec: PanelSpec, subjects: Sequence[Subject]) -> list[tuple[float, float]]:
     """Mean and 99th percentile of the time of one decision at batch size 1, ns, by policy.
 
-    A process measures each policy once. Nothing where there is no cell.
+    A process measures each policy once in an environment. Nothing where there is no cell.
     """
     cell = next((cell for subject in subjects for cell in subject.missing), None)
     if cell is None:
         return []
     policies = [subject.policy for subject in subjects]
-    if new := [policy for policy in policies if policy.content_hash not in _LATENCIES]:
+    keys = [(spec.env_id, policy.policy_id, policy.content_hash) for policy in policies]
+    if new := {*keys} - _LATENCIES.keys():
         environments = environments_of(spec.testbed, cell, 1)
         observation, _ = environments.reset(seed=spec.start_seed(subjects[0].starts, 0))
         environments.close()
-        _LATENCIES.update((own.content_hash, inference_latency(own, observation)) for own in new)
-    return [_LATENCIES[policy.content_hash] for policy in policies]
+        own = dict(zip(keys, policies, strict=True))
+        _LATENCIES.update((key, inference_latency(own[key], observation)) for key in new)
+    return [_LATENCIES[key] for key in keys]
 
 
 def inference_latency(policy: Policy, observation: Array) -> tuple[float, float]:

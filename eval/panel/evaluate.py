@@ -1,7 +1,7 @@
-"""Evaluation as units of work: batches of policies, each finished by one atomic commit.
+"""Evaluation as units of work: policies in cells, each finished by one atomic commit.
 
-Which policies share a batch depends on cores and memory. A batch's marker lists its policies with
-their hashes, so that another division goes on where an interrupted one ended. A batch has the
+Which policies share a unit depends on cores and memory. A unit's marker lists its policies with
+their hashes, so that another division goes on where an interrupted one ended. A unit has the
 starts that came at a time (:meth:`PanelSpec.parts`): where a panel is meant, its last part is.
 """
 
@@ -38,9 +38,9 @@ PREFIX = "evaluate-"
 LONGEST = 60.0
 """What a batch should take at most, s."""
 
-ROUND = 5.0
-"""What a policy's cells should take at most between two commits where lanes are not all advanced at
-once, s: an episode of a robot takes 1 to 3 MB."""
+ROUND = 10.0
+"""What the cells of a unit should take at most where lanes are not all advanced at once, s: an
+episode of a robot takes 1 to 3 MB."""
 
 MEMORY = 1 << 30
 """What the episodes of a batch may take, bytes."""
@@ -51,8 +51,8 @@ twice as many while those that failed have twice the time."""
 
 
 HANDED_OVER = 64e6
-"""What the episodes that a worker hands over at once may take, bytes; it holds them several times
-meanwhile."""
+"""What the episodes that a worker hands over at once may take, bytes: the worker holds them several
+times meanwhile."""
 
 ENOUGH = 4
 """Batches per worker that keep all workers busy to the end."""
@@ -75,6 +75,20 @@ class Evaluated(NamedTuple):
     def files(self) -> tuple[str, ...]:
         """The records, relative to the run's directory."""
         return tuple(f"evidence/{unit}.parquet" for unit in self.units)
+
+
+class Played(NamedTuple):
+    """Records that workers made.
+
+    Attributes:
+        start: Unix time when the first was begun, s.
+        seconds: of workers' time that they took.
+        tables: of them.
+    """
+
+    start: float
+    seconds: float
+    tables: Iterable[Any]
 
 
 def evaluated(
@@ -159,16 +173,18 @@ FROM records WHERE phase = 'evaluation' AND episode_index < {1} GROUP BY ALL
 def next_cells(spec: PanelSpec, subjects: Sequence[Subject]) -> list[Subject]:
     """Subjects with the cells that come next: all, where lanes are advanced at once.
 
-    Else those whose labels rest on none that is missing, so that workers can share them.
+    Else those whose labels rest on no other that is missing, so that workers can share them. What
+    is some policy's home comes early for all, so that policies are in the same cells together.
     """
     if spec.testbed.batched:
         return [*subjects]
     homes = {home for subject in subjects for home in subject.trained_on}
-    depths = [{cell.name: depth(cell, homes) for cell in own.missing} for own in subjects]
-    return [
-        subject.among(name for name, depth in own.items() if depth == min(own.values()))
-        for subject, own in zip(subjects, depths, strict=True)
-    ]
+    chosen = []
+    for subject in subjects:
+        first = min(depth(cell, homes) for cell in subject.missing)
+        early = (cell for cell in subject.missing if depth(cell, homes) == first)
+        chosen.append(subject.among(cell.name for cell in early if subject.can_label(cell)))
+    return chosen
 
 
 def rounds_of(spec: PanelSpec, batch: Sequence[Subject]) -> list[tuple[Subject, ...]]:
@@ -177,31 +193,42 @@ def rounds_of(spec: PanelSpec, batch: Sequence[Subject]) -> list[tuple[Subject, 
         return [tuple(batch)]
     rounds: list[list[str]] = []
     left = 0.0
-    for cell in _longest_first(spec, batch):
-        seconds = cell_seconds(spec, cell) * len(spec.latest) / spec.episodes
+    for name, policies in _by_cell(spec, batch).items():
+        seconds = evaluation_seconds(spec, policies)
         if seconds > left:
             rounds.append([])
             left = ROUND
-        rounds[-1].append(cell.name)
+        rounds[-1].append(name)
         left -= seconds
-    return [tuple(subject.among(names) for subject in batch) for names in rounds]
+    return [_among(batch, names) for names in rounds]
 
 
-def _longest_first(spec: PanelSpec, batch: Sequence[Subject]) -> list[Cell]:
-    cells = {cell.name: cell for subject in batch for cell in subject.missing}
-    return sorted(cells.values(), key=lambda cell: -cell_seconds(spec, cell))
+def _by_cell(spec: PanelSpec, batch: Sequence[Subject]) -> dict[str, tuple[Subject, ...]]:
+    """Who is evaluated in each cell, that which takes longest first, by its name."""
+    names = dict.fromkeys(cell.name for subject in batch for cell in subject.missing)
+    found = {name: _among(batch, [name]) for name in names}
+    order = sorted(names, key=lambda name: -evaluation_seconds(spec, found[name]))
+    return {name: found[name] for name in order}
+
+
+def _among(batch: Sequence[Subject], names: Sequence[str]) -> tuple[Subject, ...]:
+    """Those of a batch that have some of these cells, in these."""
+    chosen = (subject.among(names) for subject in batch)
+    return tuple(subject for subject in chosen if subject.missing)
 
 
 def batches_of(
     spec: PanelSpec, subjects: Sequence[Subject], workers: int
 ) -> list[tuple[Subject, ...]]:
-    """Divide subjects into batches of one size, some for every worker.
+    """Divide subjects into batches of one size; where lanes are advanced at once, for all workers.
 
-    Those of one home stay together as far as that goes; a batch has records of the same cells.
+    Those of one home stay together as far as that goes. Where lanes are advanced at once, a batch
+    has records of the same cells.
     """
     alike: dict[frozenset[str], list[Subject]] = {}
     for subject in subjects:
-        alike.setdefault(frozenset(subject.recorded), []).append(subject)
+        recorded = frozenset(subject.recorded if spec.testbed.batched else ())
+        alike.setdefault(recorded, []).append(subject)
     return [batch for own in alike.values() for batch in _batches(spec, own, workers)]
 
 
@@ -224,7 +251,7 @@ def evaluate_all(
     cluster: Cluster,
     progress: bool,
 ) -> None:
-    """Evaluate all subjects that have not been, each batch finished by one commit.
+    """Evaluate all subjects that have not been, each unit finished by one commit.
 
     No bar is shown where there is nothing to be done.
 
@@ -264,7 +291,7 @@ def _evaluate_part(
     work: Work,
     workers: int,
 ) -> None:
-    """Evaluate subjects from the starts that came last, each batch finished by one commit."""
+    """Evaluate subjects from the starts that came last, each unit finished by one commit."""
     batches = batches_of(spec, waiting, max(1, workers))
     rounds = [part for batch in batches for part in rounds_of(spec, batch)]
     can, contracts = statuses(spec, directory), contracts_in(directory)
@@ -272,47 +299,57 @@ def _evaluate_part(
         units = {unit_of(spec, batch)[0]: (spec, batch, can, contracts) for batch in rounds}
         work.commit("evaluating", evaluate_batch, units)
         return
-    tasks, rounds_by_task = tasks_of(spec, rounds, workers)
+    rounds.sort(key=lambda batch: -_longest(spec, batch))
+    tasks = tasks_of(spec, rounds, workers)
+    place_of = {name: place for place, own in enumerate(tasks) for name in own}
     given = EvidenceStore(directory.evidence), can, None, contracts
-    found: dict[str, list[Any]] = {}
-    arguments = {name: (spec, *task, *given) for name, task in tasks.items()}
-    for name, tables in work.each("evaluating", _evaluate_whole, arguments):
-        found[name] = tables
-        own = [task for task, place in rounds_by_task.items() if place == rounds_by_task[name]]
-        if found.keys() >= {*own}:
-            played = (table for task in own for table in found.pop(task))
-            batch = rounds[rounds_by_task[name]]
-            evaluate_batch(spec, directory, batch, can, contracts, played)
+    arguments = {name: (spec, *task, *given) for own in tasks for name, task in own.items()}
+    found: dict[str, Played] = {}
+    for name, played in work.each("evaluating", _evaluate_whole, arguments):
+        found[name] = played
+        place = place_of[name]
+        if found.keys() >= tasks[place].keys():
+            parts = [found.pop(task) for task in tasks[place]]
+            evaluate_batch(spec, directory, rounds[place], can, contracts, _join(parts))
             directory.storage.send()
+            del parts, played
             pyarrow().default_memory_pool().release_unused()
+
+
+def _longest(spec: PanelSpec, batch: Sequence[Subject]) -> float:
+    """Time of the cell of a batch that takes longest, s."""
+    return evaluation_seconds(spec, next(iter(_by_cell(spec, batch).values())))
 
 
 def tasks_of(
     spec: PanelSpec, rounds: Sequence[Sequence[Subject]], workers: int
-) -> tuple[dict[str, tuple[tuple[Subject, ...], range]], dict[str, int]]:
-    """Tasks, the longest first: policies in one cell and episodes of theirs, by name.
+) -> list[dict[str, tuple[tuple[Subject, ...], range]]]:
+    """Tasks of each round, by name: policies in one cell, and which of their episodes.
 
-    Those of a cell are divided where there are many, and among all workers where there are few
-    cells to go round, and at the end, so that none waits long.
-
-    Returns:
-        The tasks, and the place among ``rounds`` of that which each is of.
+    The episodes of a cell are divided if their rows take much memory. They are divided among all
+    workers if cells are few, and in the last cells, so that no worker waits long.
     """
-    pieces = [
-        (cell_seconds(spec, cell) * len(batch), place, cell)
-        for place, batch in enumerate(rounds)
-        for cell in _longest_first(spec, batch)
-    ]
-    pieces.sort(key=lambda piece: -piece[0])
-    few = sum(seconds for seconds, _, _ in pieces) < 2 * workers * pieces[0][0]
-    tasks, rounds_by_task = {}, {}
-    for left, (_, place, cell) in zip(range(len(pieces), 0, -1), pieces, strict=True):
-        batch = tuple(subject.among([cell.name]) for subject in rounds[place])
-        parts = math.ceil(len(batch) * len(spec.latest) * _bytes(spec, cell) / HANDED_OVER)
-        for part in divided(spec, max(parts, workers if few or left <= workers else 1)):
-            name = f"{', '.join(_hashes(batch))} in {cell.name} from episode {part.start}"
-            tasks[name], rounds_by_task[name] = (batch, part), place
-    return tasks, rounds_by_task
+    cells = [_by_cell(spec, batch) for batch in rounds]
+    seconds = [evaluation_seconds(spec, own) for by_cell in cells for own in by_cell.values()]
+    few, left = sum(seconds) < 2 * workers * max(seconds), len(seconds)
+    tasks: list[dict[str, tuple[tuple[Subject, ...], range]]] = []
+    for by_cell in cells:
+        tasks.append({})
+        for name, batch in by_cell.items():
+            (cell,) = (cell for cell in batch[0].missing if cell.name == name)
+            parts = math.ceil(len(batch) * len(spec.latest) * _bytes(spec, cell) / HANDED_OVER)
+            for part in divided(spec, max(parts, workers if few or left <= workers else 1)):
+                said = f"{', '.join(_hashes(batch))} in {name} from episode {part.start}"
+                tasks[-1][said] = batch, part
+            left -= 1
+    return tasks
+
+
+def _join(parts: Sequence[Played]) -> Played:
+    """As if one worker had made them, which then ends now."""
+    start = min(time.time(), *(part.start for part in parts))
+    tables = (table for part in parts for table in part.tables)
+    return Played(start, sum(part.seconds for part in parts), tables)
 
 
 def evaluate_batch(
@@ -321,7 +358,7 @@ def evaluate_batch(
     batch: Sequence[Subject],
     can: Mapping[str, str],
     contracts: Contracts,
-    tables: Iterable[Any] | None = None,
+    played: Played | None = None,
 ) -> None:
     """Evaluate policies in all their cells, by default here, and mark that as finished.
 
@@ -331,16 +368,22 @@ def evaluate_batch(
         batch: the policies, with records of the same cells.
         can: whether a cell can be solved, by its name.
         contracts: what was compared of homes and cells on other engines.
-        tables: the records, where they were made elsewhere.
+        played: the records, where they were made elsewhere.
     """
     hashes, start = _hashes(batch), time.time()
+    seconds = None
     unit, key = unit_of(spec, batch)
     store = EvidenceStore(directory.evidence)
     directory.discard_remains(unit)
-    played = tables or evaluate(spec, batch, spec.latest, store, can, contracts=contracts)
-    store.commit_all(unit, played)
+    tables: Iterable[Any]
+    if played is None:
+        tables = evaluate(spec, batch, spec.latest, store, can, contracts=contracts)
+    else:
+        start, seconds, tables = played
+    store.commit_all(unit, tables)
     names = {s.policy.policy_id: [cell.name for cell in s.missing] for s in batch}
-    directory.finish(unit, key, start, first=spec.latest.start, policies=hashes, cells=names)
+    facts = {"first": spec.latest.start, "policies": hashes, "cells": names}
+    directory.finish(unit, key, start, seconds, **facts)
 
 
 def evaluation_seconds(spec: PanelSpec, subjects: Sequence[Subject]) -> float:
@@ -355,20 +398,27 @@ def all_seconds(spec: PanelSpec, subjects: Sequence[Subject]) -> float:
     return sum(cells) + sum(evaluation_seconds(part, subjects) for part in spec.parts())
 
 
-def _evaluate_whole(*given: Any) -> list[Any]:
+def _evaluate_whole(*given: Any) -> Played:
     pyarrow().default_memory_pool().release_unused()  # of tables that were handed over before
-    return list(evaluate(*given))
+    start = time.time()
+    tables = list(evaluate(*given))
+    return Played(start, time.time() - start, tables)
 
 
 def unit_of(spec: PanelSpec, batch: Sequence[Subject]) -> tuple[str, str]:
-    """Name of the unit that evaluates a batch, and hash of its inputs."""
+    """Name of the unit that evaluates a batch, and hash of its inputs.
+
+    The latter tells units of one policy apart, of which there are several where it is evaluated in
+    rounds or got cells later.
+    """
     hashes = _hashes(batch)
     cells = {cell.name: cell for subject in batch for cell in subject.missing}
     key = _key(spec, hashes, cells.values())
     first, others = next(iter(hashes)), len(hashes) - 1
     named = f"{first}-and-{others}-more" if others else first
     unit = f"{PREFIX}{named}{name_start(spec.latest.start)}"
-    return (f"{unit}-added-{key[:8]}" if batch[0].recorded else unit), key
+    is_one = spec.testbed.batched and not batch[0].recorded
+    return (unit if is_one else f"{unit}-added-{key[:8]}"), key
 
 
 def statuses(spec: PanelSpec, directory: RunDirectory) -> dict[str, str]:
@@ -388,7 +438,7 @@ def _key(spec: PanelSpec, hashes: Mapping[str, str], cells: Iterable[Cell]) -> s
 
 
 def _batch_size(spec: PanelSpec, subjects: Sequence[Subject]) -> int:
-    """How many policies fit a batch: one where each lane costs its own."""
+    """How many policies fit a batch: one where lanes do not act together."""
     if not (spec.testbed.batched or getattr(spec.testbed, "together", False)):
         return 1
     cells = {cell.name: cell for subject in subjects for cell in subject.missing}

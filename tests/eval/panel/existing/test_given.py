@@ -1,5 +1,6 @@
 """Policies given as functions, objects and models, and the same policy in several files."""
 
+import json
 import os
 import subprocess
 import sys
@@ -257,17 +258,54 @@ def _shared(episodes, *dts):
     cells = tuple(Cell.of(replace(home, dt=dt), "grid") for dt in dts)
     policies = (make_baseline(name, spec.nominal) for name in ("zero", "random"))
     batch = [Subject(policy, cells) for policy in policies]
-    tasks, _ = panel_evaluate.tasks_of(spec, panel_evaluate.rounds_of(spec, batch), workers=2)
-    return [(own[0].missing[0].discretization.dt, len(part)) for own, part in tasks.values()]
+    tasks = panel_evaluate.tasks_of(spec, panel_evaluate.rounds_of(spec, batch), workers=2)
+    every = [task for own in tasks for task in own.values()]
+    return [(own[0].missing[0].discretization.dt, len(part)) for own, part in every]
 
 
-def test_workers_share_cells_the_longest_first_and_the_last_ones_start_by_start():
+def test_workers_share_cells_the_longest_first_and_the_starts_of_the_last_ones():
     dts = (0.005, 0.001, 0.00125, 0.002, 0.004, 0.0025, 0.01)
     whole = [(dt, 8) for dt in (0.001, 0.00125, 0.002, 0.0025, 0.004)]
     assert _shared(8, *dts) == [*whole, (0.005, 4), (0.005, 4), (0.01, 4), (0.01, 4)]
     few = (0.001, 0.002, 0.004)
     assert _shared(8, *few) == [(dt, 4) for dt in few for _ in range(2)]
     assert [part for _, part in _shared(300, *dts)] == [100] * 21
+
+
+def test_a_cell_comes_after_those_that_its_labels_rest_on():
+    """For policies of two homes and one without: each round of theirs has a name of its own."""
+    places = [replace(find_testbed(MONOPED, {}).home, dt=dt) for dt in (0.001, 0.002, 0.004)]
+    spec = PanelSpec(
+        name="waves", env_id=MONOPED, control_period=0.02, train=(), grid=tuple(places), seeds=(),
+        episodes=1000, ladder=False,
+    )  # fmt: skip
+    grid = [Cell.of(place, "grid") for place in places]
+    late = [
+        Cell.of(place, "late", name=f"{place.name}, late", environment={"action_latency": 0.02})
+        for place in places
+    ]
+    policy = make_baseline("zero", spec.nominal)
+    homes = (*places[:2], None)
+    subjects = [Subject(policy, (*late, *grid), home) for home in homes]
+    turns: list[dict[object, int]] = [{} for _ in homes]
+    for turn in range(6):
+        waiting = [place for place, own in enumerate(subjects) if own.missing]
+        chosen = panel_evaluate.next_cells(spec, [subjects[place] for place in waiting])
+        for place, own in zip(waiting, chosen, strict=True):
+            rounds = panel_evaluate.rounds_of(spec, [own])
+            assert len({panel_evaluate.unit_of(spec, one)[0] for one in rounds}) == len(rounds)
+            turns[place] |= {(c.discretization, c.changes): turn for c in own.missing}
+            recorded = {cell.name: np.ones(1, bool) for cell in own.missing}
+            subjects[place] = replace(
+                subjects[place], recorded={**subjects[place].recorded, **recorded}
+            )
+    for home, own in zip(homes, turns, strict=True):
+        assert len(own) == 6
+        for (place, changes), turn in own.items():
+            if changes is not None:
+                assert own[place, None] < turn
+            if home not in (None, place):
+                assert own[home, changes] < turn
 
 
 @pytest.mark.slow
@@ -282,6 +320,13 @@ def test_records_do_not_depend_on_how_many_workers_share_the_cells(tmp_path):
     one, two = (_content(tmp_path / str(workers)) for workers in (1, 2))
     assert one == two
     assert len({row["cell"] for row in one}) > 6
+    store, units = EvidenceStore(tmp_path / "2" / "evidence"), tmp_path / "2" / "units"
+    for file in store.files():
+        own = store.only(file.name).query("SELECT min(wall_start), max(wall_end) FROM records")
+        begun, ended = (column[0].as_py().timestamp() for column in own.columns)
+        marker = json.loads((units / f"{file.stem}.json").read_text("utf-8"))
+        assert marker["start"] <= begun < ended <= marker["end"]
+        assert marker["seconds"] > 0.0
 
 
 def test_what_is_for_files_is_refused_of_others(tmp_path):
