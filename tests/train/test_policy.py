@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import pickle
 import subprocess
@@ -257,6 +258,23 @@ def test_policies_of_all_kinds_act_together(actions):
     given = PolicyStack(policies, batched=False).act(observations, asked)
     np.testing.assert_allclose(given[asked], expected[asked], atol=1e-6)  # batches round otherwise
     assert not given[1:5, :3].any()
+
+
+class Counting:
+    """Its action is how often it was asked since an episode began."""
+
+    def begin(self):
+        asked = itertools.count(1)
+        return lambda observations: np.full((len(observations), 1), float(next(asked)))
+
+
+def test_a_policy_that_remembers_is_not_asked_about_a_lane_that_rests():
+    stack, seen = PolicyStack([Counting()], batched=False), _observations(1, 2)
+    told = [
+        stack.act(seen, np.array([asked], bool))[0, :, 0].tolist()
+        for asked in ([1, 1], [0, 1], [1, 1])
+    ]
+    assert told == [[1.0, 1.0], [0.0, 2.0], [2.0, 3.0]]
 
 
 @pytest.mark.parametrize("env_id", ENVIRONMENTS)
