@@ -285,7 +285,7 @@ def evaluate(
 
     Args:
         spec: the panel.
-        subjects: the policies, with records of the same cells.
+        subjects: the policies.
         episodes: those to run, the same starts in every cell; see :meth:`PanelSpec.start_seed`.
         store: where the records are meant for; nothing is written.
         statuses: whether a cell can be solved, by its name.

@@ -82,12 +82,12 @@ class Played(NamedTuple):
 
     Attributes:
         start: Unix time when the first was begun, s.
-        seconds: of workers' time that they took.
+        seconds: of workers' time that they took; None: all since the start.
         tables: of them.
     """
 
     start: float
-    seconds: float
+    seconds: float | None
     tables: Iterable[Any]
 
 
@@ -349,7 +349,7 @@ def _join(parts: Sequence[Played]) -> Played:
     """As if one worker had made them, which then ends now."""
     start = min(time.time(), *(part.start for part in parts))
     tables = (table for part in parts for table in part.tables)
-    return Played(start, sum(part.seconds for part in parts), tables)
+    return Played(start, sum(part.seconds or 0.0 for part in parts), tables)
 
 
 def evaluate_batch(
@@ -365,25 +365,22 @@ def evaluate_batch(
     Args:
         spec: the panel.
         directory: that it is written to.
-        batch: the policies, with records of the same cells.
+        batch: the policies.
         can: whether a cell can be solved, by its name.
         contracts: what was compared of homes and cells on other engines.
         played: the records, where they were made elsewhere.
     """
-    hashes, start = _hashes(batch), time.time()
-    seconds = None
+    hashes = _hashes(batch)
     unit, key = unit_of(spec, batch)
     store = EvidenceStore(directory.evidence)
     directory.discard_remains(unit)
-    tables: Iterable[Any]
     if played is None:
         tables = evaluate(spec, batch, spec.latest, store, can, contracts=contracts)
-    else:
-        start, seconds, tables = played
-    store.commit_all(unit, tables)
+        played = Played(time.time(), None, tables)
+    store.commit_all(unit, played.tables)
     names = {s.policy.policy_id: [cell.name for cell in s.missing] for s in batch}
     facts = {"first": spec.latest.start, "policies": hashes, "cells": names}
-    directory.finish(unit, key, start, seconds, **facts)
+    directory.finish(unit, key, played.start, played.seconds, **facts)
 
 
 def evaluation_seconds(spec: PanelSpec, subjects: Sequence[Subject]) -> float:

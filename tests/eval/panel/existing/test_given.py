@@ -244,6 +244,12 @@ def test_a_killed_evaluation_goes_on_and_its_records_are_those_of_an_undisturbed
         run("rounds", commits=5)
     left = run("rounds")
     assert 5 + len(left) > len(once)
+    markers = [
+        json.loads(file.read_text("utf-8"))
+        for file in tmp_path.glob("rounds/units/evaluate-*.json")
+    ]
+    assert len(markers) > 8
+    assert all(len(cells) == 1 for marker in markers for cells in marker["cells"].values())
     assert _content(tmp_path / "rounds") == _content(tmp_path / "once")
     assert main(["evidence", "verify", str(tmp_path / "rounds"), "--all", "--exact"]) == 0
 
