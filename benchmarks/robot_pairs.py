@@ -6,11 +6,13 @@ processor time it is how many times as fast it is where no other program runs. M
 loop, on as many cores, is about the ceiling.
 """
 
+import os
 import resource
 import statistics
 import tempfile
 import time
 import warnings
+from collections import defaultdict
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
@@ -20,22 +22,40 @@ from robot_plain import load_model, plain_episode
 from robots import open_robot, robot_parser
 
 from integ_gym.eval.panel.cells import Cell
-from integ_gym.eval.panel.episodes import Subject, divided, evaluate
+from integ_gym.eval.panel.episodes import Subject, evaluate
+from integ_gym.eval.panel.evaluate import tasks_of
 from integ_gym.eval.panel.spec import PanelSpec
 from integ_gym.evidence.store import EvidenceStore
+from integ_gym.support.processes import release_memory
 from integ_gym.train.policy_files.onnx import read_onnx
 
 
 def record(spec, episodes, out):
-    """Evaluate the policy and write its records; time spent, of the clock and of the processor, s,
-    and most memory so far, MB."""
+    """Evaluate the policy and write its records; this process, time spent, of the clock and of the
+    processor, s, and most memory so far, MB."""
     warnings.simplefilter("ignore")  # about meshes that only show
-    policy, store = read_onnx(Path(spec.environment["folder"], "policy.onnx")), EvidenceStore(out)
+    subjects, store = subjects_of(spec), EvidenceStore(out)
     _, begin, busy = spec.testbed.compiled, time.perf_counter(), time.process_time()
-    subjects = [Subject(policy, (Cell.of(*spec.grid, "grid"),))]
+    release_memory()
     store.commit_all(f"from-{episodes.start}", evaluate(spec, subjects, episodes, store, {}))
     spent = time.perf_counter() - begin, time.process_time() - busy
-    return *spent, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
+    return os.getpid(), *spent, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
+
+
+def subjects_of(spec):
+    """The policy in its file's settings."""
+    policy = read_onnx(Path(spec.environment["folder"], "policy.onnx"))
+    return [Subject(policy, (Cell.of(*spec.grid, "grid"),))]
+
+
+def by_worker(measured):
+    """Of each worker time spent, of the clock and of the processor, s, and most memory, MB."""
+    found = defaultdict(list)
+    for worker, *numbers in measured:
+        found[worker].append(numbers)
+    for own in found.values():
+        clock, processor, memory = zip(*own, strict=True)
+        yield sum(clock), sum(processor), max(memory)
 
 
 def stand(model, period, qpos, qvel, command):
@@ -64,7 +84,8 @@ def main():
         _, info = env.reset(seed=spec.start_seed(0, episode))
         state = env.state
         starts.append((state[: model.nq], state[model.nq :], info["command"]))
-    parts, ratios = divided(spec, given.workers), []
+    (tasks,), ratios = tasks_of(spec, [subjects_of(spec)], given.workers), []
+    parts = [part for _, part in tasks.values()]
     with ProcessPoolExecutor(given.workers, get_context("spawn")) as pool:
         for pair in range(-1, given.pairs):  # the first is not counted
             begin, busy = time.perf_counter(), time.process_time()
@@ -77,7 +98,7 @@ def main():
             bare = time.process_time() - bare
             with tempfile.TemporaryDirectory() as out:
                 measured = pool.map(record, [spec] * len(parts), parts, [out] * len(parts))
-                *spent, memory = zip(*measured, strict=True)
+                *spent, memory = zip(*by_worker(measured), strict=True)
             if pair >= 0:
                 own = [one / max(each) for one, each in zip(plain, spent, strict=True)]
                 ratios.append([*own, given.workers * plain[1] / bare])

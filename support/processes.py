@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import ctypes
 import multiprocessing
 import os
 import pickle
@@ -44,6 +45,14 @@ def instruction_sets() -> tuple[str, ...]:
 
     found = np.show_config(mode="dicts").get("SIMD Extensions", {})
     return (platform.machine(), *found.get("baseline", ()), *found.get("found", ()))
+
+
+def release_memory() -> None:
+    """Give the system back what this process has freed: Arrow's, and what glibc keeps."""
+    if "pyarrow" in sys.modules:
+        sys.modules["pyarrow"].default_memory_pool().release_unused()
+    if platform.libc_ver()[0] == "glibc":
+        ctypes.CDLL(None).malloc_trim(0)
 
 
 Item = TypeVar("Item")

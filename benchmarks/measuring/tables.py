@@ -27,7 +27,7 @@ from integ_gym.train.fleet.training import preparation
 
 from . import results
 
-ROWS, SPECIFICATION = "rows.parquet", "specification.json"
+ROWS, SPECIFICATION, MADE_ON = "rows.parquet", "specification.json", "instruction_sets"
 
 Row = dict[str, Any]
 
@@ -71,7 +71,7 @@ class Table:
     value: str | None = None
 
     def specification(self, first_seed: int) -> dict[str, Any]:
-        """What all rows of a folder have in common."""
+        """What all rows of a folder have in common, and the instruction sets of this processor."""
         about = {
             "declared": {**self.declared, "first_seed": first_seed},
             "columns": {"unit": "what one process did at a time", **self.columns},
@@ -97,23 +97,32 @@ class Folder:
         found: list[Row] = pq.read_table(file).to_pylist() if file.exists() else []
         return found
 
-    def claim(self, specification: Mapping[str, Any]) -> None:
-        """Let it be of one specification.
+    def claim(self, specification: Mapping[str, Any]) -> dict[str, list[str]]:
+        """Let it be of one specification, whose processor is the only part that may differ.
+
+        Returns:
+            The instruction sets that blocks were made on, by block.
 
         Raises:
-            ValueError: if it is of another.
+            ValueError: if it is of another specification.
         """
         path = self.path / SPECIFICATION
-        if path.exists():
-            found = json.loads(path.read_text(encoding="utf-8"))
-            for name, value in specification.items():
-                if found[name] != value:
-                    raise InputError(
-                        f"{self.path} was made with other {name.replace('_', ' ')}; give another "
-                        "folder with --out"
-                    )
-        else:
-            replace_file(path, (json.dumps(specification, indent=1) + "\n").encode())
+        if not path.exists():
+            self.describe({**specification, MADE_ON: {}})
+        found = json.loads(path.read_text(encoding="utf-8"))
+        for name, value in specification.items():
+            if name != MADE_ON and found[name] != value:
+                raise InputError(
+                    f"{self.path} was made with other {name.replace('_', ' ')}; give another "
+                    "folder with --out"
+                )
+        made_on: dict[str, list[str]] = found[MADE_ON]
+        return made_on
+
+    def describe(self, specification: Mapping[str, Any]) -> None:
+        """Write the specification."""
+        content = json.dumps(specification, indent=1) + "\n"
+        replace_file(self.path / SPECIFICATION, content.encode())
 
     def write(self, rows: Sequence[Row], columns: Mapping[str, str]) -> None:
         """In Parquet, what a column means beside its name, in an order of their own."""
@@ -129,16 +138,25 @@ class Folder:
 def run_missing(table: Table, given: argparse.Namespace) -> None:
     """Run the units that a folder has not, until the time is over; each is written as it is done.
 
+    Trained weights depend on the processor's instruction sets, so a block is of one kind of
+    processor; another block may be of another.
+
     Raises:
-        ValueError: if the folder is of another specification.
+        ValueError: if the folder is of another specification, or a block that is begun of a
+            processor with other instruction sets.
     """
     specification = table.specification(given.first_seed)
-    folder = Folder(given.out)
-    folder.claim(specification)
-    rows = folder.rows()
+    folder, here = Folder(given.out), specification[MADE_ON]
+    made_on, rows = folder.claim(specification), folder.rows()
     done = {row["unit"] for row in rows}
     wanted = [u for u in table.units(given.first_seed) if u.block in (given.only or [u.block])]
     left = deque(unit for unit in wanted if unit.name not in done)
+    for block in sorted({unit.block for unit in left}):
+        if made_on.get(block, here) != here:
+            raise InputError(
+                f"block {block} of {folder.path} was begun on a processor with other instruction "
+                "sets; end it there, or give another folder with --out"
+            )
     ends = time.monotonic() + 60.0 * given.minutes
     pool = ProcessPoolExecutor(given.workers, get_context("spawn"), preparation("cpu"), (0,))
     running: dict[Future[list[Row]], Unit] = {}
@@ -150,8 +168,11 @@ def run_missing(table: Table, given: argparse.Namespace) -> None:
             if not running:
                 break
             for future in wait(running, return_when=FIRST_COMPLETED).done:
-                name = running.pop(future).name
-                rows += [{"unit": name, **row} for row in future.result()]
+                unit = running.pop(future)
+                rows += [{"unit": unit.name, **row} for row in future.result()]
+                if unit.block not in made_on:
+                    made_on[unit.block] = here
+                    folder.describe({**specification, MADE_ON: made_on})
                 folder.write(rows, specification["columns"])
                 bar.update()
     if left:

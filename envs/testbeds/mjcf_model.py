@@ -7,6 +7,7 @@ import os
 import warnings
 from collections.abc import Iterable
 from functools import lru_cache
+from multiprocessing import parent_process
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -98,7 +99,7 @@ def _compile(source: Any) -> CompiledModel:
         raise
     except Exception as error:  # MuJoCo's errors are ValueErrors, and others before 3.3
         raise InputError(f"{title} cannot be compiled: {describe_exception(error)}") from error
-    if left_out:
+    if left_out and parent_process() is None:  # who starts workers has been told
         more = f" and {len(left_out) - 3} more" if len(left_out) > 3 else ""
         warnings.warn(
             f"{title}: {len(left_out)} files of meshes and textures that only show are missing "

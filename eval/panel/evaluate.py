@@ -17,9 +17,9 @@ import numpy as np
 
 from integ_gym.envs.engines.stepping import engine_versions
 from integ_gym.evidence.episodes import Layout
-from integ_gym.evidence.schema import pyarrow
 from integ_gym.evidence.store import EvidenceStore
 from integ_gym.support.executors import Cluster
+from integ_gym.support.processes import release_memory
 from integ_gym.support.terminal import WorkBar
 
 from .achieve import Tried, not_tried, tried, try_cells
@@ -50,7 +50,7 @@ COPIES = 8
 twice as many while those that failed have twice the time."""
 
 
-HANDED_OVER = 64e6
+HANDED_OVER = 40e6
 """What the episodes that a worker hands over at once may take, bytes: the worker holds them several
 times meanwhile."""
 
@@ -313,7 +313,7 @@ def _evaluate_part(
             evaluate_batch(spec, directory, rounds[place], can, contracts, _join(parts))
             directory.storage.send()
             del parts, played
-            pyarrow().default_memory_pool().release_unused()
+            release_memory()
 
 
 def _longest(spec: PanelSpec, batch: Sequence[Subject]) -> float:
@@ -338,7 +338,9 @@ def tasks_of(
         for name, batch in by_cell.items():
             (cell,) = (cell for cell in batch[0].missing if cell.name == name)
             parts = math.ceil(len(batch) * len(spec.latest) * _bytes(spec, cell) / HANDED_OVER)
-            for part in divided(spec, max(parts, workers if few or left <= workers else 1)):
+            if few or left <= workers:
+                parts = workers * math.ceil(parts / workers)
+            for part in divided(spec, parts):
                 said = f"{', '.join(_hashes(batch))} in {name} from episode {part.start}"
                 tasks[-1][said] = batch, part
             left -= 1
@@ -396,7 +398,7 @@ def all_seconds(spec: PanelSpec, subjects: Sequence[Subject]) -> float:
 
 
 def _evaluate_whole(*given: Any) -> Played:
-    pyarrow().default_memory_pool().release_unused()  # of tables that were handed over before
+    release_memory()  # of tables that were handed over before
     start = time.time()
     tables = list(evaluate(*given))
     return Played(start, time.time() - start, tables)

@@ -10,6 +10,7 @@ import sys
 from functools import cache
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from house import ROOT
@@ -58,8 +59,9 @@ def test_rows_are_of_what_is_declared(experiment):
     found = json.loads((FOLDERS / name / "specification.json").read_text(encoding="utf-8"))
     table = module.TABLE
     assert found["declared"] == table.specification(table.first_seed)["declared"]
-    asked = {unit.name for unit in table.units(table.first_seed)}
-    assert set(pq.read_table(FOLDERS / name / "rows.parquet")["unit"].to_pylist()) <= asked
+    block_of = {unit.name: unit.block for unit in table.units(table.first_seed)}
+    units = set(pq.read_table(FOLDERS / name / "rows.parquet")["unit"].to_pylist())
+    assert {block_of[unit] for unit in units} == found["instruction_sets"].keys()
 
 
 @pytest.mark.parametrize("name", PAGES)
@@ -179,18 +181,40 @@ def test_two_runs_are_compared_by_the_intervals_of_their_medians(experiment):
     assert tables.interval_of([1.0, 2.0, 3.0, 4.0, 5.0, 6.0]) == "3.5e+00 (1.0e+00–6.0e+00)"
 
 
-@pytest.mark.slow
-def test_a_block_is_run_and_one_that_is_there_is_not_run_again(tmp_path):
+@pytest.fixture
+def run_block(tmp_path):
+    """Run a block, and what it printed: of its table, or why it was refused."""
     script = ROOT / "benchmarks" / "tables" / "learned_periods.py"
     command = [sys.executable, str(script), "--out", str(tmp_path), "--workers", "1"]
     command += ["--only", "cart-pole-hand-made"]
-    first, again = (
-        subprocess.run(command, capture_output=True, text=True, check=True) for _ in range(2)
-    )
-    assert "| cart-pole |" in first.stdout
-    assert again.stdout == first.stdout
-    refused = subprocess.run(
-        [*command, "--first-seed", "1"], capture_output=True, text=True, check=False
-    )
-    assert refused.returncode
-    assert "was made with other declared; give another folder" in refused.stderr
+
+    def run(*more):
+        done = subprocess.run([*command, *more], capture_output=True, text=True, check=False)
+        return done.stderr if done.returncode else done.stdout
+
+    return run
+
+
+@pytest.mark.slow
+def test_a_block_is_run_and_one_that_is_there_is_not_run_again(run_block):
+    first = run_block()
+    assert "| cart-pole |" in first
+    assert run_block() == first
+    assert "was made with other declared; give another folder" in run_block("--first-seed", "1")
+
+
+@pytest.mark.slow
+def test_a_block_is_ended_on_a_processor_like_the_one_it_was_begun_on(run_block, tmp_path):
+    first, path = run_block(), tmp_path / "specification.json"
+    file, about = tmp_path / "rows.parquet", json.loads(path.read_text(encoding="utf-8"))
+    rows = pq.read_table(file).to_pylist()
+    elsewhere = {"cart-pole-hand-made": ["another"], "pendulum-hand-made": ["a third"]}
+    path.write_text(json.dumps({**about, "instruction_sets": elsewhere}), encoding="utf-8")
+    assert run_block() == first
+    begun = [row for row in rows if row["unit"] == rows[0]["unit"]]
+    pq.write_table(pa.Table.from_pylist(begun), file)
+    assert "cart-pole-hand-made of" in (refused := run_block())
+    assert "was begun on a processor with other instruction sets" in refused
+    path.write_text(json.dumps({**about, "instruction_sets": {}}), encoding="utf-8")
+    assert run_block() == first
+    assert json.loads(path.read_text(encoding="utf-8")) == about
