@@ -6,9 +6,9 @@ version of MuJoCo. Printed is how many are the same, and processor time for 10 s
 """
 
 import json
-import math
 import sys
 import time
+from itertools import groupby
 from pathlib import Path
 
 import mujoco
@@ -47,7 +47,7 @@ def plain_episode(name, model, session, qpos, qvel, command, period=0.02, late=0
     steps, wait, old = (round(time / model.opt.timestep) for time in (period, late, seen_late))
     (periods, behind), states, squares, controls = divmod(old, steps), [], 0.0, {}
     seen = [look(0, np.zeros(model.nu))[0]] * (periods + 1)
-    for decision in range(math.ceil(round(10.0 / period, 6))):
+    for decision in range(int(np.ceil(round(10.0 / period, 6)))):
         (action,) = session.run(None, {"obs": seen[decision][None].astype(np.float32)})[0]
         controls[decision] = key.ctrl + (1.0 if name == "t1" else 0.5) * action.astype(np.float64)
         done, newest, looks = 0, decision - wait // steps, []
@@ -71,29 +71,30 @@ def main(robot, folder, run, episodes):
     model = load_model(f"{folder}/scene_mjx_feetonly_flat_terrain.xml")
     option, bits, most = model.opt, mujoco.mjtDisableBit, {"go1": 0.4, "g1": 1.0}.get(robot, 0.7)
     ours = [("engine_version", "==", mujoco.__version__), ("policy_id", "==", "policy")]
-    commands = ["v_x", "v_y", "yaw_rate"]
+    commands, kinds = ["v_x", "v_y", "yaw_rate"], mujoco.mjtIntegrator
     for file in sorted(Path(run, "evidence").glob("evaluate-policy*.parquet")):
-        names, count = pq.read_schema(file).names, np.zeros(5)
+        rows, names = pq.read_table(file, filters=ours).to_pylist(), pq.read_schema(file).names
         states = names[names.index("time") + 1 : names.index("sensed_obs0")]
-        for row in pq.read_table(file, filters=ours).to_pylist()[: int(episodes)]:
-            own = {name: one["value"] for name, one in json.loads(row["arguments"]).items()}
-            option.timestep, solver, period = own["dt"], own["solver"], own["control_period"]
-            option.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{own['integrator'].upper()}")
-            for name in ("iterations", "ls_iterations", "tolerance", "ls_tolerance"):
-                setattr(option, name, solver[name])
-            option.disableflags |= int(bits.mjDSBL_EULERDAMP | bits.mjDSBL_AUTORESET)
-            option.disableflags ^= int(bits.mjDSBL_EULERDAMP) * solver["eulerdamp"]
-            timing = period, *(own.get(f"{one}_latency", 0.0) for one in ("action", "observation"))
-            trace = np.array([row[name] for name in states]).T
-            start = *np.split(trace[0], [model.nq]), [row[f"command_{one}"][0] for one in commands]
-            begin = time.process_time()
-            found, stands, error = plain_episode(robot, model, session, *start, *timing)
-            spent = (time.process_time() - begin) / (len(found) * period)
-            same = [len(found), stands and error <= most] == [row["length"], row["success"]]
-            count += [1, stands, same, np.array_equal(found, trace[1:]), spent]
-        if count[0]:
+        for cell, recorded in groupby(rows, lambda row: row["cell"]):
+            count = np.zeros(5)
+            for row in list(recorded)[: int(episodes)]:
+                own = {name: x["value"] for name, x in json.loads(row["arguments"]).items()}
+                option.timestep, solver, period = own["dt"], own["solver"], own["control_period"]
+                option.integrator = getattr(kinds, f"mjINT_{own['integrator'].upper()}")
+                for name in ("iterations", "ls_iterations", "tolerance", "ls_tolerance"):
+                    setattr(option, name, solver[name])
+                option.disableflags |= int(bits.mjDSBL_EULERDAMP | bits.mjDSBL_AUTORESET)
+                option.disableflags ^= int(bits.mjDSBL_EULERDAMP) * solver["eulerdamp"]
+                timing = period, *(own.get(f"{x}_latency", 0.0) for x in ("action", "observation"))
+                trace = np.array([row[name] for name in states]).T
+                start = *np.split(trace[0], [model.nq]), [row[f"command_{x}"][0] for x in commands]
+                begin = time.process_time()
+                found, stands, error = plain_episode(robot, model, session, *start, *timing)
+                spent = (time.process_time() - begin) / (len(found) * period)
+                same = [len(found), stands and error <= most] == [row["length"], row["success"]]
+                count += [1, stands, same, np.array_equal(found, trace[1:]), spent]
             words = "{:g} episodes, {:g} hold, {:g} the same, {:g} to the last bit".format(*count)
-            print(f"{row['cell']}: {words}, {1e4 * count[4] / count[0]:.0f} ms", flush=True)
+            print(f"{cell}: {words}, {1e4 * count[4] / count[0]:.0f} ms", flush=True)
 
 
 if __name__ == "__main__":

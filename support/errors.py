@@ -28,6 +28,10 @@ class MissingPackageError(IntegGymError, ModuleNotFoundError):
     """A package that is not installed; the message has the command that installs it."""
 
 
+class FileWarning(UserWarning):
+    """About a file that each process reads: workers leave it to the process that started them."""
+
+
 class SetupError(IntegGymError, RuntimeError):
     """Something that a machine or a process cannot do as it is set up."""
 

@@ -10,6 +10,7 @@ import pickle
 import platform
 import sys
 import threading
+import warnings
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import (
     FIRST_COMPLETED,
@@ -26,7 +27,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, Final, TypeVar
 
-from .errors import IntegGymError
+from .errors import FileWarning, IntegGymError
 
 
 @cache
@@ -340,6 +341,7 @@ def _start_worker(
     _report = partial(_add, done)
     threading.Thread(target=end_with_parent, args=watched, daemon=True).start()
     limit_threads()
+    warnings.simplefilter("ignore", FileWarning)
     if prepare is not None:
         with started.get_lock():
             number = started.value

@@ -151,8 +151,9 @@ def run_missing(table: Table, given: argparse.Namespace) -> None:
     done = {row["unit"] for row in rows}
     wanted = [u for u in table.units(given.first_seed) if u.block in (given.only or [u.block])]
     left = deque(unit for unit in wanted if unit.name not in done)
-    for block in sorted({unit.block for unit in left}):
-        if made_on.get(block, here) != here:
+    begun = {unit.block for unit in wanted if unit.name in done}
+    for block in sorted(begun & {unit.block for unit in left}):
+        if made_on[block] != here:
             raise InputError(
                 f"block {block} of {folder.path} was begun on a processor with other instruction "
                 "sets; end it there, or give another folder with --out"
@@ -170,7 +171,7 @@ def run_missing(table: Table, given: argparse.Namespace) -> None:
             for future in wait(running, return_when=FIRST_COMPLETED).done:
                 unit = running.pop(future)
                 rows += [{"unit": unit.name, **row} for row in future.result()]
-                if unit.block not in made_on:
+                if made_on.get(unit.block) != here:
                     made_on[unit.block] = here
                     folder.describe({**specification, MADE_ON: made_on})
                 folder.write(rows, specification["columns"])

@@ -7,11 +7,10 @@ import os
 import warnings
 from collections.abc import Iterable
 from functools import lru_cache
-from multiprocessing import parent_process
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from integ_gym.support.errors import InputError, describe_exception
+from integ_gym.support.errors import FileWarning, InputError, describe_exception
 from integ_gym.support.optional import check_versions, load
 
 from .mjcf_figures import feet_of
@@ -99,19 +98,19 @@ def _compile(source: Any) -> CompiledModel:
         raise
     except Exception as error:  # MuJoCo's errors are ValueErrors, and others before 3.3
         raise InputError(f"{title} cannot be compiled: {describe_exception(error)}") from error
-    if left_out and parent_process() is None:  # who starts workers has been told
+    if left_out:
         more = f" and {len(left_out) - 3} more" if len(left_out) > 3 else ""
         warnings.warn(
             f"{title}: {len(left_out)} files of meshes and textures that only show are missing "
             f"and left out, which changes no motion: {', '.join(left_out[:3])}{more}",
+            FileWarning,
             stacklevel=4,
         )
     return CompiledModel(model, spec.to_xml(), _hash(spec, folder), folder)
 
 
 def _hash(spec: Any, folder: Path) -> str:
-    digest = hashlib.sha256(spec.to_xml().encode())
-    held = getattr(spec, "assets", {})  # MuJoCo 3.2.5 has none
+    digest, held = hashlib.sha256(spec.to_xml().encode()), _held(spec)
     for asset in (*spec.meshes, *spec.hfields, *spec.skins, *spec.textures):
         of_texture = getattr(asset, "cubefiles", None)
         own = spec.meshdir if of_texture is None else spec.texturedir
@@ -124,8 +123,14 @@ def _hash(spec: Any, folder: Path) -> str:
 
 def _leave_out_missing(mujoco: Any, spec: Any, folder: Path) -> list[str]:
     """Delete what only shows and whose file is missing; names of these files."""
-    meshes = {_name(one): one for one in spec.meshes if _is_missing(one.file, folder, spec.meshdir)}
-    textures = [one for one in spec.textures if _is_missing(one.file, folder, spec.texturedir)]
+
+    def is_missing(file: str, own: str) -> bool:
+        places = folder / own / file, folder / file
+        return bool(file) and file not in held and not any(place.is_file() for place in places)
+
+    held = _held(spec)
+    meshes = {_name(one): one for one in spec.meshes if is_missing(one.file, spec.meshdir)}
+    textures = [one for one in spec.textures if is_missing(one.file, spec.texturedir)]
     always = int(mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE)
     from_geoms = int(getattr(spec, "compiler", spec).inertiafromgeom) == always
     paired = {name for pair in spec.pairs for name in (pair.geomname1, pair.geomname2)}
@@ -156,8 +161,9 @@ def _name(asset: Any) -> str:
     return str(asset.name or Path(asset.file).stem)
 
 
-def _is_missing(file: str, folder: Path, assets: str) -> bool:
-    return bool(file) and not any((folder / own / file).is_file() for own in (assets, ""))
+def _held(spec: Any) -> dict[str, bytes]:
+    """Files that an `MjSpec` was given in memory, by name."""
+    return getattr(spec, "assets", {})  # MuJoCo 3.2.5 has none
 
 
 def _file_of(meshes: dict[str, Any], geom: Any) -> str:

@@ -170,7 +170,7 @@ Numbers = Callable[[int, int], int]
 LATENCY_SAMPLES = 200
 """Decisions at batch size 1 that the inference latency is taken from."""
 
-_LATENCIES: dict[tuple[str, str, str], tuple[float, float]] = {}
+_LATENCIES: dict[tuple[str, ...], tuple[float, float]] = {}
 """What :func:`inference_latencies` has measured, by environment, policy and its hash."""
 
 
@@ -529,7 +529,8 @@ def inference_latencies(spec: PanelSpec, subjects: Sequence[Subject]) -> list[tu
     if cell is None:
         return []
     policies = [subject.policy for subject in subjects]
-    keys = [(spec.env_id, policy.policy_id, policy.content_hash) for policy in policies]
+    where = spec.env_id, repr(spec.environment)
+    keys = [(*where, policy.policy_id, policy.content_hash) for policy in policies]
     if new := {*keys} - _LATENCIES.keys():
         environments = environments_of(spec.testbed, cell, 1)
         observation, _ = environments.reset(seed=spec.start_seed(subjects[0].starts, 0))

@@ -49,7 +49,6 @@ COPIES = 8
 """How often a cell's rows are in memory: as they come, by episode, as a table, as a row group, and
 twice as many while those that failed have twice the time."""
 
-
 HANDED_OVER = 40e6
 """What the episodes that a worker hands over at once may take, bytes: the worker holds them several
 times meanwhile."""
@@ -348,7 +347,7 @@ def tasks_of(
 
 
 def _join(parts: Sequence[Played]) -> Played:
-    """As if one worker had made them, which then ends now."""
+    """All tables one after the other, with the time that they took together."""
     start = min(time.time(), *(part.start for part in parts))
     tables = (table for part in parts for table in part.tables)
     return Played(start, sum(part.seconds or 0.0 for part in parts), tables)
@@ -362,7 +361,8 @@ def evaluate_batch(
     contracts: Contracts,
     played: Played | None = None,
 ) -> None:
-    """Evaluate policies in all their cells, by default here, and mark that as finished.
+    """Evaluate policies in all their cells here, unless that was done elsewhere, and mark it as
+    finished.
 
     Args:
         spec: the panel.

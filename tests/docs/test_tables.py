@@ -215,6 +215,10 @@ def test_a_block_is_ended_on_a_processor_like_the_one_it_was_begun_on(run_block,
     pq.write_table(pa.Table.from_pylist(begun), file)
     assert "cart-pole-hand-made of" in (refused := run_block())
     assert "was begun on a processor with other instruction sets" in refused
-    path.write_text(json.dumps({**about, "instruction_sets": {}}), encoding="utf-8")
+    path.write_text(json.dumps(about), encoding="utf-8")
     assert run_block() == first
-    assert json.loads(path.read_text(encoding="utf-8")) == about
+    file.unlink()
+    path.write_text(json.dumps({**about, "instruction_sets": elsewhere}), encoding="utf-8")
+    assert run_block() == first
+    found = json.loads(path.read_text(encoding="utf-8"))["instruction_sets"]
+    assert found == {**elsewhere, **about["instruction_sets"]}

@@ -1,15 +1,18 @@
 """Threads and worker processes: items made ahead, what can be started, and how it ends."""
 
 import os
+import platform
 import signal
 import subprocess
 import sys
 import threading
 import time
+import warnings
 
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
+from integ_gym.support.errors import FileWarning
 from integ_gym.support.processes import (
     Progress,
     SpawnError,
@@ -172,6 +175,40 @@ def _alive(pid):
     except ProcessLookupError:
         return False
     return True
+
+
+def test_workers_do_not_repeat_what_is_said_of_a_file(capfd):
+    with Progress(WorkBar("", 1.0, False)).pool(1) as pool:
+        pool.submit(warnings.warn, "said by who starts workers", FileWarning).result(PATIENCE)
+        pool.submit(warnings.warn, "said by any").result(PATIENCE)
+    said = capfd.readouterr().err
+    assert "said by any" in said
+    assert "starts workers" not in said
+
+
+FREED = """
+import sys
+
+from integ_gym.support.processes import release_memory
+
+def resident():
+    return int(open("/proc/self/statm").read().split()[1]) * 4096 / 1e6
+
+blocks = [bytes(1000) for _ in range(100_000)]
+last = bytes(1000)  # above the others, so that they are kept when they are freed
+before = resident()
+del blocks
+kept = resident()
+release_memory()
+print(before - kept, kept - resident())
+"""
+
+
+@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="of glibc alone")
+def test_what_was_freed_goes_back_to_the_system():
+    at_once, released = map(float, _python(FREED).stdout.split())
+    assert at_once < 20.0
+    assert released > 60.0
 
 
 def test_numerical_libraries_have_one_thread_for_a_while():

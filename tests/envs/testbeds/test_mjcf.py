@@ -496,19 +496,29 @@ def test_the_example_of_the_page_takes_a_file(tmp_path, monkeypatch):
     assert arguments == testbed.home.arguments()
 
 
-def test_a_changed_mesh_is_another_model(tmp_path):
+def _shell(size):
+    """A tetrahedron as the bytes of an STL file."""
+    corners = np.array([[0, 0, 0], [size, 0, 0], [0, 0.1, 0], [0, 0, 0.1]])
+    faces = corners[[(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]].astype("<f4")
+    facets = b"".join(bytes(12) + face.tobytes() + bytes(2) for face in faces)
+    return bytes(80) + (4).to_bytes(4, "little") + facets
+
+
+@pytest.mark.parametrize("in_memory", [False, True])
+def test_a_changed_mesh_is_another_model(in_memory, tmp_path):
     from mujoco import MjSpec
 
     hashes = set()
     for size in (0.1, 0.2, 0.1):
-        corners = np.array([[0, 0, 0], [size, 0, 0], [0, 0.1, 0], [0, 0, 0.1]])
-        faces = corners[[(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]].astype("<f4")
-        facets = b"".join(bytes(12) + face.tobytes() + bytes(2) for face in faces)
-        (tmp_path / "shell.stl").write_bytes(bytes(80) + (4).to_bytes(4, "little") + facets)
         text = MODEL.format(contact=HIDDEN, inertial=HEAVY, from_geoms="auto")
-        spec = MjSpec.from_string(text)
-        spec.modelfiledir = str(tmp_path)
-        hashes.add(compile_model(spec).sha256)
+        if in_memory:
+            spec = MjSpec.from_string(text, assets={"shell.stl": _shell(size)})
+        else:
+            (tmp_path / "shell.stl").write_bytes(_shell(size))
+            (spec := MjSpec.from_string(text)).modelfiledir = str(tmp_path)
+        compiled = compile_model(spec)
+        assert compiled.model.nmesh == 1
+        hashes.add(compiled.sha256)
     assert len(hashes) == 2
 
 

@@ -238,17 +238,15 @@ def test_a_killed_evaluation_goes_on_and_its_records_are_those_of_an_undisturbed
             monkeypatch.setattr(RunDirectory, "finish", finish)
         return finished
 
-    once = run("once")
+    run("once")
     monkeypatch.setattr(panel_evaluate, "ROUND", 0.0)
     with pytest.raises(KeyboardInterrupt):
         run("rounds", commits=5)
     left = run("rounds")
-    assert 5 + len(left) > len(once)
-    markers = [
-        json.loads(file.read_text("utf-8"))
-        for file in tmp_path.glob("rounds/units/evaluate-*.json")
-    ]
-    assert len(markers) > 8
+    assert left
+    files = [*tmp_path.glob("rounds/units/*.json")]
+    assert len(files) == 5 + len(left)
+    markers = [json.loads(file.read_text("utf-8")) for file in files if "evaluate-" in file.name]
     assert all(len(cells) == 1 for marker in markers for cells in marker["cells"].values())
     assert _content(tmp_path / "rounds") == _content(tmp_path / "once")
     assert main(["evidence", "verify", str(tmp_path / "rounds"), "--all", "--exact"]) == 0
@@ -275,7 +273,7 @@ def test_workers_share_cells_the_longest_first_and_the_starts_of_the_last_ones()
     assert _shared(8, *dts) == [*whole, (0.005, 4), (0.005, 4), (0.01, 4), (0.01, 4)]
     few = (0.001, 0.002, 0.004)
     assert _shared(8, *few) == [(dt, 4) for dt in few for _ in range(2)]
-    assert [part for _, part in _shared(300, *dts)] == [100] * 21
+    assert [part for _, part in _shared(300, *dts)] == [75] * 28
 
 
 def test_a_cell_comes_after_those_that_its_labels_rest_on():
