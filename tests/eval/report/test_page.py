@@ -14,6 +14,8 @@ import pytest
 import report_example as example
 from driving import Browser
 from report_pages import (
+    MOST_BYTES,
+    MOST_NODES,
     Page,
     episodes_of,
     every_panel,
@@ -144,7 +146,6 @@ SIZES = {
     "like the quick panel": (7, example.SCHEMES[:4], example.STEPS),
     "ten times larger": (24, example.SCHEMES, tuple(0.1 / (k + 1) for k in range(14))),
 }
-MOST_BYTES, MOST_NODES = 1_200_000, 5_000
 
 
 @pytest.mark.parametrize(

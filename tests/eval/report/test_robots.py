@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from driving import Browser
+from driving import Browser, assert_fits
 from engine_cases import needs
 from house import ROOT
-from report_pages import pixels
+from report_pages import MOST_BYTES, MOST_NODES, pixels
 from swaying import MONOPED
 
 import integ_gym
@@ -77,6 +77,16 @@ def test_a_robot_is_drawn_where_its_model_has_it(
     assert blue > 0.005
     assert browser.value("document.querySelector('.pane .bars').textContent").startswith("v x")
     assert browser.said == []
+
+
+def test_its_page_is_light_and_fits_a_desktop_and_a_phone(
+    report: Path, browser: Browser, tmp_path: Path
+) -> None:
+    html = report.read_text("utf-8")
+    assert len(html.encode()) <= MOST_BYTES
+    browser.open_report(report.as_uri())
+    assert browser.value("document.querySelectorAll('*').length") <= MOST_NODES
+    assert_fits(tmp_path, {"robot": html})
 
 
 def test_its_film_is_drawn_from_the_record_alone(

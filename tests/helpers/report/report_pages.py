@@ -30,6 +30,9 @@ from integ_gym.eval.report.episodes import (
 from integ_gym.eval.report.page import render
 from integ_gym.train.policy import BoxActions, MlpPolicy
 
+MOST_BYTES, MOST_NODES = 1_200_000, 5_000
+"""Of a page, unless it is of a large panel."""
+
 PANELS: dict[str, Callable[[], dict[str, Any]]] = {
     "full": example.full_panel,
     "every verdict": example.every_verdict_panel,
