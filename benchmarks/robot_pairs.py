@@ -18,7 +18,7 @@ from multiprocessing import get_context
 from pathlib import Path
 
 import mujoco
-from robot_plain import load_model, plain_episode
+from robot_plain import plain_episode
 from robots import open_robot, robot_parser
 
 from integ_gym.eval.panel.cells import Cell
@@ -74,7 +74,7 @@ def main():
     given = parser.parse_args()
     path, arguments = f"examples.robots.{given.robot}", {"folder": given.folder}
     (testbed, session), name = open_robot(given), given.robot.partition(":")[0]
-    model, home = load_model(testbed.model(given.folder)), testbed.home
+    model, home = testbed.compiled.model, testbed.home
     spec = PanelSpec(
         name="pair", env_id=path, environment=arguments, control_period=home.control_period,
         train=(), grid=(home,), seeds=(), ladder=False, episodes=given.episodes,

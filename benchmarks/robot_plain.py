@@ -17,13 +17,6 @@ import onnxruntime
 import pyarrow.parquet as pq
 
 
-def load_model(path):
-    spec = mujoco.MjSpec.from_file(str(path))
-    for one in [*(one for one in spec.geoms if one.meshname), *spec.meshes]:
-        spec.delete(one)
-    return spec.compile()
-
-
 def plain_episode(name, model, session, qpos, qvel, command, period=0.02, late=0.0, seen_late=0.0):
     """Control instants' states, whether it has not fallen, and the error of what is commanded."""
     data, key = mujoco.MjData(model), model.key(0 if name not in ("g1", "apollo") else "knees_bent")
@@ -68,7 +61,10 @@ def main(robot, folder, run, episodes):
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = 1
     session = onnxruntime.InferenceSession(f"{folder}/policy.onnx", options)
-    model = load_model(f"{folder}/scene_mjx_feetonly_flat_terrain.xml")
+    spec = mujoco.MjSpec.from_file(f"{folder}/scene_mjx_feetonly_flat_terrain.xml")
+    for one in [*(one for one in spec.geoms if one.meshname), *spec.meshes]:
+        spec.delete(one)
+    model = spec.compile()
     option, bits, most = model.opt, mujoco.mjtDisableBit, {"go1": 0.4, "g1": 1.0}.get(robot, 0.7)
     ours = [("engine_version", "==", mujoco.__version__), ("policy_id", "==", "policy")]
     commands, kinds = ["v_x", "v_y", "yaw_rate"], mujoco.mjtIntegrator
