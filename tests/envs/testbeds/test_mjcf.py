@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 import warnings
+from ctypes.util import find_library
 
 import gymnasium as gym
 import mujoco
@@ -313,7 +314,9 @@ def test_it_is_drawn_where_a_context_can_be_had_else_told_what_to_set(interface)
     surroundings.pop("DISPLAY", None)
     command = [sys.executable, "-c", DRAWING]
     drawn = subprocess.run(command, env=surroundings, capture_output=True, text=True, check=True)
-    assert drawn.stdout.startswith(("(480, 480, 3) uint8 True", "MuJoCo has no OpenGL context"))
+    can = interface == "egl" and find_library("EGL") is not None
+    expected = "(480, 480, 3) uint8 True" if can else "MuJoCo has no OpenGL context"
+    assert drawn.stdout.startswith(expected)
 
 
 def test_who_stands_presses_with_the_weight_and_does_not_slip():
