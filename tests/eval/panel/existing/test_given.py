@@ -238,15 +238,17 @@ def test_a_killed_evaluation_goes_on_and_its_records_are_those_of_an_undisturbed
             monkeypatch.setattr(RunDirectory, "finish", finish)
         return finished
 
-    run("once")
+    once = run("once")
     monkeypatch.setattr(panel_evaluate, "ROUND", 0.0)
     with pytest.raises(KeyboardInterrupt):
         run("rounds", commits=5)
     left = run("rounds")
     assert left
+    assert 5 + len(left) > len(once)
     files = [*tmp_path.glob("rounds/units/*.json")]
     assert len(files) == 5 + len(left)
     markers = [json.loads(file.read_text("utf-8")) for file in files if "evaluate-" in file.name]
+    assert len(markers) > 8
     assert all(len(cells) == 1 for marker in markers for cells in marker["cells"].values())
     assert _content(tmp_path / "rounds") == _content(tmp_path / "once")
     assert main(["evidence", "verify", str(tmp_path / "rounds"), "--all", "--exact"]) == 0
