@@ -1,7 +1,8 @@
 """Whether two environments mean the same by observation, command, force and acceleration.
 
 From the same states and actions each of the four maps is compared by itself, on the same inputs:
-what differs at one boundary is not reported again at the next. Nothing is integrated.
+what differs at one boundary is not reported again at the next. Nothing is integrated. Engines that
+step one compiled model are compared further: what constraints do, and one step.
 """
 
 from __future__ import annotations
@@ -26,7 +27,12 @@ from .statistics import Part
 
 Array = npt.NDArray[np.float64]
 
-BoundaryName: TypeAlias = Literal["observation", "command", "force", "acceleration"]
+BoundaryName: TypeAlias = Literal[
+    "observation", "command", "force", "acceleration", "constraint", "step"
+]
+
+OF_ONE_MODEL: Final = ("constraint", "step")
+"""Boundaries that are left out where nobody can say."""
 
 Side: TypeAlias = Literal["first", "second"]
 
@@ -77,7 +83,9 @@ class BoundaryCheck(Part, frozen=True, kw_only=True):
     """Two environments at one boundary.
 
     Attributes:
-        boundary: `observation`, `command`, `force` or `acceleration`.
+        boundary: `observation`, `command`, `force` or `acceleration`; of engines that step one
+            model also `constraint`, the generalized force of contacts and limits, and `step`, the
+            velocity after one step as the second integrates.
         silent: which of the two cannot say, `first` and `second`; empty where it was compared.
         sizes: how many components each has.
         tolerance: relative difference from which on a component differs.
@@ -242,13 +250,15 @@ def compare_boundaries(
     check("observation", seeds)
     commands = check("command", actions, first.commands == second.commands)
     forces = check("force", commands)
-    check("acceleration", forces)
+    for name in ("acceleration", "constraint"):
+        check(name, forces)
+    check("step", [(force, second.scheme) for force in forces])
     return Contract(
         first=names[0],
         second=names[1],
         states=states,
         starts_alone=starts_alone,
-        checks=tuple(found),
+        checks=tuple(x for x in found if x.compared or x.boundary not in OF_ONE_MODEL),
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from math import prod
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import gymnasium as gym
 import numpy as np
@@ -27,8 +27,21 @@ ACTUATORS = "command of the actuators"
 """What a command is where it is recorded as it reaches the actuators, within their limits."""
 
 
+class Scheme(NamedTuple):
+    """What one step is made by.
+
+    Attributes:
+        integrator: its name, the same in all engines of one model.
+        dt: step, s.
+    """
+
+    integrator: str
+    dt: float
+
+
 class Boundaries:
-    """What one environment makes of states and actions, at four boundaries.
+    """What one environment makes of states and actions, at four boundaries. Of engines that step
+    one compiled model also what constraints do and where one step leads.
 
     A method that returns None cannot say, and that boundary is not compared. This base says what is
     observed at a start and which action reaches the environment inside all wrappers; your own
@@ -42,12 +55,14 @@ class Boundaries:
         velocities: names of the velocities, likewise.
         commands: what a command is; commands of different kinds are not compared.
         width: bits of the floats that it computes with.
+        scheme: what it integrates by; None: steps of it are not compared.
     """
 
     coordinates: tuple[str, ...] = ()
     velocities: tuple[str, ...] = ()
     commands: ClassVar[str] = "action of the environment inside"
     width: int = 64
+    scheme: Scheme | None = None
 
     def __init__(self, env: Any) -> None:
         self.env = env
@@ -89,6 +104,14 @@ class Boundaries:
 
     def acceleration(self, state: Array, force: Array) -> Named | None:
         """Accelerations under a generalized force, at once: before any step, by coordinate."""
+        return None
+
+    def constraint(self, state: Array, force: Array) -> Named | None:
+        """The generalized force of constraints under a generalized force, by coordinate."""
+        return None
+
+    def step(self, state: Array, given: tuple[Array, Scheme | None]) -> Named | None:
+        """Velocities after one step under a generalized force by a scheme, by coordinate."""
         return None
 
 

@@ -22,7 +22,7 @@ from ..engines.newton import SETTABLE
 from ..engines.simulator import silence_output
 from ..rediscretized import integrator_numbers, integrator_of
 from ..registries import ENGINES
-from .boundaries import Array, MujocoBoundaries, Named, name_components
+from .boundaries import Array, MujocoBoundaries, Named, Scheme, name_components
 from .mjcf_model import CompiledModel
 
 READ: Final = ("qpos", "qvel", "act", "ctrl", "qfrc_applied", "xfrc_applied", "qacc_warmstart")
@@ -104,6 +104,24 @@ class ModelEngine(ABC):
         data.time += model.opt.timestep
         data.solver_niter[:] = 0
         data.solver_niter[0] = iterations
+
+
+class MujocoModel(ModelEngine):
+    """`mj_step`, which the others are compared with."""
+
+    title: ClassVar[str] = "C MuJoCo"
+
+    def take(self) -> None:
+        """Make room for its state."""
+        self._data = self._mujoco.MjData(self._model)
+
+    def step(self, given: Fields) -> tuple[Fields, int]:
+        """By C."""
+        for name, values in given.items():
+            getattr(self._data, name)[:] = values
+        self._mujoco.mj_step(self._model, self._data)
+        found = {name: getattr(self._data, name) for name in WRITTEN}
+        return found, int(self._data.solver_niter[0])
 
 
 class MjxModel(ModelEngine):
@@ -308,7 +326,8 @@ def engine_of_model(engine: str, model: Any, compiled: CompiledModel) -> ModelEn
     mujoco.mj_saveModel(model, None, content)
     key = engine, hashlib.sha256(content.tobytes()).hexdigest()
     if key not in _MADE:
-        stepped = MODEL_ENGINES[engine](mujoco, model, compiled)
+        kind = MujocoModel if engine == "mujoco" else MODEL_ENGINES[engine]
+        stepped = kind(mujoco, model, compiled)
         if len(_MADE) >= KEPT:
             _MADE.pop(next(iter(_MADE)))
         _MADE[key] = stepped
@@ -320,7 +339,7 @@ CONVERGED: Final = {"iterations": 100, "ls_iterations": 50}
 
 
 class ModelBoundaries(MujocoBoundaries):
-    """Of a robot, by the functions of its engine, whose solver may go on until it has converged.
+    """Of a robot, by one step of its engine, whose solver may go on until it has converged.
 
     Args:
         env: the robot's environment.
@@ -330,36 +349,50 @@ class ModelBoundaries(MujocoBoundaries):
     def __init__(self, env: gym.Env[Any, Any], engine: str) -> None:
         super().__init__(env)
         self.width = int(ENGINES.load(engine).width)
-        self._option = {name: getattr(self._model.opt, name) for name in CONVERGED}
-        self._engine = None
-        if engine in MODEL_ENGINES:
-            model, inner = copy.copy(self._model), env.unwrapped
-            _set(model, {**CONVERGED, "integrator": integrator_numbers()["Euler"]})
-            self._engine = engine_of_model(engine, model, inner.testbed.compiled)  # type: ignore[attr-defined]
+        self.scheme = Scheme(integrator_of(self._model), float(self._model.opt.timestep))
+        self._explicit = self.scheme._replace(integrator="Euler")
+        self._engine, self._compiled = engine, env.unwrapped.testbed.compiled  # type: ignore[attr-defined]
+        self._steppers: dict[Scheme, ModelEngine] = {}
 
     def force(self, state: Array, command: Array) -> Named | None:
         """`qfrc_actuator`."""
-        if self._engine is None or len(command) != self._model.nu:
-            return super().force(state, command)
-        return name_components(self._axes, self._fields(state, ctrl=command)["qfrc_actuator"])
+        if len(command) != self._model.nu:
+            return None
+        return self._name(self._step_once(state, self._explicit, ctrl=command)["qfrc_actuator"])
 
     def acceleration(self, state: Array, force: Array) -> Named | None:
-        """`qacc` under the force alone: what actuators do without a command is taken off."""
-        if self._engine is None or len(force) != self._model.nv:
-            _set(self._model, CONVERGED)
-            found = super().acceleration(state, force)
-            _set(self._model, self._option)
-            return found
-        idle = self._fields(state)["qfrc_actuator"].copy()
-        return name_components(self._axes, self._fields(state, qfrc_applied=force - idle)["qacc"])
+        """`qacc`."""
+        found = self._step_under(state, force, self._explicit)
+        return None if found is None else self._name(found["qacc"])
 
-    def _fields(self, state: Array, **inputs: Array) -> Fields:
+    def constraint(self, state: Array, force: Array) -> Named | None:
+        """`qfrc_constraint`: of contacts, limits of joints, friction in them."""
+        found = self._step_under(state, force, self._explicit)
+        return None if found is None else self._name(found["qfrc_constraint"])
+
+    def step(self, state: Array, given: tuple[Array, Scheme | None]) -> Named | None:
+        """`qvel` after it."""
+        force, scheme = given
+        found = None if scheme is None else self._step_under(state, force, scheme)
+        return None if found is None else self._name(found["qvel"])
+
+    def _name(self, values: Array) -> Named:
+        return name_components(self._axes, values)
+
+    def _step_under(self, state: Array, force: Array, scheme: Scheme) -> Fields | None:
+        """One step under the force alone: what actuators do without a command is taken off."""
+        known = integrators_of_model(self._engine).values()
+        if len(force) != self._model.nv or scheme.integrator not in known:
+            return None
+        idle = self._step_once(state, scheme)["qfrc_actuator"].copy()
+        return self._step_once(state, scheme, qfrc_applied=force - idle)
+
+    def _step_once(self, state: Array, scheme: Scheme, **inputs: Array) -> Fields:
+        if scheme not in self._steppers:
+            model, number = copy.copy(self._model), integrator_numbers()[scheme.integrator]
+            for name, value in {**CONVERGED, "integrator": number, "timestep": scheme.dt}.items():
+                setattr(model.opt, name, value)
+            self._steppers[scheme] = engine_of_model(self._engine, model, self._compiled)
         self._place(state, **inputs)
         self._data.qacc_warmstart[:] = 0.0
-        assert self._engine is not None
-        return self._engine.step({name: getattr(self._data, name) for name in READ})[0]
-
-
-def _set(model: Any, options: Mapping[str, Any]) -> None:
-    for name, value in options.items():
-        setattr(model.opt, name, value)
+        return self._steppers[scheme].step({name: getattr(self._data, name) for name in READ})[0]

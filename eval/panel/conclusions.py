@@ -907,17 +907,22 @@ def contract_words(
     return tuple(true_minus(_boundary_words(one, first, second)) for one in contract.broken)
 
 
+_QUANTITIES: Final = {"constraint": "constraint force", "step": "velocity after one step"}
+"""Of boundaries that are not called as what is compared there."""
+
+
 def _boundary_words(check: BoundaryCheck, first: str, second: str) -> str:
+    quantity = _QUANTITIES.get(check.boundary, check.boundary)
     if not check.differing:
         sizes = f"{check.sizes[0]} components {first} and {check.sizes[1]} {second}"
-        return f"{check.boundary} has {sizes}"
+        return f"{quantity} has {sizes}"
     shown = [
         f"{one.component}{'' if one.there == one.component else f' (there {one.there})'} "
         f"{_exact(one.first)} {first} and {_exact(one.second)} {second}"
         for one in check.differing[:_MOST_NAMES]
     ]
     more = len(check.differing) - len(shown)
-    return f"{check.boundary} of {'; '.join(shown)}{f', and {more} more' if more else ''}"
+    return f"{quantity} of {'; '.join(shown)}{f', and {more} more' if more else ''}"
 
 
 def _exact(value: float | None) -> str:

@@ -34,6 +34,8 @@ MAPS: Final = {
     "command": "action → actuator command",
     "force": "command → generalized force",
     "acceleration": "force, state → acceleration",
+    "constraint": "force, state → constraint force",
+    "step": "force, state → velocity after a step",
 }
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from dataclasses import replace
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -17,10 +18,12 @@ from integ_gym.envs.testbeds.making import find_testbed, make_checked
 from integ_gym.envs.testbeds.mjcf_engines import (
     CONVERGED,
     MODEL_ENGINES,
+    MujocoModel,
     engine_of_model,
     integrators_of_model,
 )
 from integ_gym.envs.testbeds.mjcf_model import compile_model
+from integ_gym.eval.contract import BoundaryName
 from integ_gym.evidence.replaying import replay
 
 ROUNDING = {64: 1e-10, 32: 1e-4}
@@ -72,6 +75,39 @@ def test_one_step_is_c_mujocos_in_the_air_and_on_the_ground(engine):
     found = integ_gym.compare_contracts(testbed.home, place, MONOPED, states=4)
     assert not found.broken
     assert all(check.compared for check in found.checks)
+    assert [check.boundary for check in found.checks] == [*get_args(BoundaryName)]
+
+
+@pytest.mark.parametrize(
+    ("field", "boundary", "component"),
+    [
+        ("qacc", "acceleration", "root_z"),
+        ("qfrc_constraint", "constraint", "root_z"),
+        ("qvel", "step", "root_z"),
+    ],
+)
+@pytest.mark.parametrize("integrator", ["Euler", "implicitfast"])
+def test_what_an_engine_steps_otherwise_is_found_where_it_is(
+    monkeypatch, field, boundary, component, integrator
+):
+    class Off(MujocoModel):
+        """C MuJoCo, with a quantity a thousandth larger after each step."""
+
+        def step(self, given):
+            found, iterations = super().step(given)
+            return {**found, field: 1.001 * found[field]}, iterations
+
+    testbed, place = on("mujoco_warp", integrator)
+    monkeypatch.setitem(MODEL_ENGINES, "mujoco_warp", Off)
+    monkeypatch.setattr("integ_gym.envs.testbeds.mjcf_engines._MADE", {})
+    found = integ_gym.compare_contracts(testbed.home, place, MONOPED)
+    (check,) = found.broken
+    assert check.boundary == boundary
+    assert component in {one.component for one in check.differing}
+    assert all(abs(one.relative - 0.001) < 1e-5 for one in check.differing)
+    monkeypatch.setitem(MODEL_ENGINES, "mujoco_warp", MujocoModel)
+    monkeypatch.setattr("integ_gym.envs.testbeds.mjcf_engines._MADE", {})
+    assert not integ_gym.compare_contracts(testbed.home, place, MONOPED).broken
 
 
 @pytest.mark.slow
