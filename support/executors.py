@@ -17,6 +17,7 @@ from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
+from itertools import islice
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple, TypeAlias, TypeVar
@@ -39,6 +40,10 @@ JOB_MINUTES = 60
 
 POLL_SECONDS = 0.5
 """Time between two looks at a Slurm job, s."""
+
+AHEAD = 4
+"""Tasks for each worker that are given out and not yet taken in: what they return waits in memory
+here where it is taken in more slowly than it comes."""
 
 MOST_TEXT = 10_000
 """Characters of what a task prints that come back, from its end."""
@@ -139,6 +144,7 @@ class TaskPool:
     def __init__(self, cluster: Cluster, progress: Progress, prepare: Prepare = None) -> None:
         self._open: Callable[[], AbstractContextManager[Executor]]
         self._open = partial(cluster.pool, progress, prepare)
+        self._ahead = max(1, AHEAD * cluster.workers)
         self._progress = progress
         self._stack = ExitStack()
 
@@ -187,9 +193,19 @@ class TaskPool:
         Raises:
             BrokenExecutor: at the end, if a worker was lost.
         """
-        futures = {self._executor.submit(*task): key for key, task in waiting.items()}
+        later, given = iter([*waiting.items()]), dict[Future[Any], Key]()
         lost: BrokenExecutor | None = None
-        for future in self._progress.ended(futures):
+        running = set[Future[Any]]()
+
+        def give_out(count: int) -> None:
+            for key, task in islice(later, count):
+                future = self._executor.submit(*task)
+                given[future] = key
+                running.add(future)
+
+        give_out(self._ahead)
+        for future in self._progress.ended(running):
+            key = given.pop(future)
             if future.cancelled():  # by an executor that lost its connection
                 lost = BrokenExecutor("cancelled")
                 continue
@@ -197,9 +213,13 @@ class TaskPool:
             if isinstance(error, BrokenExecutor):
                 lost = error
                 continue
-            key = futures.pop(future)
             del waiting[key]
             yield key, future
+            if lost is None:
+                try:
+                    give_out(1)
+                except BrokenExecutor as broken:
+                    lost = broken
         if lost is not None:
             raise lost
 

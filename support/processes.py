@@ -11,7 +11,7 @@ import platform
 import sys
 import threading
 import warnings
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import (
     FIRST_COMPLETED,
     Executor,
@@ -204,11 +204,14 @@ class Progress:
         if show:
             self._show()
 
-    def ended(self, tasks: Iterable[Future[Any]]) -> Iterator[Future[Any]]:
-        """Tasks as they end; until the last has, the bar moves with what they report."""
-        running = set(tasks)
+    def ended(self, running: set[Future[Any]]) -> Iterator[Future[Any]]:
+        """Tasks as they end, which are taken out; others may be put in meanwhile.
+
+        Until the last has ended, the bar moves with what they report.
+        """
         while running:
-            ended, running = wait(running, timeout=0.2, return_when=FIRST_COMPLETED)
+            ended, _ = wait(running, timeout=0.2, return_when=FIRST_COMPLETED)
+            running -= ended
             self._show()
             while ended:  # so that none is kept when it was taken
                 yield ended.pop()

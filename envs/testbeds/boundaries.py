@@ -40,8 +40,9 @@ class Scheme(NamedTuple):
 
 
 class Boundaries:
-    """What one environment makes of states and actions, at four boundaries. Of engines that step
-    one compiled model also what constraints do and where one step leads.
+    """What one environment makes of states and actions, at four boundaries.
+
+    Engines that step one compiled model also say what constraints do, and where one step leads.
 
     A method that returns None cannot say, and that boundary is not compared. This base says what is
     observed at a start and which action reaches the environment inside all wrappers; your own

@@ -45,8 +45,9 @@ def parser() -> argparse.ArgumentParser:
         prog="integ-gym contract",
         description="Compare two environments, or two cells of one, from the same states and "
         "actions before anything is integrated. Four quantities are compared: observation, "
-        "actuator command, generalized force, and the acceleration at that instant. Both sides get "
-        f"the same inputs to each, so that a fault shows where it is. {FITS}",
+        "actuator command, generalized force, and the acceleration at that instant; of a robot's "
+        "model on MJX, MuJoCo Warp or Newton also constraint forces, and the velocity after one "
+        f"step. Both sides get the same inputs to each, so that a fault shows where it is. {FITS}",
         epilog=EXAMPLES,
     )
     where = "an environment's id or testbed; with --env a cell, as NAME=VALUE,NAME=VALUE"

@@ -2,14 +2,22 @@
 
 import subprocess
 import sys
+import time
 from concurrent.futures import BrokenExecutor
 from pathlib import Path
 
 import pytest
 import tasks
-from tasks import always_die, die_once, fail, number_of_prepared, report_and_print
+from tasks import always_die, die_once, fail, number_of_prepared, report_and_print, touch
 
-from integ_gym.support.executors import Cluster, ClusterError, Resources, TaskPool, open_cluster
+from integ_gym.support.executors import (
+    AHEAD,
+    Cluster,
+    ClusterError,
+    Resources,
+    TaskPool,
+    open_cluster,
+)
 from integ_gym.support.processes import Progress
 
 
@@ -130,6 +138,19 @@ def test_the_task_of_a_worker_that_died_is_given_to_another(tmp_path, executor, 
     assert ended == dict.fromkeys(tasks, "done")
     assert set(discarded) == set(tasks)
     assert "is given to another" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("workers", [0, 1, 2])
+def test_no_more_is_given_out_than_the_workers_need(tmp_path, workers):
+    """What tasks return would else wait here without a bound while each is written."""
+    most = max(1, AHEAD * workers)
+    tasks = {n: (touch, str(tmp_path / str(n))) for n in range(40)}
+    with TaskPool(Cluster(workers), Progress(_Bar())) as pool:
+        for taken, (n, future) in enumerate(pool.run(tasks), start=1):
+            assert future.result() == str(tmp_path / str(n))
+            time.sleep(0.02)
+            assert len([*tmp_path.iterdir()]) < taken + most
+    assert taken == len(tasks) == len([*tmp_path.iterdir()])
 
 
 def test_a_task_that_kills_every_worker_ends_the_run():

@@ -55,6 +55,12 @@ def die_once(path: str) -> str:
     return "alive"
 
 
+def touch(path: str) -> str:
+    """Make a file, and return its name."""
+    Path(path).touch()
+    return path
+
+
 def always_die() -> None:
     """Kill this process."""
     os.kill(os.getpid(), signal.SIGKILL)
