@@ -3,8 +3,13 @@
     python benchmarks/robot_causes.py go1:Go1 DIR [--episodes 4]
 
 The first line is the largest h d / M, an eigenvalue of h M⁻¹D at the start: explicit Euler diverges
-above 2. The others are how long episodes last, s, by integrator, solver iterations and warm start.
+above 2. The others are how many episodes end in a fall and how long each lasts, s, by integrator,
+solver iterations and warm start. The last two make the step of implicit damping here, from the sum
+of the forces (M + h D)⁻¹ f as MuJoCo does, and from the solver's acceleration (M + h D)⁻¹ M a as
+MuJoCo Warp does. Of a solver that has converged the two are one, since then M a = f.
 """
+
+from functools import partial
 
 import mujoco
 import numpy as np
@@ -12,18 +17,22 @@ from robots import decisions, open_robot, robot_parser
 
 from integ_gym import Discretization
 
+NO_WARM_START = "no warm start"
+FROM_FORCES, FROM_ACCELERATION = "stepped here from forces", "stepped here from the acceleration"
 SETTINGS = (
-    ("Euler", {"iterations": 1}, True),
-    ("Euler", {"iterations": 1, "eulerdamp": True}, True),
-    ("implicitfast", {"iterations": 1}, True),
-    ("implicitfast", {"iterations": 1}, False),
-    ("implicitfast", {"iterations": 3}, True),
-    ("implicitfast", {"iterations": 100, "ls_iterations": 50}, True),
+    ("Euler", {"iterations": 1}, ""),
+    ("Euler", {"iterations": 1, "eulerdamp": True}, ""),
+    ("implicitfast", {"iterations": 1}, ""),
+    ("implicitfast", {"iterations": 1}, NO_WARM_START),
+    ("implicitfast", {"iterations": 3}, ""),
+    ("implicitfast", {"iterations": 100, "ls_iterations": 50}, ""),
+    ("implicitfast", {"iterations": 1}, FROM_FORCES),
+    ("implicitfast", {"iterations": 1}, FROM_ACCELERATION),
 )
 
 
-def damping_number(model, data):
-    """Largest eigenvalue of h M⁻¹D, of joint damping and of servos' damping."""
+def mass_and_damping(model, data):
+    """M, and D of joints and servos."""
     mass = np.zeros((model.nv, model.nv))
     for column, unit in zip(mass, np.eye(model.nv), strict=True):
         mujoco.mj_mulM(model, data, column, unit)
@@ -31,8 +40,27 @@ def damping_number(model, data):
     for actuator in range(model.nu):
         joint = model.actuator_trnid[actuator, 0]
         damping[model.jnt_dofadr[joint]] -= model.actuator_biasprm[actuator, 2]
-    rates = np.linalg.eigvals(np.linalg.solve(mass, np.diag(damping)))
+    return mass, np.diag(damping)
+
+
+def damping_number(model, data):
+    """Largest eigenvalue of h M⁻¹D."""
+    mass, damping = mass_and_damping(model, data)
+    rates = np.linalg.eigvals(np.linalg.solve(mass, damping))
     return model.opt.timestep * float(np.max(rates.real))
+
+
+def step_damped(model, data, words):
+    """One step of semi-implicit Euler with implicit damping, in place of `mj_step`."""
+    mujoco.mj_forward(model, data)
+    (mass, damping), step = mass_and_damping(model, data), model.opt.timestep
+    force = data.qfrc_smooth + data.qfrc_constraint
+    if words == FROM_ACCELERATION:
+        force = mass @ data.qacc
+    data.qacc_warmstart[:] = data.qacc
+    data.qvel[:] += step * np.linalg.solve(mass + step * damping, force)
+    mujoco.mj_integratePos(model, data.qpos, data.qvel, step)
+    data.time += step
 
 
 def main():
@@ -44,20 +72,24 @@ def main():
     env.reset(seed=0)
     number = damping_number(env.unwrapped.model, env.unwrapped.data)
     print(f"{given.robot}: {home.integrator}, {home.dt:g} s; h d / M up to {number:.2f}")
-    for integrator, solver, warm in SETTINGS:
+    for integrator, solver, words in SETTINGS:
         place = Discretization(integrator, home.dt, home.control_period, home.engine)
         (env,) = testbed.make(place, 1, solver=solver).envs
-        if not warm:
+        if words == NO_WARM_START:
             flags = mujoco.mjtDisableBit.mjDSBL_WARMSTART
             env.unwrapped.model.opt.disableflags |= int(flags)
+        elif words:
+            env._ledger.take_step_by(partial(step_damped, words=words))
         times = []
         for seed in range(given.episodes):
             *_, last = decisions(env, session, env.reset(seed=seed)[0])
             times.append(last["time"])
-        settings_text = ", ".join(f"{name} {value}" for name, value in solver.items())
-        start = "" if warm else ", no warm start"
+        fall = sum(time < env.setup.settings.duration for time in times)
+        setting = [integrator, *(f"{name} {value}" for name, value in solver.items()), words]
         print(
-            f"{integrator}, {settings_text}{start}: {' '.join(f'{time:.2f}' for time in times)} s"
+            f"{', '.join(filter(None, setting))}: {fall} of {len(times)} fall, "
+            f"{' '.join(f'{time:.2f}' for time in times)} s",
+            flush=True,
         )
 
 

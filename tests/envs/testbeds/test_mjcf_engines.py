@@ -18,6 +18,7 @@ from integ_gym.envs.testbeds.making import find_testbed, make_checked
 from integ_gym.envs.testbeds.mjcf_engines import (
     CONVERGED,
     MODEL_ENGINES,
+    READ,
     MujocoModel,
     engine_of_model,
     integrators_of_model,
@@ -76,6 +77,48 @@ def test_one_step_is_c_mujocos_in_the_air_and_on_the_ground(engine):
     assert not found.broken
     assert all(check.compared for check in found.checks)
     assert [check.boundary for check in found.checks] == [*get_args(BoundaryName)]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("engine", ["mujoco", *MODEL_ENGINES])
+def test_implicit_damping_of_a_solver_that_stops_early_is_of_what_the_engine_integrates(engine):
+    """Forces f in MuJoCo and MJX, M a in MuJoCo Warp and Newton; they differ before it converges.
+
+    docs/explanation/robots.md rests on it.
+    """
+    import mujoco
+
+    testbed, _ = on(engine, "implicitfast")
+    model = copy.copy(testbed.compiled.model)
+    model.opt.integrator, model.opt.iterations = mujoco.mjtIntegrator.mjINT_IMPLICITFAST, 1
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    data.qpos[1] -= 0.02
+    data.qvel[:] = 0.3
+    mujoco.mj_forward(model, data)
+    assert data.ncon
+    assert (model.actuator_biasprm[:, 2] == 0.0).all()
+    mass = np.zeros((model.nv, model.nv))
+    for row, unit in zip(mass, np.eye(model.nv), strict=True):
+        mujoco.mj_mulM(model, data, row, unit)
+    damping = np.diag(model.dof_damping.reshape(model.nv, -1)[:, 0])
+    given = {name: np.array(getattr(data, name)) for name in READ} | {"qacc_warmstart": np.zeros(6)}
+    found, _ = engine_of_model(engine, model, testbed.compiled).step(given)
+    step, change = model.opt.timestep, np.asarray(found["qvel"]) - data.qvel
+    integrated = {
+        "forces": data.qfrc_smooth + found["qfrc_constraint"],
+        "acceleration": mass @ found["qacc"],
+    }
+    expected = {
+        name: step * np.linalg.solve(mass + step * damping, force)
+        for name, force in integrated.items()
+    }
+    own = "acceleration" if engine in ("mujoco_warp", "newton") else "forces"
+    width = ENGINES.load(engine).width
+    size = np.abs(change).max()
+    assert np.abs(change - expected.pop(own)).max() < ROUNDING[width] * size
+    ((_, other),) = expected.items()
+    assert np.abs(change - other).max() > 0.01 * size
 
 
 @pytest.mark.parametrize(
