@@ -31,15 +31,19 @@ SETTINGS = (
 )
 
 
-def mass_and_damping(model, data):
-    """M, and D of joints and servos."""
+def mass_and_damping(model, data, within_limits=False):
+    """M, and D of joints and servos; MuJoCo leaves out those whose joints are at force limits."""
     mass = np.zeros((model.nv, model.nv))
     for column, unit in zip(mass, np.eye(model.nv), strict=True):
         mujoco.mj_mulM(model, data, column, unit)
     damping = np.array(model.dof_damping).reshape(model.nv, -1)[:, 0].copy()
     for actuator in range(model.nu):
         joint = model.actuator_trnid[actuator, 0]
-        damping[model.jnt_dofadr[joint]] -= model.actuator_biasprm[actuator, 2]
+        dof = model.jnt_dofadr[joint]
+        low, high = model.jnt_actfrcrange[joint]
+        limited = within_limits and model.jnt_actfrclimited[joint]
+        if not limited or low < data.qfrc_actuator[dof] < high:
+            damping[dof] -= model.actuator_biasprm[actuator, 2]
     return mass, np.diag(damping)
 
 
@@ -50,12 +54,13 @@ def damping_number(model, data):
     return model.opt.timestep * float(np.max(rates.real))
 
 
-def step_damped(model, data, words):
+def step_damped(model, data, integrated):
     """One step of semi-implicit Euler with implicit damping, in place of `mj_step`."""
     mujoco.mj_forward(model, data)
-    (mass, damping), step = mass_and_damping(model, data), model.opt.timestep
+    mass, damping = mass_and_damping(model, data, within_limits=True)
+    step = model.opt.timestep
     force = data.qfrc_smooth + data.qfrc_constraint
-    if words == FROM_ACCELERATION:
+    if integrated == FROM_ACCELERATION:
         force = mass @ data.qacc
     data.qacc_warmstart[:] = data.qacc
     data.qvel[:] += step * np.linalg.solve(mass + step * damping, force)
@@ -72,20 +77,20 @@ def main():
     env.reset(seed=0)
     number = damping_number(env.unwrapped.model, env.unwrapped.data)
     print(f"{given.robot}: {home.integrator}, {home.dt:g} s; h d / M up to {number:.2f}")
-    for integrator, solver, words in SETTINGS:
+    for integrator, solver, variant in SETTINGS:
         place = Discretization(integrator, home.dt, home.control_period, home.engine)
         (env,) = testbed.make(place, 1, solver=solver).envs
-        if words == NO_WARM_START:
+        if variant == NO_WARM_START:
             flags = mujoco.mjtDisableBit.mjDSBL_WARMSTART
             env.unwrapped.model.opt.disableflags |= int(flags)
-        elif words:
-            env._ledger.take_step_by(partial(step_damped, words=words))
+        elif variant:
+            env._ledger.take_step_by(partial(step_damped, integrated=variant))
         times = []
         for seed in range(given.episodes):
             *_, last = decisions(env, session, env.reset(seed=seed)[0])
             times.append(last["time"])
-        fall = sum(time < env.setup.settings.duration for time in times)
-        setting = [integrator, *(f"{name} {value}" for name, value in solver.items()), words]
+        fall = sum(time < testbed.duration - 0.5 * home.control_period for time in times)
+        setting = [integrator, *(f"{name} {value}" for name, value in solver.items()), variant]
         print(
             f"{', '.join(filter(None, setting))}: {fall} of {len(times)} fall, "
             f"{' '.join(f'{time:.2f}' for time in times)} s",

@@ -42,8 +42,11 @@ POLL_SECONDS = 0.5
 """Time between two looks at a Slurm job, s."""
 
 AHEAD = 4
-"""Tasks for each worker that are given out and not yet taken in: what they return waits in memory
-here where it is taken in more slowly than it comes."""
+"""Tasks for each worker that are given out and not yet taken in, at most: what they return waits in
+memory here where it is taken in more slowly than it comes."""
+
+LEAST_AHEAD = 64
+"""The same of a cluster, whose workers may be more than are known."""
 
 MOST_TEXT = 10_000
 """Characters of what a task prints that come back, from its end."""
@@ -144,7 +147,7 @@ class TaskPool:
     def __init__(self, cluster: Cluster, progress: Progress, prepare: Prepare = None) -> None:
         self._open: Callable[[], AbstractContextManager[Executor]]
         self._open = partial(cluster.pool, progress, prepare)
-        self._ahead = max(1, AHEAD * cluster.workers)
+        self._ahead = max(1, AHEAD * cluster.workers, LEAST_AHEAD if cluster.remote else 0)
         self._progress = progress
         self._stack = ExitStack()
 
@@ -194,32 +197,31 @@ class TaskPool:
             BrokenExecutor: at the end, if a worker was lost.
         """
         later, given = iter([*waiting.items()]), dict[Future[Any], Key]()
-        lost: BrokenExecutor | None = None
         running = set[Future[Any]]()
 
-        def give_out(count: int) -> None:
+        def give_out(count: int) -> BrokenExecutor | None:
+            """Give more to the workers; what says that they can take no more."""
             for key, task in islice(later, count):
-                future = self._executor.submit(*task)
+                try:
+                    future = self._executor.submit(*task)
+                except BrokenExecutor as broken:
+                    return broken
                 given[future] = key
                 running.add(future)
+            return None
 
-        give_out(self._ahead)
+        lost = give_out(self._ahead)
         for future in self._progress.ended(running):
             key = given.pop(future)
-            if future.cancelled():  # by an executor that lost its connection
-                lost = BrokenExecutor("cancelled")
-                continue
-            error = future.exception()
+            # an executor that lost its connection cancels
+            error = BrokenExecutor("cancelled") if future.cancelled() else future.exception()
             if isinstance(error, BrokenExecutor):
                 lost = error
-                continue
-            del waiting[key]
-            yield key, future
-            if lost is None:
-                try:
-                    give_out(1)
-                except BrokenExecutor as broken:
-                    lost = broken
+                waiting[key] = waiting.pop(key)  # after those that have not been tried
+            else:
+                del waiting[key]
+                yield key, future
+            lost = give_out(1) or lost
         if lost is not None:
             raise lost
 
@@ -245,12 +247,20 @@ class RemoteExecutor(Executor):
         self._progress = progress
         self._prepare = prepare
         self._lost = lost
+        self._gone: tuple[type[BaseException], ...] = (RuntimeError, ConnectionError, *lost)
         self._waiting: set[Future[Any]] = set()
 
     def submit(self, task: Callable[..., Any], /, *given: Any, **named: Any) -> Future[Any]:
-        """Have a task run; what it prints is printed here, on standard error, when it ends."""
+        """Have a task run; what it prints is printed here, on standard error, when it ends.
+
+        Raises:
+            BrokenExecutor: if it takes no more tasks.
+        """
         outer: Future[Any] = Future()
-        inner = self._executor.submit(_run_task, self._prepare, task, given, named)
+        try:
+            inner = self._executor.submit(_run_task, self._prepare, task, given, named)
+        except self._gone as error:
+            raise BrokenExecutor(f"{type(error).__name__}: {error}") from error
         self._waiting.add(inner)
 
         def pass_on(ended: Future[Any]) -> None:

@@ -28,21 +28,23 @@ ACTUATORS = "command of the actuators"
 
 
 class Scheme(NamedTuple):
-    """What one step is made by.
+    """What a compiled model is stepped by.
 
     Attributes:
+        engine: its name.
         integrator: its name, the same in all engines of one model.
         dt: step, s.
     """
 
+    engine: str
     integrator: str
     dt: float
 
 
 class Boundaries:
-    """What one environment makes of states and actions, at four boundaries.
+    """What one environment makes of states and actions, at four boundaries before it integrates.
 
-    Engines that step one compiled model also say what constraints do, and where one step leads.
+    Engines that step one compiled model also say what constraints do, and what one step changes.
 
     A method that returns None cannot say, and that boundary is not compared. This base says what is
     observed at a start and which action reaches the environment inside all wrappers; your own
@@ -56,7 +58,7 @@ class Boundaries:
         velocities: names of the velocities, likewise.
         commands: what a command is; commands of different kinds are not compared.
         width: bits of the floats that it computes with.
-        scheme: what it integrates by; None: steps of it are not compared.
+        scheme: what steps its compiled model; None: constraints and steps are not compared.
     """
 
     coordinates: tuple[str, ...] = ()
@@ -111,8 +113,13 @@ class Boundaries:
         """The generalized force of constraints under a generalized force, by coordinate."""
         return None
 
-    def step(self, state: Array, given: tuple[Array, Scheme | None]) -> Named | None:
-        """Velocities after one step under a generalized force by a scheme, by coordinate."""
+    def step(self, state: Array, given: tuple[Array, Scheme]) -> Named | None:
+        """Change of velocity in one step, by coordinate.
+
+        Args:
+            state: at its beginning.
+            given: the generalized force, and the integrator and dt that it is made by.
+        """
         return None
 
 

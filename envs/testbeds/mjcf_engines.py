@@ -346,12 +346,15 @@ class ModelBoundaries(MujocoBoundaries):
         engine: of it.
     """
 
+    scheme: Scheme
+
     def __init__(self, env: gym.Env[Any, Any], engine: str) -> None:
         super().__init__(env)
         self.width = int(ENGINES.load(engine).width)
-        self.scheme = Scheme(integrator_of(self._model), float(self._model.opt.timestep))
+        own = integrator_of(self._model), float(self._model.opt.timestep)
+        self.scheme = Scheme(engine, *own)
         self._explicit = self.scheme._replace(integrator="Euler")
-        self._engine, self._compiled = engine, env.unwrapped.testbed.compiled  # type: ignore[attr-defined]
+        self._compiled = env.unwrapped.testbed.compiled  # type: ignore[attr-defined]
         self._steppers: dict[Scheme, ModelEngine] = {}
 
     def force(self, state: Array, command: Array) -> Named | None:
@@ -370,21 +373,21 @@ class ModelBoundaries(MujocoBoundaries):
         found = self._step_under(state, force, self._explicit)
         return None if found is None else self._name(found["qfrc_constraint"])
 
-    def step(self, state: Array, given: tuple[Array, Scheme | None]) -> Named | None:
-        """`qvel` after it."""
+    def step(self, state: Array, given: tuple[Array, Scheme]) -> Named | None:
+        """Of `qvel`."""
         force, scheme = given
-        found = None if scheme is None else self._step_under(state, force, scheme)
-        return None if found is None else self._name(found["qvel"])
+        found = self._step_under(state, force, scheme._replace(engine=self.scheme.engine))
+        return None if found is None else self._name(found["qvel"] - state[self._model.nq :])
 
     def _name(self, values: Array) -> Named:
         return name_components(self._axes, values)
 
     def _step_under(self, state: Array, force: Array, scheme: Scheme) -> Fields | None:
         """One step under the force alone: what actuators do without a command is taken off."""
-        known = integrators_of_model(self._engine).values()
+        known = integrators_of_model(self.scheme.engine).values()
         if len(force) != self._model.nv or scheme.integrator not in known:
             return None
-        idle = self._step_once(state, scheme)["qfrc_actuator"].copy()
+        idle = self._step_once(state, self._explicit)["qfrc_actuator"].copy()
         return self._step_once(state, scheme, qfrc_applied=force - idle)
 
     def _step_once(self, state: Array, scheme: Scheme, **inputs: Array) -> Fields:
@@ -392,7 +395,7 @@ class ModelBoundaries(MujocoBoundaries):
             model, number = copy.copy(self._model), integrator_numbers()[scheme.integrator]
             for name, value in {**CONVERGED, "integrator": number, "timestep": scheme.dt}.items():
                 setattr(model.opt, name, value)
-            self._steppers[scheme] = engine_of_model(self._engine, model, self._compiled)
+            self._steppers[scheme] = engine_of_model(scheme.engine, model, self._compiled)
         self._place(state, **inputs)
         self._data.qacc_warmstart[:] = 0.0
         return self._steppers[scheme].step({name: getattr(self._data, name) for name in READ})[0]

@@ -907,7 +907,7 @@ def contract_words(
     return tuple(true_minus(_boundary_words(one, first, second)) for one in contract.broken)
 
 
-_QUANTITIES: Final = {"constraint": "constraint force", "step": "velocity after one step"}
+_QUANTITIES: Final = {"constraint": "constraint force", "step": "change of velocity in a step"}
 """Of boundaries that are not called as what is compared there."""
 
 

@@ -417,7 +417,7 @@ def unit_of(spec: PanelSpec, batch: Sequence[Subject]) -> tuple[str, str]:
     named = f"{first}-and-{others}-more" if others else first
     unit = f"{PREFIX}{named}{name_start(spec.latest.start)}"
     is_one = spec.testbed.batched and not batch[0].recorded
-    return (unit if is_one else f"{unit}-{key[:8]}"), key
+    return (unit if is_one else f"{unit}-added-{key[:8]}"), key
 
 
 def statuses(spec: PanelSpec, directory: RunDirectory) -> dict[str, str]:

@@ -35,7 +35,7 @@ MAPS: Final = {
     "force": "command → generalized force",
     "acceleration": "force, state → acceleration",
     "constraint": "force, state → constraint force",
-    "step": "force, state → velocity after a step",
+    "step": "force, state → change in a step",
 }
 
 
@@ -46,8 +46,8 @@ def parser() -> argparse.ArgumentParser:
         description="Compare two environments, or two cells of one, from the same states and "
         "actions before anything is integrated. Four quantities are compared: observation, "
         "actuator command, generalized force, and the acceleration at that instant; of a robot's "
-        "model on MJX, MuJoCo Warp or Newton also constraint forces, and the velocity after one "
-        f"step. Both sides get the same inputs to each, so that a fault shows where it is. {FITS}",
+        "model on MJX, MuJoCo Warp or Newton also constraint forces, and what one step changes. "
+        f"Both sides get the same inputs to each, so that a fault shows where it is. {FITS}",
         epilog=EXAMPLES,
     )
     where = "an environment's id or testbed; with --env a cell, as NAME=VALUE,NAME=VALUE"

@@ -3,15 +3,16 @@
 import subprocess
 import sys
 import time
-from concurrent.futures import BrokenExecutor
+from concurrent.futures import BrokenExecutor, ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 import tasks
-from tasks import always_die, die_once, fail, number_of_prepared, report_and_print, touch
+from tasks import always_die, die_once, fail, lose, number_of_prepared, report_and_print, touch
 
 from integ_gym.support.executors import (
     AHEAD,
+    MOST_LOSSES,
     Cluster,
     ClusterError,
     Resources,
@@ -151,6 +152,68 @@ def test_no_more_is_given_out_than_the_workers_need(tmp_path, workers):
             time.sleep(0.02)
             assert len([*tmp_path.iterdir()]) < taken + most
     assert taken == len(tasks) == len([*tmp_path.iterdir()])
+
+
+@pytest.mark.parametrize("executor", ["local", OWN])
+def test_tasks_that_were_not_given_out_yet_outlive_a_lost_worker(tmp_path, executor, monkeypatch):
+    monkeypatch.setattr("integ_gym.support.executors.AHEAD", 1)
+    monkeypatch.setattr("integ_gym.support.executors.LEAST_AHEAD", 0)
+    tasks = {n: (touch, str(tmp_path / str(n))) for n in range(30)}
+    tasks |= {name: (die_once, str(tmp_path / name)) for name in ("a", "b")}
+    tasks |= {n: (touch, str(tmp_path / str(n))) for n in range(30, 40)}
+    with (
+        open_cluster(executor, resources=Resources(2)) as cluster,
+        TaskPool(cluster, Progress(_Bar())) as pool,
+    ):
+        ended = {key: future.result() for key, future in pool.run(tasks)}
+    assert ended.keys() == tasks.keys()
+    assert (ended["a"], ended["b"]) == ("done", "done")
+
+
+def test_a_task_that_is_lost_alone_does_not_hold_up_the_others(tmp_path):
+    """It is tried again once they are done, and ends the run."""
+    tries, done, taken = tmp_path / "tries", tmp_path / "done", set()
+    tasks = {-1: (lose, str(tries))} | {n: (touch, str(done)) for n in range(200)}
+    with (
+        open_cluster("tasks:one_thread") as cluster,
+        TaskPool(cluster, Progress(_Bar())) as pool,
+        pytest.raises(BrokenExecutor),
+    ):
+        taken.update(key for key, _ in pool.run(tasks))
+    assert len(tries.read_text()) == MOST_LOSSES
+
+
+class _Closing(ThreadPoolExecutor):
+    """Takes three tasks, and none after them, as a cluster does that goes away."""
+
+    room = 3
+
+    def submit(self, *given, **named):
+        if not self.room:
+            raise RuntimeError("cannot schedule new futures after shutdown")
+        self.room -= 1
+        return super().submit(*given, **named)
+
+
+@pytest.mark.parametrize("ahead", [1, 64])
+def test_a_cluster_that_goes_away_between_two_tasks_is_connected_again(
+    tmp_path, monkeypatch, ahead
+):
+    monkeypatch.setattr("integ_gym.support.executors.AHEAD", ahead)
+    monkeypatch.setattr("integ_gym.support.executors.LEAST_AHEAD", 0)
+    connected = []
+
+    def connect():
+        connected.append(_Closing(1))
+        return connected[-1]
+
+    tasks = {n: (touch, str(tmp_path / str(n))) for n in range(8)}
+    with TaskPool(Cluster(1, connect=connect), Progress(_Bar())) as pool:
+        ended = dict(pool.run(tasks))
+    assert ended.keys() == tasks.keys()
+    assert len(connected) == 3
+    for executor in connected:
+        executor.shutdown()
 
 
 def test_a_task_that_kills_every_worker_ends_the_run():

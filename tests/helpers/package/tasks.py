@@ -5,7 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import BrokenExecutor, ProcessPoolExecutor, ThreadPoolExecutor
 from pathlib import Path
 
 from integ_gym.support.processes import report_work
@@ -59,6 +59,13 @@ def touch(path: str) -> str:
     """Make a file, and return its name."""
     Path(path).touch()
     return path
+
+
+def lose(path: str) -> None:
+    """Count a try in a file, and report the worker lost."""
+    with Path(path).open("a") as file:
+        file.write(".")
+    raise BrokenExecutor("gone")
 
 
 def always_die() -> None:
