@@ -899,13 +899,20 @@ def contract_words(
 ) -> tuple[str, ...]:
     """Where two environments differ before any integration, a part of a sentence for each boundary.
 
+    Of accelerations, constraint forces and a step, which follow from each other, only the first.
+
     Args:
         contract: the comparison.
         first: where the first is, in words.
         second: where the second is.
     """
-    return tuple(true_minus(_boundary_words(one, first, second)) for one in contract.broken)
+    follow = [check for check in contract.broken if check.boundary in _FOLLOW]
+    said = [check for check in contract.broken if check not in follow[1:]]
+    return tuple(true_minus(_boundary_words(one, first, second)) for one in said)
 
+
+_FOLLOW: Final = ("acceleration", "constraint", "step")
+"""Boundaries of which each carries the differences of the one before."""
 
 _QUANTITIES: Final = {"constraint": "constraint force", "step": "change of velocity in a step"}
 """Of boundaries that are not called as what is compared there."""

@@ -15,7 +15,15 @@ from integ_gym.envs.engines.stepping import NativeEngine, missing_modules
 from integ_gym.envs.registries import ENGINES
 from integ_gym.envs.testbeds.boundaries import Boundaries
 from integ_gym.envs.testbeds.gym_testbed import Applied
-from integ_gym.eval.contract import SIDES, TOLERANCE, compare_boundaries, compare_contracts
+from integ_gym.eval.contract import (
+    SIDES,
+    TOLERANCE,
+    BoundaryCheck,
+    Contract,
+    compare_boundaries,
+    compare_contracts,
+)
+from integ_gym.eval.panel.conclusions import contract_words
 from integ_gym.eval.power import Comparison, judge_family
 from integ_gym.eval.verdict import Achieved, Attempt, Rates
 
@@ -160,6 +168,21 @@ def test_what_does_not_correspond_is_refused(first: str, second: str, said: str 
         return
     with pytest.raises(integ_gym.IntegGymError, match=said):
         compare_contracts(first, second)
+
+
+@pytest.mark.parametrize(
+    ("broken", "said"),
+    [
+        (["force", "acceleration", "constraint", "step"], ["force", "acceleration"]),
+        (["constraint", "step"], ["constraint force"]),
+        (["step"], ["change of velocity in a step"]),
+    ],
+)
+def test_what_follows_from_another_difference_is_not_said_again(broken, said) -> None:
+    checks = tuple(BoundaryCheck(boundary=name, sizes=(1, 2), tolerance=1e-6) for name in broken)
+    found = Contract(first="a", second="b", states=1, starts_alone=False, checks=checks)
+    words = contract_words(found, "in A", "in B")
+    assert [*words] == [f"{name} has 1 components in A and 2 in B" for name in said]
 
 
 class Floating(NativeEngine):
