@@ -41,7 +41,7 @@ JOB_MINUTES = 60
 POLL_SECONDS = 0.5
 """Time between two looks at a Slurm job, s."""
 
-AHEAD = 4
+AHEAD = 2
 """Tasks for each worker that are given out and not yet taken in, at most: what they return waits in
 memory here where it is taken in more slowly than it comes."""
 
