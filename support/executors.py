@@ -217,7 +217,6 @@ class TaskPool:
             error = BrokenExecutor("cancelled") if future.cancelled() else future.exception()
             if isinstance(error, BrokenExecutor):
                 lost = error
-                waiting[key] = waiting.pop(key)  # after those that have not been tried
             else:
                 del waiting[key]
                 yield key, future
