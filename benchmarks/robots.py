@@ -23,7 +23,7 @@ def decisions(env, session, observation):
 
 def robot_parser(title, episodes):
     parser = argparse.ArgumentParser(description=title.splitlines()[0])
-    parser.add_argument("robot", help="module and class in examples/robots, as go1:Go1")
+    parser.add_argument("robot", help="module and class, as go1:Go1 of examples/robots")
     parser.add_argument("folder", help="of its files, the policy among them")
     parser.add_argument("--episodes", type=int, default=episodes)
     return parser
@@ -32,8 +32,12 @@ def robot_parser(title, episodes):
 def open_robot(given):
     """Testbed, and a session of the policy on one core."""
     warnings.simplefilter("ignore")  # about meshes that only show
-    sys.path.append(str(Path(__file__).parents[1]))
+    root = Path(__file__).parents[1]
+    sys.path += [str(root), str(Path.cwd())]
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = 1
     session = onnxruntime.InferenceSession(f"{given.folder}/policy.onnx", options)
-    return find_testbed(f"examples.robots.{given.robot}", {"folder": given.folder}), session
+    module = given.robot.partition(":")[0]
+    known = (root / "examples" / "robots" / f"{module}.py").exists()
+    named = f"examples.robots.{given.robot}" if known else given.robot
+    return find_testbed(named, {"folder": given.folder}), session

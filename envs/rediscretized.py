@@ -34,7 +34,7 @@ from .lanes import as_floats
 from .mujoco_ledger import NOTHING, Booked, Ledger, add_up
 from .ops.ops import join_state
 from .settings import Settings, check_divides, delays_in, timing_of, whole_multiple
-from .transition import DIVERGED, NOT_CONVERGED, OK, STATUS_NAMES
+from .transition import DIVERGED, NOT_CONVERGED, NOT_REPORTED, OK, STATUS_NAMES
 
 _HEADLESS = ("egl", "osmesa")
 """Values of `MUJOCO_GL` that need no display."""
@@ -272,6 +272,8 @@ class RediscretizedEnv(foreign.ForeignWrapper):
         """The solver's status in the last control step, as a code of `STATUS_NAMES`."""
         if self._diverged:
             return DIVERGED
+        if not self.setup.engine.reports:
+            return NOT_REPORTED
         capped = self._booked.iterations >= self.setup.engine.solver_cap
         return NOT_CONVERGED if capped else OK
 

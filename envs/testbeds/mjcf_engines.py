@@ -60,11 +60,16 @@ class ModelEngine(ABC):
         model: C MuJoCo's, with its timestep, integrator and solver.
         compiled: the file that it is of.
 
+    Attributes:
+        title: its name in sentences.
+        reports: whether it tells the iterations of its solver.
+
     Raises:
         ValueError: for what the engine does not take, by its name.
     """
 
     title: ClassVar[str]
+    reports: ClassVar[bool] = True
 
     def __init__(self, mujoco: Any, model: Any, compiled: CompiledModel) -> None:
         self._mujoco, self._model, self.compiled = mujoco, copy.copy(model), compiled
@@ -89,7 +94,7 @@ class ModelEngine(ABC):
 
     @abstractmethod
     def step(self, given: Fields) -> tuple[Fields, int]:
-        """What :data:`WRITTEN` names after one timestep, and the iterations of the solver.
+        """What :data:`WRITTEN` names after one timestep, and the iterations of the solver, or 0.
 
         Args:
             given: what :data:`READ` names.
@@ -128,6 +133,7 @@ class MjxModel(ModelEngine):
     """`mjx.step`, in float64 on the CPU."""
 
     title: ClassVar[str] = "MJX"
+    reports: ClassVar[bool] = False
 
     def take(self) -> None:
         """Place the model; steps of all timesteps are one program."""
@@ -142,8 +148,8 @@ class MjxModel(ModelEngine):
     def step(self, given: Fields) -> tuple[Fields, int]:
         """By the compiled program."""
         with self._jax.enable_x64(True):
-            found, iterations = _mjx_step()(self._placed, self._data, dict(given))
-            return {name: np.asarray(x) for name, x in found.items()}, int(iterations)
+            found = _mjx_step()(self._placed, self._data, dict(given))
+            return {name: np.asarray(x) for name, x in found.items()}, 0
 
 
 @cache
@@ -152,7 +158,7 @@ def _mjx_step() -> Any:
 
     def step(model: Any, data: Any, given: Any) -> Any:
         end = stepped(model, data.replace(**given))
-        return {name: getattr(end, name) for name in WRITTEN}, end._impl.solver_niter
+        return {name: getattr(end, name) for name in WRITTEN}
 
     return load("jax", "mjx").jit(step)
 

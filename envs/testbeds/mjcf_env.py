@@ -241,7 +241,12 @@ class MjcfEnv(RediscretizedEnv):
             self.setup = replace(
                 own,
                 settings=replace(own.settings, engine=engine, integrator=integrator),
-                engine=replace(own.engine, package=kind.package, width=int(kind.width)),
+                engine=replace(
+                    own.engine,
+                    package=kind.package,
+                    width=int(kind.width),
+                    reports=steps.reports,
+                ),
                 fingerprinted=None,
             )
 

@@ -173,6 +173,8 @@ def test_a_record_names_its_engine_and_is_played_again(engine, tmp_path):
     file, record = record_swaying(made, tmp_path, 12)
     told = [record.fields[name] for name in ("engine", "integrator", "engine_version")]
     assert told == [engine, place.integrator, made.setups[0].engine.version]
+    status = "not_reported" if engine == "mjx" else "not_converged"  # its file's one iteration
+    assert record.fields["solver_status"] == status
     done = replay([(file, record)], exact=True, own_code=True).settle()
     assert (done.findings, done.skipped, done.exact) == ([], {}, 1)
 
