@@ -438,7 +438,9 @@ def _paragraphs(panel: Panel, finding: Finding) -> list[str]:
 
 def _first(panel: Panel, finding: Finding, row: Row) -> str:
     """At home x, on the truth y, lost z: dt is, or is not, the cause."""
-    what, where = _MEASURES[finding.measure], _where(panel, finding.cell)
+    what, where, differs = _MEASURES[finding.measure], _where(panel, finding.cell), "dt"
+    if _is_engine_alone(panel, finding):
+        where, differs = f"in {finding.cell}", "the engine"
     if finding.status == "home_unknown":
         entry = panel.entry(row.name, finding.cell) if finding.cell else None
         own = entry and (entry.success if finding.measure == "success" else entry.returns)
@@ -449,25 +451,32 @@ def _first(panel: Panel, finding: Finding, row: Row) -> str:
     if finding.status == "contract_error":
         return f"{at_home}, {there}: the contract differs, so nothing is said about dt."
     if finding.status == "home_decides" or finding.lost is None:
+        more = _exception(panel, finding, row)
         if panel.truth is not None and finding.home == panel.truth.name:
-            more = _exception(panel, finding, row)
             return f"{at_home}, and home is the truth: dt is not the cause{more}."
-        return (
-            f"{at_home}, and home is the finest step here, so whether dt is the cause is unknown."
-        )
+        finest = "home is the finest step here, so whether dt is the cause is unknown"
+        return f"{at_home}, and {finest}{more}."
     sample = plural(row.seeds, "seed") if panel.check else plural(_starts(panel, row), "start")
     end = {
-        "cause": "dt is the cause.",
-        "not_cause": f"practically equal ({_margin_words(finding)}), dt is not the cause",
-        "gained": "nothing is lost, and dt makes it look worse at home",
+        "cause": f"{differs} is the cause.",
+        "not_cause": f"practically equal ({_margin_words(finding)}), {differs} is not the cause",
+        "gained": f"nothing is lost, and {differs} makes it look worse at home",
         "closed": _end_closed(panel, finding),
         "not_learned": "too little was learned at home to show a loss.",
-    }.get(finding.status, f"{sample} do not show whether dt is the cause")
+    }.get(finding.status, f"{sample} do not show whether {differs} is the cause")
     if panel.check and finding.status == "undecided" and is_small(finding.lost):
         end = f"dt is not a cause of losing more than {fixed(finding.lost.ends[1])}"
     if not end.endswith("."):
         end += f"{_exception(panel, finding, row)}."
     return f"{at_home}, {there}, {_lost(panel, finding, row)}: {end}"
+
+
+def _is_engine_alone(panel: Panel, finding: Finding) -> bool:
+    """Whether home is held against another engine at the same step."""
+    if finding.home is None or finding.cell is None:
+        return False
+    home, cell = panel.cell(finding.home), panel.cell(finding.cell)
+    return home.dt == cell.dt and home.engine != cell.engine
 
 
 def is_small(lost: Estimate) -> bool:

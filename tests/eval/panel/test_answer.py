@@ -159,12 +159,33 @@ def test_the_next_command_checks_the_step_or_asks_for_what_is_missing() -> None:
     assert step.purpose.endswith("; this was look 2, and all of them count there too")
 
 
+@pytest.mark.parametrize(
+    ("returned", "said"),
+    [(-10.5, "the engine is not the cause."), (-40.0, "the engine is the cause.")],
+)
+def test_another_engine_at_the_same_step_is_not_called_a_step(returned: float, said: str) -> None:
+    panel = judged({HOME.name: 1.0}, {FINER.name: returned}, truth=False)
+    cells = [
+        msgspec.structs.replace(cell, dt=HOME.dt, engine="mujoco")
+        if cell.name == FINER.name
+        else cell
+        for cell in sorted(panel.cells, key=lambda cell: cell.name != FINER.name)
+    ]
+    same = msgspec.structs.replace(panel, cells=tuple(cells))
+    assert f", at the finest step ({FINER.name}) " in panel.headline
+    assert f", in {FINER.name} " in same.headline
+    assert same.headline.endswith(said)
+
+
 def test_what_loses_most_elsewhere_stands_behind_a_clean_answer() -> None:
     """A discretization that can be won and loses half or more, not a perturbation."""
     clean = {HOME.name: 1.0, TRUTH.name: 1.0, RK4.name: 0.1}
     assert judged(clean).headline.endswith("but on rk4 dt=0.05 it loses 0.90.")
     home = judged({TRUTH.name: 1.0, HOME.name: 1.0, RK4.name: 0.1}, home=TRUTH)
     assert home.headline.endswith("but on rk4 dt=0.05 it loses 0.90.")
+    finest = judged({HOME.name: 1.0}, {RK4.name: -100.0}, truth=False, home=FINER)
+    assert ", and home is the finest step here, so whether dt is the cause" in finest.headline
+    assert "is unknown; but on rk4 dt=0.05 it loses " in finest.headline
     heavy = f"{HOME.name}, {HEAVY}"
     for other in ({RK4.name: 0.7}, {heavy: 0.0}):
         assert judged({**clean, RK4.name: 1.0, **other}).headline.endswith("dt is not the cause.")
