@@ -8,13 +8,17 @@ m/s), one entry for each step.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from functools import lru_cache
 from itertools import product
 from math import sqrt
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from integ_gym.envs.engines.isaaclab import STARTING
 from integ_gym.envs.engines.simulator import load_undisturbed
+from integ_gym.support.isolated import ISOLATED, Worker
 
 GRAVITY, FRICTION, MASS = 9.81, 0.5, 1.0
 HALF = (0.2, 0.2, 0.05)
@@ -208,6 +212,26 @@ def sapien(integrator: str, dt: float, start: Start) -> Motion:
         yield float(q[2]) - HALF[2], float(q[0]), float(v[2]), float(v[0])
 
 
+def isaaclab(integrator: str, dt: float, start: Start) -> Motion:
+    """Newton's MuJoCo solver in Isaac Lab's scene, in float32, in a process of its own."""
+    served = _isaaclab_scene(integrator, dt)
+    served.call("start", height=start[0] + HALF[2], speed=start[1])
+    while True:
+        height, way, rising, along = served.call("step", STARTING)  # the first compiles
+        yield height - HALF[2], way, rising, along
+
+
+@lru_cache(maxsize=1)
+def _isaaclab_scene(integrator: str, dt: float) -> Worker:
+    """The process whose scene has this step; that of another step ends."""
+    served = ISOLATED["isaaclab"].start(Path(__file__).with_name("isaaclab_box.py"))
+    served.call(
+        "make", STARTING, integrator=integrator, dt=dt, sides=[2.0 * x for x in HALF], mass=MASS,
+        gravity=GRAVITY, friction=FRICTION,
+    )  # fmt: skip
+    return served
+
+
 def drake(integrator: str, dt: float, start: Start) -> Motion:
     """Point contact with Drake's default compliance, at four small spheres: a box has one point."""
     from pydrake.geometry import Sphere
@@ -276,5 +300,6 @@ BOXES: dict[str, Callable[[str, float, Start], Motion]] = {
     "dart": dart,
     "sapien": sapien,
     "drake": drake,
+    "isaaclab": isaaclab,
 }
 """By engine."""

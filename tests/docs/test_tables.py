@@ -172,6 +172,22 @@ def test_what_is_measured_of_a_tool_is_what_is_known_of_it(experiment, monkeypat
 
 
 @pytest.mark.parametrize("experiment", ["simulation_tools"], indirect=True)
+def test_a_time_has_that_of_a_process_in_which_an_engine_lives(experiment):
+    clocks = importlib.import_module("measuring.processor_time")
+    works = "import time\ninput()\nwhile time.process_time() < 1.0: pass\nprint()\ninput()"
+    with subprocess.Popen(
+        [sys.executable, "-c", works], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as engine:
+        known = clocks.processor_clocks()
+        begun = clocks.read_clocks(known)
+        engine.stdin.write("\n")
+        engine.stdin.flush()
+        engine.stdout.readline()
+        assert 0.5 < clocks.read_clocks(known) - begun < 2.0
+        engine.stdin.write("\n")
+
+
+@pytest.mark.parametrize("experiment", ["simulation_tools"], indirect=True)
 def test_two_runs_are_compared_by_the_intervals_of_their_medians(experiment):
     tables = importlib.import_module("measuring.tables")
     assert tables.medians_agree([1.0, 2.0, 3.0, 4.0, 5.0, 6.0], [6.0, 7.0, 8.0, 9.0, 10.0, 11.0])
