@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from integ_gym.eval.statistics import rate_interval
-from integ_gym.support.optional import package_version
+from integ_gym.support.optional import package_version, running_version
 from integ_gym.support.processes import cores, instruction_sets
 from integ_gym.support.terminal import print_columns
 
@@ -89,7 +89,7 @@ def p_value(value: float | None) -> str:
 
 def made_with(packages: Iterable[str]) -> dict[str, Any]:
     """Versions and the processor's instructions, on which trained weights depend."""
-    versions = {name: package_version(name) for name in packages}
+    versions = {name: running_version(name) for name in packages}
     return {"versions": versions, "instruction_sets": list(instruction_sets())}
 
 

@@ -59,6 +59,9 @@ class Table:
         first_seed: that was declared.
         run: one unit, to its rows without the column `unit`.
         value: the column of a row's number, where it has no successes.
+        timed: whether rows have times. Then one unit is run at a time, in a process that is not set
+            up for training.
+        lacking: why a unit cannot be run on this machine, empty where it can.
     """
 
     columns: Mapping[str, str]
@@ -69,6 +72,8 @@ class Table:
     first_seed: int
     run: Callable[[Any], list[Row]]
     value: str | None = None
+    timed: bool = False
+    lacking: Callable[[Any], str] = lambda unit: ""
 
     def specification(self, first_seed: int) -> dict[str, Any]:
         """What all rows of a folder have in common, and the instruction sets of this processor."""
@@ -150,6 +155,8 @@ def run_missing(table: Table, given: argparse.Namespace) -> None:
     made_on, rows = folder.claim(specification), folder.rows()
     done = {row["unit"] for row in rows}
     wanted = [u for u in table.units(given.first_seed) if u.block in (given.only or [u.block])]
+    lacking = {unit.name: why for unit in wanted if (why := table.lacking(unit))}
+    wanted = [unit for unit in wanted if unit.name in done or unit.name not in lacking]
     left = deque(unit for unit in wanted if unit.name not in done)
     begun = {unit.block for unit in wanted if unit.name in done}
     for block in sorted(begun & {unit.block for unit in left}):
@@ -159,7 +166,8 @@ def run_missing(table: Table, given: argparse.Namespace) -> None:
                 "sets; end it there, or give another folder with --out"
             )
     ends = time.monotonic() + 60.0 * given.minutes
-    pool = ProcessPoolExecutor(given.workers, get_context("spawn"), preparation("cpu"), (0,))
+    prepared = (None, ()) if table.timed else (preparation("cpu"), (0,))
+    pool = ProcessPoolExecutor(given.workers, get_context("spawn"), *prepared)
     running: dict[Future[list[Row]], Unit] = {}
     with pool, tqdm(total=len(wanted), initial=len(wanted) - len(left), unit="unit") as bar:
         while True:
@@ -176,6 +184,9 @@ def run_missing(table: Table, given: argparse.Namespace) -> None:
                     folder.describe({**specification, MADE_ON: made_on})
                 folder.write(rows, specification["columns"])
                 bar.update()
+    for name, why in lacking.items():
+        if name not in done:
+            print(f"{name} is left out: {why}")
     if left:
         print(f"{len(left)} units are left: run the same command again.")
 
@@ -268,7 +279,8 @@ def command(
     add("--out", type=Path, required=True, metavar="DIR", help="rows and specification")
     add("--only", nargs="+", choices=blocks, metavar="BLOCK", help=f"of {', '.join(blocks)}")
     add("--minutes", type=float, default=60.0, metavar="N", help="then begin nothing new: 60")
-    add("--workers", type=int, default=cores(), metavar="N", help="processes")
+    workers = 1 if table.timed else cores()
+    add("--workers", type=int, default=workers, metavar="N", help=f"processes: {workers}")
     add("--first-seed", type=int, default=table.first_seed, metavar="N", help="for a repetition")
     add("--table", action="store_true", help="run nothing: print the page's tables")
     add("--figure", type=Path, metavar="PATH", help="run nothing: draw PATH.png, .svg and .pdf")

@@ -300,7 +300,6 @@ TABLE = Table(
     run=run,
 )  # fmt: skip
 NAMES = tuple(TABLE.columns)[: TABLE.cell]
-Rates = dict[str, list[float]]
 
 
 def home_and_away(cells: Cells, task: str, arm: str, engine: str) -> tuple[Any, Any]:
@@ -361,16 +360,16 @@ def _blocks(rows: list[Row]) -> list[str]:
 
 def _tests(cells: Cells) -> list[str]:
     found = list(comparisons(cells))
-    p = holm([1.0 if one is None else one.p_greater() for *_, one in found])
+    alone = [1.0 if one is None else one.p_greater() for *_, one in found]
     lines = []
-    for (name, task, one), value in zip(found, p, strict=True):
+    for (name, task, one), own_p, value in zip(found, alone, holm(alone), strict=True):
         if one is None:
             continue
         scale = 2.0 if "−" in name else 1.0
         own = one.interval
         ends = [None if x is None else scale * x for x in (own.estimate, own.low, own.high)]
-        lines.append((name, task, interval(ends), p_value(value)))
-    return markdown(("test", "task", "difference", "p (Holm)"), lines)
+        lines.append((name, task, interval(ends), p_value(own_p), p_value(value)))
+    return markdown(("test", "task", "difference", "p", "p (Holm)"), lines)
 
 
 def _losses(cells: Cells) -> list[str]:
@@ -440,7 +439,7 @@ def figure(rows: list[Row], path: Path) -> None:
                 if rates := cells.rates(task, arm, name, other):
                     means[i, j] = mean_rate(rates)
                     axes.text(j, i, f"{means[i, j]:.2f}", ha="center", va="center", fontsize=7)
-        axes.imshow(means, vmin=0.0, vmax=1.0, cmap="RdYlGn", alpha=0.6)
+        axes.imshow(means, vmin=0.0, vmax=1.0, cmap="Blues", alpha=0.5)
         axes.set_title(f"{task}, {arm}", fontsize=9)
         axes.set_xticks(range(len(NAMED)), list(NAMED), fontsize=7, rotation=45, ha="right")
         axes.set_yticks(range(len(NAMED)), list(NAMED) if not across else [], fontsize=7)

@@ -379,18 +379,28 @@ def _tests(cells: Cells) -> list[str]:
 
 
 def _matrices(cells: Cells) -> Iterator[list[str]]:
-    """Learned at a period, judged at all: PPO `per second`, without and with a delay."""
+    """Learned at a period, judged at all: PPO `per second`, without and with a delay.
+
+    Last of each task, what the hand-made controllers reach, each at the period of its design.
+    """
     judged = [f"{slower:g} × tuned" for slower in SLOWER]
     for delay, what in ((0, "no delay"), (1, "delay of one decision")):
-        lines = [
-            [name, f"{period:g}",
-             *[success(_rates(cells, name, "PPO", "per second", period, judged_at=at, delay=delay))
-               for at in task.periods]]
-            for name, task in TASKS.items()
-            for period in task.periods
-        ]  # fmt: skip
+        lines = []
+        for name, task in TASKS.items():
+            for period in task.periods:
+                own = [
+                    _rates(cells, name, "PPO", "per second", period, judged_at=at, delay=delay)
+                    for at in task.periods
+                ]
+                lines.append([name, f"{period:g}", *map(success, own)])
+            own = [_rates(cells, name, *COLUMNS[-1], at, delay=delay) for at in task.periods]
+            lines.append([name, "hand-made", *map(success, own)])
         lines = [line for line in lines if any(line[2:])]
         yield markdown((f"task, {what}", "learned at, s", *judged), lines)
+
+
+APART_IN_FIGURE = 1.07
+"""Factor between the places of two columns at one period, so that their intervals are seen."""
 
 
 def figure(rows: list[Row], path: Path) -> None:
@@ -399,16 +409,17 @@ def figure(rows: list[Row], path: Path) -> None:
     shown = [(name, task) for name, task in TASKS.items() if name in run]
     height = 0.5 + 2.55 * -(-len(shown) // 3)
     drawn = blank_figure(9.0, height)
-    looks = {("PPO", "per decision"): (WARM, "-"), ("PPO", "per second"): (COOL, "-"),
-             ("SAC", "per decision"): (WARM, ":"), ("SAC", "per second"): (COOL, ":"),
-             ("hand-made", "designed"): (SOFT, "--")}  # fmt: skip
+    looks = {("PPO", "per decision"): (WARM, "-", "o"), ("PPO", "per second"): (COOL, "-", "o"),
+             ("SAC", "per decision"): (WARM, ":", "^"), ("SAC", "per second"): (COOL, ":", "^"),
+             ("hand-made", "designed"): (SOFT, "--", "_")}  # fmt: skip
     for place, (name, task) in enumerate(shown):
         across, down = place % 3, place // 3
         axes = axes_at(drawn, 0.6 + 2.85 * across, height - 2.2 - 2.55 * down, 2.4, 1.85)
-        for column, (colour, line) in looks.items():
-            found = [(at, _rates(cells, name, *column, at)) for at in task.periods]
+        for k, (column, (colour, line, marker)) in enumerate(looks.items()):
+            beside = APART_IN_FIGURE ** (k - 2)
+            found = [(at * beside, _rates(cells, name, *column, at)) for at in task.periods]
             label = " ".join(column).removesuffix(" designed")
-            _draw(axes, [one for one in found if one[1]], label, colour, line)
+            _draw(axes, [one for one in found if one[1]], label, colour, line, marker)
         axes.set_title(name, fontsize=9)
         axes.set(xscale="log", ylim=(-0.04, 1.04))
         axes.set_xticks(task.periods, [f"{period:g}" for period in task.periods], fontsize=7)
@@ -424,14 +435,19 @@ def figure(rows: list[Row], path: Path) -> None:
 
 
 def _draw(
-    axes: Any, found: Sequence[tuple[float, list[float]]], label: str, colour: str, line: str
+    axes: Any,
+    found: Sequence[tuple[float, list[float]]],
+    label: str,
+    colour: str,
+    line: str,
+    marker: str,
 ) -> None:
     ends = [(at, rate_interval(rates)) for at, rates in found]
     if not ends:
         return
     axes.plot(
         [at for at, _ in ends], [one.estimate for _, one in ends],
-        line, color=colour, label=label, marker="o", markersize=3, linewidth=1.4,
+        line, color=colour, label=label, marker=marker, markersize=3.5, linewidth=1.2,
     )  # fmt: skip
     for at, one in ends:
         axes.plot([at, at], [one.low, one.high], color=colour, linewidth=0.8)

@@ -14,6 +14,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from house import ROOT
+from PIL import Image
 
 PAGES = {
     "learned_engines": ROOT / "docs" / "explanation" / "learned_engines.md",
@@ -21,6 +22,7 @@ PAGES = {
     "simulation_tools": ROOT / "docs" / "explanation" / "simulation_tools.md",
 }
 FOLDERS = ROOT / "docs" / "tables"
+NUMBER = r"\d+\.\d+(?:e[-+]\d+)?"
 
 
 @pytest.fixture
@@ -36,19 +38,42 @@ def experiment(request, monkeypatch):
 def test_a_page_shows_what_the_rows_come_to_and_nothing_else(experiment):
     name, module = experiment
     rows = pq.read_table(FOLDERS / name / "rows.parquet").to_pylist()
-    page = PAGES[name].read_text(encoding="utf-8")
-    for part in module.tables(rows).strip().split("\n\n"):
+    page, made = PAGES[name].read_text(encoding="utf-8"), module.tables(rows)
+    for part in made.strip().split("\n\n"):
         assert part in page
+    shown = {line for line in page.split("\n") if line.startswith("|") and "---" not in line}
+    by_hand = shown - {*made.split("\n")}
+    if name != "learned_engines":
+        assert not by_hand
+        return
+    assert len(by_hand) == 1 + len(module.ENGINES)
+    for engine in module.ENGINES:
+        (line,) = [one for one in by_hand if one.startswith(f"| {engine.name}")]
+        step = f"{1e3 * engine.dt:g} ms" if engine.name != "pybullet" else "1/240 s"
+        assert step in line
+        assert engine.integrator in line.lower() + line or "its only integrator" in line
+
+
+@pytest.mark.parametrize("experiment", PAGES, indirect=True)
+def test_a_figure_is_drawn_from_the_published_rows(experiment, tmp_path):
+    name, module = experiment
+    module.figure(pq.read_table(FOLDERS / name / "rows.parquet").to_pylist(), tmp_path / "figure")
+    pictures = [
+        np.asarray(Image.open(folder / "figure.png").convert("L"), dtype=float)
+        for folder in (FOLDERS / name, tmp_path)
+    ]
+    assert pictures[0].shape == pictures[1].shape
+    assert np.abs(pictures[0] - pictures[1]).mean() < 0.05
 
 
 @pytest.mark.parametrize("name", PAGES)
 def test_a_number_that_was_found_is_in_a_table_or_in_what_a_command_prints(name):
     page = PAGES[name].read_text(encoding="utf-8")
     printed = re.findall(r"^\|[^\n]*|^```text\n.*?^```", page, re.MULTILINE | re.DOTALL)
-    shown = {number for part in printed for number in re.findall(r"\d+\.\d+", part)}
+    shown = {number for part in printed for number in re.findall(NUMBER, part)}
     (found,) = re.findall(r"^## What was found\n(.*?)^## ", page, re.MULTILINE | re.DOTALL)
     said = "\n".join(line for line in found.split("\n") if not line.startswith("|"))
-    numbers = re.findall(r"\d+\.\d+", said)
+    numbers = re.findall(NUMBER, said)
     assert numbers
     assert not {*numbers} - shown
 
@@ -115,6 +140,60 @@ def test_what_the_page_says_of_hidden_terms_is_in_the_rows(experiment, folder):
             assert all(means[to] < 0.25 for to in plain)
         assert arm == "matched" or means["sapien"] == 0.0
         assert (arm, home) != ("as got", "pybullet") or means[home] > 0.9
+
+
+@pytest.mark.parametrize("experiment", ["learned_periods"], indirect=True)
+def test_what_the_page_says_of_late_commands_is_in_the_rows(experiment):
+    _, module = experiment
+    rows = pq.read_table(FOLDERS / "learned_periods" / "rows.parquet").to_pylist()
+    late = {}
+    for row in rows:
+        if row["delay"] == 1 and row["judged_at"] == module.TASKS[row["task"]].periods[0]:
+            of = row["task"], row["algorithm"], row["arm"], row["trained_at"]
+            late.setdefault(of, []).append(row["successes"] / row["starts"])
+    best = {
+        task: max(np.mean(x) for of, x in late.items() if of[0] == task) for task in module.TASKS
+    }
+    for task in ("pendulum", "cart-pole", "quadrotor", "cart-pole swing-up"):
+        assert best[task] == 0.0
+        assert (task, "hand-made", "designed", module.TASKS[task].periods[0]) in late
+    assert 0.0 < best["acrobot"] < 0.3 < best["elastic pendulum"]
+
+
+@pytest.mark.parametrize("experiment", ["simulation_tools"], indirect=True)
+def test_what_the_page_says_of_tools_is_in_the_rows(experiment):
+    _, module = experiment
+    rows = pq.read_table(FOLDERS / "simulation_tools" / "rows.parquet").to_pylist()
+    cells = module.Cells(rows, module.NAMES)
+
+    def median(*cell):
+        return float(np.median([row["value"] for row in cells.by_cell[cell]]))
+
+    def of_box(engine, integrator, quantity):
+        return [median("box", engine, integrator, dt, quantity) for dt in (0.004, 0.002, 0.001)]
+
+    for integrator in ("Euler", "RK4"):
+        for other in ("mjx", "mujoco_warp", "isaaclab"):
+            theirs = integrator if other != "isaaclab" else integrator.lower()
+            for quantity in ("from the truth", "penetration", "bounce"):
+                own = of_box("mujoco", integrator, quantity)
+                assert own == pytest.approx(of_box(other, theirs, quantity), rel=0.05)
+    for shrinks in (("dart", "semi_implicit_euler"), ("drake", "tamsi")):
+        sunk = of_box(*shrinks, "penetration")
+        assert sunk[0] > 2.0 * sunk[1] > 4.0 * sunk[2]
+    assert min(of_box("mujoco", "RK4", "penetration")) > 3e-3
+    assert of_box("newton", "featherstone", "bounce")[0] > 2.9
+    own, true = (
+        of_box("mujoco", "RK4", f"from {what}")[1] for what in ("its finest step", "the truth")
+    )
+    assert 5.0 * own < true
+    for block in ("chain-2", "chain-5", "chain-10"):
+        for one, other in ((("native", "symplectic_euler"), ("dart", "semi_implicit_euler")),
+                           (("native", "rk4"), ("pinocchio", "rk4"))):  # fmt: skip
+            ends = [median(block, *of, 0.002, "from the truth") for of in (one, other)]
+            assert ends[0] == pytest.approx(ends[1], rel=0.02)
+    worse = [median("chain-2", "casadi", "cvodes", dt, "from the truth") for dt in (0.01, 0.001)]
+    assert worse[0] < worse[1]
 
 
 @pytest.mark.parametrize("name", ["learned_engines", "learned_periods"])
