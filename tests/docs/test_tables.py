@@ -7,6 +7,8 @@ import json
 import re
 import subprocess
 import sys
+from argparse import Namespace
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -264,6 +266,19 @@ def test_a_time_has_that_of_a_process_in_which_an_engine_lives(experiment):
         engine.stdout.readline()
         assert 0.5 < clocks.read_clocks(known) - begun < 2.0
         engine.stdin.write("\n")
+
+
+@pytest.mark.parametrize("experiment", ["simulation_tools"], indirect=True)
+def test_what_is_not_installed_is_left_out_and_not_kept_as_a_result(experiment, tmp_path, capsys):
+    _, module = experiment
+    tables = importlib.import_module("measuring.tables")
+    unit = module.Unit("chain-2", "isaaclab", "euler", 900)
+    why = "isaaclab is not installed"
+    table = replace(module.TABLE, units=lambda first_seed: [unit], lacking=lambda unit: why)
+    given = Namespace(out=tmp_path, only=None, first_seed=900, minutes=1.0, workers=1)
+    tables.run_missing(table, given)
+    assert f"{unit.name} is left out: {why}" in capsys.readouterr().out
+    assert not tables.Folder(tmp_path).rows()
 
 
 @pytest.mark.parametrize("experiment", ["simulation_tools"], indirect=True)
