@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from integ_gym.eval.statistics import rate_interval
-from integ_gym.support.optional import package_version, running_version
+from integ_gym.support.optional import running_version
 from integ_gym.support.processes import cores, instruction_sets
 from integ_gym.support.terminal import print_columns
 
@@ -96,6 +96,5 @@ def made_with(packages: Iterable[str]) -> dict[str, Any]:
 def write(path: Path | None, content: dict[str, Any], packages: Iterable[str]) -> None:
     """Write ``content`` with the machine and versions as JSON; nothing without a path."""
     if path is not None:
-        versions = {name: package_version(name) for name in packages}
-        about = {"machine": machine(), "versions": versions}
+        about = {"machine": machine(), **made_with(packages)}
         path.write_text(json.dumps({**content, **about}, indent=1) + "\n", encoding="utf-8")
