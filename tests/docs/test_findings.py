@@ -1,0 +1,228 @@
+"""Prose of the pages of published experiments: every number in it is the one that the rows give."""
+
+from __future__ import annotations
+
+import importlib
+import re
+import sys
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from house import ROOT
+
+from integ_gym.eval.statistics import holm, paired_difference, unpaired_difference
+
+TABLES = ROOT / "docs" / "tables"
+NUMBER = r"\d+\.\d+(?:e[-+]?\d+)?|\de-\d+"
+
+
+def prose_of(name):
+    """A page's sentences in one line, without tables, blocks, headings and addresses."""
+    page = (ROOT / "docs" / "explanation" / f"{name}.md").read_text(encoding="utf-8")
+    page = re.sub(r"^```.*?^```", "", page, flags=re.MULTILINE | re.DOTALL)
+    lines = [line for line in page.split("\n") if not line.startswith(("|", "#"))]
+    text = re.sub(r"\]\([^)]*\)|arXiv:[\d.]+", "]", "\n".join(lines))
+    return " ".join(text.replace("[", "").replace("]", "").replace("*", "").split())
+
+
+@pytest.fixture
+def experiment(monkeypatch):
+    """Import an experiment's script, and its published cells."""
+    monkeypatch.syspath_prepend(str(ROOT / "benchmarks" / "tables"))
+    monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
+    before = set(sys.modules)
+
+    def experiment_and_cells(name, folder=""):
+        module = importlib.import_module(name)
+        rows = pq.read_table(TABLES / name / folder / "rows.parquet").to_pylist()
+        return module, module.Cells(rows, module.NAMES)
+
+    yield experiment_and_cells
+    for name in set(sys.modules) - before:
+        if name.split(".")[0] in (
+            *(path.stem for path in (ROOT / "benchmarks" / "tables").iterdir()),
+            "measuring",
+        ):
+            del sys.modules[name]
+
+
+def assert_says(name, sentences):
+    """A page says all of the sentences, and its prose has no other number with decimals."""
+    prose = prose_of(name)
+    for sentence in sentences:
+        assert sentence in prose
+        prose = prose.replace(sentence, " ")
+    assert not re.findall(f".{{0,60}}(?:{NUMBER}).{{0,20}}", prose)
+
+
+def two(value):
+    return f"{value:z.2f}".replace("-", "−")
+
+
+def with_ends(found, between="("):
+    own = found.interval
+    estimate, low, high = (two(x) for x in (own.estimate, own.low, own.high))
+    return f"{estimate} ({low} to {high})" if between == "(" else f"{estimate}, {low} to {high}"
+
+
+def test_the_page_of_control_periods(experiment):
+    periods, cells = experiment("learned_periods")
+
+    def rates(task, arm, slower, algorithm="PPO", judged=None, delay=0):
+        tuned = periods.TASKS[task].period
+        way = "both" if slower == 1 else f"per {arm}"
+        at = tuned * (slower if judged is None else judged)
+        return cells.rates(task, algorithm, way, tuned * slower, at, delay)
+
+    def reached(*of, **at):
+        return two(np.mean(rates(*of, **at)))
+
+    found = list(periods.comparisons(cells))
+    corrected = holm([1.0 if one is None else one.p_greater() for *_, one in found])
+    tests = {
+        (family, task, round(period / periods.TASKS[task].period, 2)): (one, p)
+        for (family, task, period, one), p in zip(found, corrected, strict=True)
+    }
+    gains, loses, late = "per second gains", "lost at another period", "lost by a delay"
+
+    def p(*test):
+        return "< 0.001" if tests[test][1] < 0.001 else f"= {tests[test][1]:.3f}"
+
+    swing_up = "cart-pole swing-up"
+    lost = {task: tests[loses, task, 4] for task in periods.TASKS}
+    delayed = {task: tests[late, task, 1] for task in periods.TASKS}
+    assert [task for task, (_, p) in lost.items() if p < 0.05] == ["quadrotor"]
+    assert [task for task, (_, p) in delayed.items() if p < 0.05] == ["quadrotor"]
+    apart = [tests[loses, task, 0.25][0].interval for task in periods.TASKS if task != swing_up]
+    swings = tests[loses, swing_up, 0.25][0].interval
+    slow = [
+        rates(swing_up, arm, slower) for arm in ("decision", "second") for slower in (0.5, 0.25)
+    ]
+    of_four = ("pendulum", "cart-pole", "quadrotor", swing_up)
+    late_by = [4 * periods.TASKS[task].period for task in of_four]
+    sac = {"algorithm": "SAC"}
+    elastic = [
+        np.mean(rates("elastic pendulum", arm, slower, **sac))
+        for arm in ("decision", "second")
+        for slower in periods.SLOWER
+    ]
+    briefly = [
+        np.mean(rates("pendulum", arm, slower, **sac))
+        for arm in ("decision", "second")
+        for slower in (0.5, 0.25)
+    ]
+    assert {reached("pendulum", "decision", slower, **sac) for slower in (4, 2)} == {"0.00"}
+
+    def is_shown(difference, *test):
+        alone = [difference if of == test else one for of, (one, _) in tests.items()]
+        place = list(tests).index(test)
+        return holm([one.p_greater() for one in alone])[place] < 0.05
+
+    lost_alike = min(
+        x for x in np.arange(0.0, 1.0, 0.05)
+        if is_shown(paired_difference([1.0] * 8, [1.0 - x] * 8), loses, "cart-pole", 4)
+    )  # fmt: skip
+    gained_alike = min(
+        x for x in np.arange(0.0, 1.0, 0.1)
+        if is_shown(unpaired_difference([x] * 8, [0.0] * 8), gains, "cart-pole", 0.25)
+    )  # fmt: skip
+    assert tests[gains, "quadrotor", 0.25][1] > 0.05
+    again = list(periods.comparisons(experiment("learned_periods", "again")[1]))
+    second = {
+        (one[0], one[1], round(one[2] / periods.TASKS[one[1]].period, 2)): one[3] for one in again
+    }
+
+    def both(task):
+        pair = (tests[gains, task, 0.25][0], second[gains, task, 0.25])
+        return " and ".join(two(one.interval.estimate) for one in pair)
+
+    quadrotor, costly = lost["quadrotor"], ("quadrotor", swing_up)
+    assert_says("control_periods", [
+        f"settings per second reach {reached('pendulum', 'second', 4)} and "
+        f"{reached('pendulum', 'second', 0.25)} there (p {p(gains, 'pendulum', 4)} and "
+        f"p {p(gains, 'pendulum', 0.25)})",
+        f"the first reach {reached(swing_up, 'decision', 4)} and the second "
+        f"{reached(swing_up, 'second', 4)} (p {p(gains, swing_up, 4)})",
+        *[
+            f"of the {task} ({reached(task, 'decision', 0.25)} and {reached(task, 'second', 0.25)})"
+            for task in ("quadrotor", "cart-pole")
+        ],
+        f"(p {p(gains, 'quadrotor', 0.25)} and p {p(gains, 'cart-pole', 0.25)})",
+        f"(at most {two(max(map(np.mean, slow)))}, against {reached(swing_up, 'second', 1)} at the",
+        f"the quadrotor is not ({reached('quadrotor', 'decision', 4)} and "
+        f"{reached('quadrotor', 'second', 4)})",
+        f"loses at most {two(max(x.estimate for x in (*apart, swings)))} at a quarter of it; "
+        f"losses up to {two(max(x.high for x in apart))}, on the swing-up up to "
+        f"{two(swings.high)}, are not excluded",
+        f"lose everything ({with_ends(quadrotor[0], ',')}, p = {quadrotor[1]:.3f}), the "
+        f"cart-pole's {with_ends(lost['cart-pole'][0])}, the swing-up's "
+        f"{with_ends(lost[swing_up][0])} and the elastic pendulum's "
+        f"{with_ends(lost['elastic pendulum'][0])}. Only the first of these is significant",
+        f"({two(delayed['quadrotor'][0].interval.estimate)}, p = {delayed['quadrotor'][1]:.3f}), "
+        f"the swing-up {with_ends(delayed[swing_up][0])[:-1]}, not significant) and the others at "
+        f"most {two(max(delayed[x][0].interval.estimate for x in delayed if x not in costly))}",
+        f"at twice the period succeed in {reached('quadrotor', 'second', 2, judged=1, delay=1)}",
+        f"with commands {min(late_by):g} to {max(late_by):g} s late",
+        "On the quadrotor settings per second reach "
+        f"{reached('quadrotor', 'second', 4, **sac)} and "
+        f"{reached('quadrotor', 'second', 2, **sac)} at four and two times the tuned period, and "
+        f"{reached('quadrotor', 'second', 0.25, **sac)} at a quarter of it",
+        f"learn at the tuned period ({reached('pendulum', 'second', 1, **sac)}); at longer periods "
+        f"settings per second reach {reached('pendulum', 'second', 2, **sac)} and "
+        f"{reached('pendulum', 'second', 4, **sac)}, and settings per decision 0.00; at shorter "
+        f"periods neither reaches more than {two(max(briefly))}",
+        f"(at least {two(min(elastic))})",
+        f"if nearly all is lost ({lost_alike:.2f}). A gain of {gained_alike:.1f} is shown only if",
+        f"the quadrotor's {two(tests[gains, 'quadrotor', 0.25][0].interval.estimate)}, where seeds",
+        f"A p of {quadrotor[1]:.3f} has a Monte Carlo error of about 0.002",
+        f"open: {both('cart-pole')} on the cart-pole, {both('quadrotor')} on the quadrotor",
+    ])  # fmt: skip
+    shown_before = {of: p for of, (_, p) in tests.items() if second.get(of) and p < 0.05}
+    repeated = holm([1.0 if one is None else one.p_greater() for *_, one in again])
+    repeated_p = dict(zip(second, repeated, strict=True))
+    assert shown_before
+    assert all(repeated_p[of] < 0.05 for of in shown_before)
+
+
+def test_the_page_of_simulation_tools(experiment):
+    tools, cells = experiment("simulation_tools")
+    boxes = sys.modules["measuring.boxes"]
+
+    def median(*cell):
+        return float(np.median([row["value"] for row in cells.by_cell[cell]]))
+
+    at_rest = median("box", "newton", "featherstone", 0.002, "energy")
+    assert_says("simulation_tools", [
+        f"less than 1 % smaller, or below {tools.NOISE:g}, does not count as better",
+        f"and slides there; {tools.SPAN['box']} s in all",
+        f"with a coefficient of friction of {boxes.FRICTION} and no restitution",
+        f"an arm under a servo for {tools.SPAN['servo']} s",
+        f"a millimetre in the ground (an energy of {at_rest:.1e} J)",
+    ])  # fmt: skip
+    is_soft_rk4 = {(name, rk4) for name in ("mujoco", "mjx", "mujoco_warp", "isaaclab")
+                   for rk4 in ("RK4", "rk4")}  # fmt: skip
+    away = {one: median("box", *one, "from the truth") for one in tools.standing(cells, "box")}
+    for dt in tools.STEPS["box"]:
+        nearest, *others = sorted(
+            (distance, one[:2]) for one, distance in away.items() if one[2] == dt
+        )
+        assert nearest[1] in is_soft_rk4
+        rest = [distance for distance, one in others if one not in is_soft_rk4]
+        assert all(distance > away["mujoco", "RK4", dt] for distance in rest)
+    soft = [away["mujoco", "RK4", dt] for dt in tools.STEPS["box"]]
+    assert max(soft) < 1.2 * min(soft)
+    for one, at_4_ms in away.items():
+        if one[2] == 0.004 and one[:2] not in is_soft_rk4:
+            assert away[*one[:2], 0.001] < 0.5 * at_4_ms
+    on_frontier = [one[:3] for one in tools.frontier(cells, "box")]
+    assert [one for one in on_frontier if one[0] != "mujoco"] == [
+        ("pybullet", "semi_implicit_euler", 0.004)
+    ]
+    for block in ("chain-2", "chain-5", "chain-10"):
+        in_float32, by_tolerance = (
+            [median(block, *of, dt, "from the truth") for dt in tools.STEPS["chain"]]
+            for of in (("mujoco_warp", "RK4"), ("casadi", "cvodes"))
+        )
+        assert in_float32[-1] > in_float32[0] / 10.0
+        assert by_tolerance == sorted(by_tolerance)
