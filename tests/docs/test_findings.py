@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import importlib
 import re
-import sys
+from contextlib import closing
 
+import gymnasium as gym
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from house import ROOT
 
+from integ_gym.envs.engines.simulator import load_undisturbed
+from integ_gym.envs.numerics.identity import cases_of, largest_error
+from integ_gym.envs.numerics.stepping import one_step
 from integ_gym.eval.statistics import holm, paired_difference, unpaired_difference
 
 TABLES = ROOT / "docs" / "tables"
@@ -27,24 +31,15 @@ def prose_of(name):
 
 
 @pytest.fixture
-def experiment(monkeypatch):
-    """Import an experiment's script, and its published cells."""
-    monkeypatch.syspath_prepend(str(ROOT / "benchmarks" / "tables"))
-    monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
-    before = set(sys.modules)
+def experiment(import_experiment):
+    """A function that gives an experiment's script and its published cells."""
 
-    def experiment_and_cells(name, folder=""):
-        module = importlib.import_module(name)
+    def script_and_cells(name, folder=""):
+        module = import_experiment(name)
         rows = pq.read_table(TABLES / name / folder / "rows.parquet").to_pylist()
         return module, module.Cells(rows, module.NAMES)
 
-    yield experiment_and_cells
-    for name in set(sys.modules) - before:
-        if name.split(".")[0] in (
-            *(path.stem for path in (ROOT / "benchmarks" / "tables").iterdir()),
-            "measuring",
-        ):
-            del sys.modules[name]
+    return script_and_cells
 
 
 def assert_says(name, sentences):
@@ -187,7 +182,7 @@ def test_the_page_of_control_periods(experiment):
 
 def test_the_page_of_simulation_tools(experiment):
     tools, cells = experiment("simulation_tools")
-    boxes = sys.modules["measuring.boxes"]
+    boxes = importlib.import_module("measuring.boxes")
 
     def median(*cell):
         return float(np.median([row["value"] for row in cells.by_cell[cell]]))
@@ -226,3 +221,37 @@ def test_the_page_of_simulation_tools(experiment):
         )
         assert in_float32[-1] > in_float32[0] / 10.0
         assert by_tolerance == sorted(by_tolerance)
+
+
+def test_hidden_terms_of_the_page_of_engines_are_what_the_packages_have(experiment, monkeypatch):
+    engines, _ = experiment("learned_engines")
+    as_got = importlib.import_module("measuring.as_got")
+    page = (ROOT / "docs" / "explanation" / "learned_engines.md").read_text(encoding="utf-8")
+    given = engines.arguments("swing-up", "as got", "sapien")
+    with closing(gym.make(engines.ENV_ID, **given)) as env:
+        articulation = env.unwrapped.setup.engine._free.articulation
+    links, joints = articulation.links, articulation.active_joints
+    (damping,) = {round(x, 6) for one in links for x in (one.linear_damping, one.angular_damping)}
+    (friction,) = {round(one.friction, 6) for one in joints}
+    ((along, around),) = {(one.max_linear_velocity, one.max_angular_velocity) for one in links}
+    assert articulation.sleep_threshold > 0.0
+    assert (
+        f"| damping of every link {damping}, friction of every joint {friction}; links up to "
+        f"{along:g} m/s and {around:g} rad/s; sleep |"
+    ) in page
+    assert (
+        f"| damping of every link, linear and angular, {as_got.DAMPING}; joints up to "
+        f"{as_got.FASTEST:g} m/s and rad/s |"
+    ) in page
+    given = engines.arguments("swing-up", "as got", "pybullet")
+    with closing(gym.make(engines.ENV_ID, **given)) as env:
+        plant = env.unwrapped.setup.plant
+    ours = one_step(f"{given['engine']}/{given['integrator']}", plant, given["dt"])
+    bullet = load_undisturbed("pybullet", "pybullet")
+    monkeypatch.setattr(bullet, "changeDynamics", lambda *of, **settings: None)
+    bullet_s = one_step(f"pybullet/{given['integrator']}", plant, given["dt"])
+    cases = cases_of(plant, True, 50)
+    assert max(largest_error(ours(*case), bullet_s(*case)) for case in cases) < 1e-9
+    monkeypatch.undo()
+    undamped = one_step(f"pybullet/{given['integrator']}", plant, given["dt"])
+    assert max(largest_error(ours(*case), undamped(*case)) for case in cases) > 1e-5

@@ -28,12 +28,8 @@ NUMBER = r"\d+\.\d+(?:e[-+]\d+)?"
 
 
 @pytest.fixture
-def experiment(request, monkeypatch):
-    monkeypatch.syspath_prepend(str(ROOT / "benchmarks" / "tables"))
-    monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
-    yield request.param, importlib.import_module(request.param)
-    for name in [one for one in sys.modules if one.split(".")[0] in (request.param, "measuring")]:
-        del sys.modules[name]
+def experiment(request, import_experiment):
+    return request.param, import_experiment(request.param)
 
 
 @pytest.mark.parametrize("experiment", PAGES, indirect=True)
@@ -65,7 +61,7 @@ def test_a_figure_is_drawn_from_the_published_rows(experiment, tmp_path):
         for folder in (FOLDERS / name, tmp_path)
     ]
     assert pictures[0].shape == pictures[1].shape
-    assert np.abs(pictures[0] - pictures[1]).mean() < 0.05
+    assert np.abs(pictures[0] - pictures[1]).mean() < 0.002
 
 
 @pytest.mark.parametrize("name", PAGES)
