@@ -85,14 +85,15 @@ class SapienEngine(RigidBodyEngine):
     def at_rest(self, q: Components) -> tuple[Array, Array]:
         """Mass matrix, and minus the force that holds it.
 
-        The matrix is the inverse of the velocities that impulses give without weight. The impulses
-        are such that joints alone would move at 1 m/s or rad/s.
+        The matrix is measured by impulses without weight, under which the plant would move one
+        coordinate at a time, at 1 m/s or rad/s. The matrix of velocities is then near that of
+        ones, and its inverse loses no digits.
         """
         _, system, articulation = self._weightless
         still = (0.0,) * len(q)
-        impulses = np.diag(np.diag(joint_masses(self.system.plant, q)))
+        impulses = joint_masses(self.system.plant, q)
         columns = []
-        for impulse in impulses:
+        for impulse in impulses.T:
             _put(articulation, q, still, impulse / self.dt)
             system.step()
             columns.append(articulation.get_qvel().astype(np.float64))

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from plant_checks import check_closed_forms_of
 
+from integ_gym.envs.engines.rigid import joint_masses, probes
 from integ_gym.envs.engines.stepping import make_engine
 from integ_gym.envs.numerics.stepping import advance, probe_state
 from integ_gym.envs.ops.ops import SCALAR, split_state
@@ -63,3 +64,14 @@ def test_an_engine_moves_five_links_to_where_they_go(engine):
     assert make_engine(name, PlantSystem(plant), own, 1e-3).name == name
     truth, found = (advance(one, plant, start, 1e-3, 100) for one in ("reference", engine))
     assert np.abs(found - truth).max() < 1e-7
+
+
+@pytest.mark.parametrize("integrator", ["tgs", "pgs"])
+def test_sapien_has_the_masses_of_ten_links_to_rounding(integrator):
+    """By impulses in float32, although the mass matrix is close to singular."""
+    plant = chain_of(10)()
+    engine = make_engine("sapien", PlantSystem(plant), integrator, 1e-3)
+    for q in probes(10):
+        wanted = joint_masses(plant, q)
+        assert np.abs(engine.at_rest(q)[0] - wanted).max() < 1e-6 * wanted.max()
+    assert np.linalg.cond(joint_masses(plant, probes(10)[0])) > 1e4
