@@ -13,10 +13,12 @@ DM_CONTROL_PYTHON ?= $(PYTHON)
 ATLASES := $(patsubst docs/atlas/%/,%,$(wildcard docs/atlas/*/))
 # Published experiments, each in blocks that resume.
 TABLES := learned_periods learned_engines simulation_tools
+# Those whose figures the paper shows.
+PAPER_TABLES := learned_engines simulation_tools
 # Bytecode is kept, whatever the environment says: tests start many processes.
 PYTEST := PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n 2 --dist worksteal
 
-.PHONY: panel train test test-slow lint docs notebooks bench tables atlas-figures published census isaaclab dm_control moto trackers clean
+.PHONY: panel train test test-slow lint docs notebooks bench tables atlas-figures paper-figures published census isaaclab dm_control moto trackers clean
 
 panel: $(LIGHT)
 	@$(BIN)/integ-gym panel --out runs/panel
@@ -60,6 +62,15 @@ tables: $(READY)
 atlas-figures: $(LIGHT)
 	@for name in $(ATLASES); do \
 	  $(BIN)/integ-gym atlas specs/atlas/$$name.toml --summaries docs/atlas/$$name --publish docs/atlas/$$name/figures || exit 1; \
+	done
+
+paper-figures: $(READY)
+	@mkdir -p runs/paper
+	@$(BIN)/python benchmarks/panel_tables.py docs/quick_panel_run.json.gz --figure runs/paper/heatmap
+	@cp runs/paper/heatmap.png docs/images/heatmap.png
+	@for name in $(PAPER_TABLES); do \
+	  $(BIN)/python benchmarks/tables/$$name.py --out docs/tables/$$name --figure runs/paper/$$name && \
+	  cp runs/paper/$$name.png docs/tables/$$name/figure.png || exit 1; \
 	done
 
 published: $(READY)

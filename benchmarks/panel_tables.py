@@ -2,24 +2,31 @@
 
     python benchmarks/panel_tables.py RUN [--save docs/quick_panel.json]
     python benchmarks/panel_tables.py docs/quick_panel.json
+    python benchmarks/panel_tables.py docs/quick_panel_run.json.gz --figure docs/images/heatmap
 
 Prints them in Markdown, every number with its 95 % interval over seeds and starts and rounded to
 what that carries. `--save` keeps what they are made of, with
-versions, instruction sets and one hash of all weights.
+versions, instruction sets and one hash of all weights. `docs/quick_panel_run.json.gz` is the
+`panel.json` of the run, compressed.
 """
 
 from __future__ import annotations
 
+import gzip
 import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import msgspec
 from measuring import results
 from measuring.results import interval, p_value
 
 from integ_gym.eval.panel.result import FILE_NAME, Panel, read_panel
+from integ_gym.eval.report.drawing import draw_matrix
+from integ_gym.eval.report.matrices import success_matrix
 from integ_gym.eval.statistics import Estimate
+from integ_gym.support.figures import write_figure
 
 CELLS = {
     "explicit_euler dt=0.05": "explicit Euler 0.05",
@@ -30,6 +37,20 @@ CELLS = {
 """Columns of the table of success."""
 
 _SHOWN_BY = {"fails": "p_exceeds_adjusted"}
+
+
+def read_run(path: Path) -> Panel:
+    """A finished run, by its folder or by its published result."""
+    if path.is_dir():
+        return read_panel(path / FILE_NAME)
+    return msgspec.json.decode(gzip.decompress(path.read_bytes()), type=Panel)
+
+
+def draw_success(panel: Panel, path: Path) -> None:
+    """Write the matrix of success, as in the run's own figures, to a path without a suffix."""
+    matrix = success_matrix(panel)
+    assert matrix is not None
+    write_figure(draw_matrix(matrix), path)
 
 
 def summary_of(panel: Panel) -> dict[str, Any]:
@@ -115,15 +136,22 @@ def _named(name: str) -> str:
 
 
 def main() -> None:
-    """Print the tables."""
+    """Print the tables, or draw the figure."""
     parser = results.parser(__doc__)
-    parser.add_argument("run", type=Path, help="directory of a finished quick panel, or a summary")
+    parser.add_argument("run", type=Path, help="finished quick panel: folder, result or summary")
     parser.add_argument("--save", type=Path, metavar="FILE")
+    parser.add_argument("--figure", type=Path, metavar="PATH", help="draw PATH.png, .svg and .pdf")
     given = parser.parse_args()
-    if given.run.is_dir():
-        summary = summary_of(read_panel(given.run / FILE_NAME))
-    else:
+    if given.run.suffix == ".json":
+        if given.figure:
+            parser.error("a summary has too little for the figure; give the run or its result")
         summary = json.loads(given.run.read_text(encoding="utf-8"))
+    else:
+        panel = read_run(given.run)
+        if given.figure:
+            draw_success(panel, given.figure)
+            return
+        summary = summary_of(panel)
     print("\n".join(tables(summary)))
     if given.save:
         given.save.write_text(json.dumps(summary, indent=1) + "\n", encoding="utf-8")

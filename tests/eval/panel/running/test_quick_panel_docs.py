@@ -32,6 +32,11 @@ def test_the_tables_are_those_of_the_saved_run(tables):
     assert "\n".join(tables.tables(SUMMARY)) in text
 
 
+def test_the_summary_is_of_the_published_run(tables):
+    panel = tables.read_run(ROOT / "docs" / "quick_panel_run.json.gz")
+    assert json.loads(json.dumps(tables.summary_of(panel))) == SUMMARY
+
+
 def test_the_saved_run_is_of_the_panel_that_is_built_in():
     spec = read_spec("quick")
     assert {row["row"]: row["seeds"] for row in SUMMARY["rows"]} == {
