@@ -14,11 +14,12 @@ BENCHMARKS = ROOT / "benchmarks"
 @pytest.fixture
 def import_experiment(monkeypatch):
     """A function that imports an experiment's script by its name."""
-    for folder in (BENCHMARKS / "tables", BENCHMARKS):
+    folders = (BENCHMARKS / "tables", BENCHMARKS)
+    for folder in folders:
         monkeypatch.syspath_prepend(str(folder))
     before = set(sys.modules)
     yield importlib.import_module
-    own = {"measuring", *(script.stem for script in (BENCHMARKS / "tables").glob("*.py"))}
+    own = {"measuring", *(script.stem for folder in folders for script in folder.glob("*.py"))}
     for name in set(sys.modules) - before:
         if name.split(".")[0] in own:
             del sys.modules[name]
