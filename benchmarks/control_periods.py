@@ -24,8 +24,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from measuring.results import p_value
-from measuring.trained import Done, Experiment, Unit, by_fleet, command, gained, in_the_same_time
+from measuring.results import format_difference, format_p_value
+from measuring.trained import Done, Experiment, Unit, by_fleet, command, in_the_same_time
 
 from integ_gym.eval.statistics import Difference, holm, unpaired_difference
 from integ_gym.train.ppo import PPOConfig
@@ -93,9 +93,9 @@ def _tests(done: Done) -> list[str]:
     gains = dict(comparisons(done))
     tested = [period for period in gains if period in DECLARED]
     corrected = holm([gains[period].p_greater() for period in tested])
-    p = {period: p_value(one) for period, one in zip(tested, corrected, strict=True)}
+    p = {period: format_p_value(one) for period, one in zip(tested, corrected, strict=True)}
     for period, gain in gains.items():
-        lines.append(f"| {period:g} | {gained(gain)} | {p.get(period, '')} |")
+        lines.append(f"| {period:g} | {format_difference(gain)} | {p.get(period, '')} |")
     return lines
 
 

@@ -27,8 +27,8 @@ from collections.abc import Iterator
 from functools import cache
 from typing import Any
 
-from measuring.results import p_value
-from measuring.trained import Done, Experiment, Unit, by_fleet, command, gained
+from measuring.results import format_difference, format_p_value
+from measuring.trained import Done, Experiment, Unit, by_fleet, command
 
 from integ_gym.envs.settings import Discretization
 from integ_gym.eval.atlas.specification import critical_limit
@@ -118,7 +118,9 @@ def _tests(done: Done) -> list[str]:
     gains = list(comparisons(done))
     corrected = holm([difference.p_greater() for _, _, difference in gains])
     for (ratio, arm, difference), p in zip(gains, corrected, strict=True):
-        lines.append(f"| {ratio:g} | {arm} | {gained(difference)} | {p_value(p)} |")
+        lines.append(
+            f"| {ratio:g} | {arm} | {format_difference(difference)} | {format_p_value(p)} |"
+        )
     return lines
 
 

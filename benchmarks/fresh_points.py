@@ -17,8 +17,8 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-from measuring.results import success
-from measuring.trained import Done, Experiment, Unit, by_fleet, command, gained
+from measuring.results import format_difference, format_success
+from measuring.trained import Done, Experiment, Unit, by_fleet, command
 
 from integ_gym.eval.atlas.running import finished
 from integ_gym.eval.atlas.specification import Atlas, read_atlas
@@ -88,9 +88,10 @@ def _beside(done: Done) -> Iterator[str]:
         )
         own = rate_interval(before, draws=draws_for(len(before)))
         within = "yes" if own.low <= float(np.mean(fresh)) <= own.high else "no"
+        difference = format_difference(unpaired_difference(fresh, before))
         yield (
             f"| {value} | {name} | {limit:g} | {own.estimate:.2f} ({own.low:.2f}–{own.high:.2f}) | "
-            f"{success(fresh)} | {within} | {gained(unpaired_difference(fresh, before))} |"
+            f"{format_success(fresh)} | {within} | {difference} |"
         )
 
 

@@ -20,7 +20,7 @@ from typing import Any
 
 import msgspec
 from measuring import results
-from measuring.results import interval, p_value
+from measuring.results import format_interval, format_p_value
 
 from integ_gym.eval.panel.result import FILE_NAME, Panel, read_panel
 from integ_gym.eval.report.drawing import draw_matrix
@@ -108,10 +108,10 @@ def tables(summary: dict[str, Any]) -> Iterator[str]:
     yield "| trained on | judged on | overfitting | deadline | difficulty | verdict | adjusted p |"
     yield "|---|---|---|---|---|---|---|"
     for one in summary["verdicts"]:
-        parts = (interval(one[part]) for part in ("overfitting", "deadline", "difficulty"))
+        parts = (format_interval(one[part]) for part in ("overfitting", "deadline", "difficulty"))
         yield (
             f"| {_named(one['row'])} | {_named(one['cell'])} | {' | '.join(parts)} | "
-            f"{one['verdict']} | {p_value(one['p'])} |"
+            f"{one['verdict']} | {format_p_value(one['p'])} |"
         )
     known = [cell["numerics_share"] for row in summary["rows"] for cell in row["cells"].values()]
     if not any(known):
@@ -120,13 +120,13 @@ def tables(summary: dict[str, Any]) -> Iterator[str]:
     yield f"| energy that the numerics gave | {' | '.join(CELLS.values())} |"
     yield "|---|" + "---|" * len(CELLS)
     for row in summary["rows"]:
-        cells = (interval(row["cells"][cell]["numerics_share"]) for cell in CELLS)
+        cells = (format_interval(row["cells"][cell]["numerics_share"]) for cell in CELLS)
         yield f"| {_named(row['row'])} | {' | '.join(cells)} |"
 
 
 def _success(cell: dict[str, Any]) -> str:
     """Success with its interval, and behind a stroke that within two horizons."""
-    return f"{interval(cell['success'])} / {cell['recovered'][0]:.2f}"
+    return f"{format_interval(cell['success'])} / {cell['recovered'][0]:.2f}"
 
 
 def _named(name: str) -> str:

@@ -25,7 +25,7 @@ from collections.abc import Mapping
 from contextlib import closing
 from typing import Any
 
-from measuring.results import p_value
+from measuring.results import format_difference, format_p_value
 from measuring.trained import (
     PACKAGES,
     Done,
@@ -33,7 +33,6 @@ from measuring.trained import (
     Unit,
     by_fleet,
     command,
-    gained,
     in_the_same_time,
     judged_in,
 )
@@ -144,7 +143,7 @@ def _tests(done: Done) -> list[str]:
     corrected = holm([one.p_greater() for one in compared.values()])
     lines = ["| compared | difference | p (Holm) |", "|---|---|---|"]
     for (what, one), p in zip(compared.items(), corrected, strict=True):
-        lines.append(f"| {what} | {gained(one)} | {p_value(p)} |")
+        lines.append(f"| {what} | {format_difference(one)} | {format_p_value(p)} |")
     return lines
 
 

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from integ_gym.eval.statistics import rate_interval
+from integ_gym.eval.statistics import Difference, rate_interval
 from integ_gym.support.optional import running_version
 from integ_gym.support.processes import cores, instruction_sets
 from integ_gym.support.terminal import print_columns
@@ -59,7 +59,7 @@ def markdown(header: Sequence[str], rows: Iterable[Iterable[str]]) -> list[str]:
     return lines + [f"| {' | '.join(row)} |" for row in rows]
 
 
-def success(rates: Sequence[float]) -> str:
+def format_success(rates: Sequence[float]) -> str:
     """Mean success of seeds with its 95 % interval, as Markdown; empty where nothing was run."""
     if not rates:
         return ""
@@ -67,20 +67,22 @@ def success(rates: Sequence[float]) -> str:
     return f"{found.estimate:.2f} ({found.low:.2f}–{found.high:.2f})"
 
 
-def interval(numbers: Sequence[float | None] | None) -> str:
+def format_interval(numbers: Sequence[float | None] | None) -> str:
     """An estimate with its ends, as Markdown says it; a dash where there is none."""
     if numbers is None:
         return "–"
     value, low, high = numbers
-    return minus(f"{value:z.2f}" + ("" if low is None else f" ({low:z.2f} to {high:z.2f})"))
-
-
-def minus(text: str) -> str:
-    """Text with minus signs in place of hyphens."""
+    text = f"{value:z.2f}" + ("" if low is None else f" ({low:z.2f} to {high:z.2f})")
     return text.replace("-", "−")
 
 
-def p_value(value: float | None) -> str:
+def format_difference(found: Difference) -> str:
+    """A difference of success with its 95 % interval, as Markdown says it."""
+    own = found.interval
+    return format_interval((own.estimate, own.low, own.high))
+
+
+def format_p_value(value: float | None) -> str:
     """A p-value as Markdown says it; a dash where there is none."""
     if value is None:
         return "–"

@@ -253,9 +253,8 @@ def compare(table: Table, one: Folder, other: Folder) -> list[str]:
         found = unpaired_difference(*pair).interval
         if found.low is None or found.high is None or not found.low <= 0.0 <= found.high:
             apart += 1
-            lines.append(
-                f"apart: {cell}: {results.success(pair[0])} and {results.success(pair[1])}"
-            )
+            shown = " and ".join(map(results.format_success, pair))
+            lines.append(f"apart: {cell}: {shown}")
     return [*lines, f"{len(shared) - apart} of {len(shared)} cells agree within 95 %"]
 
 

@@ -16,7 +16,6 @@ import gymnasium as gym
 import numpy as np
 from tqdm import tqdm
 
-from integ_gym.eval.statistics import Difference
 from integ_gym.support.files import replace_file
 from integ_gym.support.processes import cores
 from integ_gym.train.fleet.training import preparation, train_in_stages
@@ -158,16 +157,13 @@ class Experiment:
     def _success(self, done: Done, what: str) -> list[str]:
         """With 95 % intervals over seeds, as Markdown; empty: not run."""
         rows = (
-            [f"{value:g}", *[results.success(self.rates(done, value, arm)) for arm in self.arms]]
+            [
+                f"{value:g}",
+                *[results.format_success(self.rates(done, value, arm)) for arm in self.arms],
+            ]
             for value in self.values
         )
         return results.markdown([what, *self.arms], rows)
-
-
-def gained(found: Difference) -> str:
-    """A difference of success with its 95 % interval, in words."""
-    own = found.interval
-    return results.interval((own.estimate, own.low, own.high))
 
 
 def read(path: Path) -> Done:

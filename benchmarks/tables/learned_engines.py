@@ -58,9 +58,15 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from measuring.results import interval, markdown, p_value, success
+from measuring.results import (
+    format_difference,
+    format_interval,
+    format_p_value,
+    format_success,
+    markdown,
+)
 from measuring.tables import Cells, Row, Table, command
-from measuring.trained import PACKAGES, STARTS, Act, gained, judged_in, trained_by_fleet
+from measuring.trained import PACKAGES, STARTS, Act, judged_in, trained_by_fleet
 
 from integ_gym.envs.numerics.identity import IDENTICAL, cases_of, largest_error
 from integ_gym.envs.numerics.stepping import one_step
@@ -368,7 +374,8 @@ def _tests(cells: Cells) -> list[str]:
         scale = 2.0 if "−" in name else 1.0
         own = one.interval
         ends = [None if x is None else scale * x for x in (own.estimate, own.low, own.high)]
-        lines.append((name, task, interval(ends), p_value(own_p), p_value(value)))
+        p = map(format_p_value, (own_p, value))
+        lines.append((name, task, format_interval(ends), *p))
     return markdown(("test", "task", "difference", "p", "p (Holm)"), lines)
 
 
@@ -380,8 +387,8 @@ def _losses(cells: Cells) -> list[str]:
             for arm in ARMS:
                 home, away = home_and_away(cells, task, arm, name)
                 whole = len(home) == SEEDS
-                line += [success(list(home)) if whole else ""]
-                line += [gained(paired_difference(home, away)) if whole else ""]
+                line += [format_success(list(home)) if whole else ""]
+                line += [format_difference(paired_difference(home, away)) if whole else ""]
             lines.append(line)
     header = [f"{what} {arm}" for arm in ARMS for what in ("success at home", "lost elsewhere")]
     return markdown(("task", "trained on", *header), [line for line in lines if any(line[2:])])
@@ -417,7 +424,7 @@ def _matrices(cells: Cells) -> Iterator[list[str]]:
     for task in TASKS:
         for arm in ARMS:
             lines = [
-                [name, *[success(cells.rates(task, arm, name, other)) for other in NAMED]]
+                [name, *[format_success(cells.rates(task, arm, name, other)) for other in NAMED]]
                 for name in NAMED
             ]
             if shown := [line for line in lines if any(line[1:])]:

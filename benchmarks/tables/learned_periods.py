@@ -46,13 +46,12 @@ import gymnasium as gym
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from measuring.results import markdown, p_value, success
+from measuring.results import format_difference, format_p_value, format_success, markdown
 from measuring.tables import Cells, Row, Table, command
 from measuring.trained import (
     PACKAGES,
     STARTS,
     Act,
-    gained,
     in_the_same_time,
     judged_in,
     trained_by_fleet,
@@ -337,7 +336,7 @@ def _own_period(cells: Cells) -> list[str]:
         [
             name,
             f"{period:g}",
-            *[success(_rates(cells, name, *column, period)) for column in COLUMNS],
+            *[format_success(_rates(cells, name, *column, period)) for column in COLUMNS],
         ]
         for name, task in TASKS.items()
         for period in task.periods
@@ -371,7 +370,7 @@ def _tests(cells: Cells) -> list[str]:
     found = list(comparisons(cells))
     p = holm([1.0 if one is None else one.p_greater() for *_, one in found])
     lines = [
-        (family, name, f"{period:g}", gained(one), p_value(value))
+        (family, name, f"{period:g}", format_difference(one), format_p_value(value))
         for (family, name, period, one), value in zip(found, p, strict=True)
         if one is not None
     ]
@@ -392,9 +391,9 @@ def _matrices(cells: Cells) -> Iterator[list[str]]:
                     _rates(cells, name, "PPO", "per second", period, judged_at=at, delay=delay)
                     for at in task.periods
                 ]
-                lines.append([name, f"{period:g}", *map(success, own)])
+                lines.append([name, f"{period:g}", *map(format_success, own)])
             own = [_rates(cells, name, *COLUMNS[-1], at, delay=delay) for at in task.periods]
-            lines.append([name, "hand-made", *map(success, own)])
+            lines.append([name, "hand-made", *map(format_success, own)])
         lines = [line for line in lines if any(line[2:])]
         yield markdown((f"task, {what}", "learned at, s", *judged), lines)
 
