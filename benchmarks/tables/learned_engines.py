@@ -136,8 +136,11 @@ ENGINES = [
     Engine("sapien", "tgs", 0.01, None, "tgs", "measuring.as_got:Sapien"),
 ]  # fmt: skip
 NAMED = {engine.name: engine for engine in ENGINES}
-SEEDS, APART = 10, 100
-"""Policies of an engine, and from the first seed of one engine to that of the next."""
+SEEDS = 10
+"""Policies that are trained in an engine, each from a seed of its own."""
+
+SEED_STRIDE = 100
+"""From the first seed of one engine to that of the next."""
 
 
 @dataclass(frozen=True)
@@ -175,7 +178,7 @@ def units(first_seed: int) -> list[Unit]:
     for task in TASKS:
         for arm in ARMS:
             for place, engine in enumerate(ENGINES):
-                first = first_seed + APART * place
+                first = first_seed + SEED_STRIDE * place
                 together = Unit(task, arm, engine.name, first, SEEDS)
                 if together.map is None:
                     found += [Unit(task, arm, engine.name, first + k, 1) for k in range(SEEDS)]
@@ -238,7 +241,7 @@ def run(unit: Unit) -> list[Row]:
     seeds, begun = list(range(unit.first_seed, unit.first_seed + unit.count)), time.process_time()
     acts = _by_fleet(unit, home, seeds) if unit.map else _on_engine(unit, home, seeds)
     spent = (time.process_time() - begun) / unit.count
-    first = unit.first_seed - unit.first_seed % APART
+    first = unit.first_seed - unit.first_seed % SEED_STRIDE
     of = {"task": unit.task, "arm": unit.arm, "trained_on": unit.trained_on}
     return [
         {**of, "judged_on": name, "seed": seed, "run": seed - first, "successes": count,
@@ -294,7 +297,7 @@ TABLE = Table(
         "control_period": PERIOD,
         "ppo": PPO,
         "seeds": SEEDS,
-        "apart": APART,
+        "seed_stride": SEED_STRIDE,
         "starts": STARTS,
     },
     packages=(

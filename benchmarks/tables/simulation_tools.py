@@ -183,7 +183,7 @@ def yardstick() -> float:
 
 
 @dataclass(frozen=True)
-class Found:
+class Motion:
     """One motion: where it ended, what it did, its processor time and the yardstick's, s."""
 
     end: Array
@@ -313,7 +313,7 @@ def _mover(
     return move
 
 
-def _chain(unit: Unit, dt: float, start: tuple[float, ...]) -> Found:
+def _chain(unit: Unit, dt: float, start: tuple[float, ...]) -> Motion:
     q, v = split_state(start)
     move = _mover(unit.block, unit.engine, unit.integrator, dt)
     (end, speeds), *times = _least(lambda: _clocked(lambda: move(q, v)), _turns(unit.block, dt))
@@ -326,32 +326,32 @@ def _chain(unit: Unit, dt: float, start: tuple[float, ...]) -> Found:
     before = invariants(q, v)
     energy, momentum = np.abs(invariants(end, speeds) - before)
     measures = {"energy": float(energy / before[0]), "momentum": float(momentum)}
-    return Found(np.array(end), measures, *times)
+    return Motion(np.array(end), measures, *times)
 
 
-def _servo(unit: Unit, dt: float, start: tuple[float, ...]) -> Found:
+def _servo(unit: Unit, dt: float, start: tuple[float, ...]) -> Motion:
     q, v = split_state(start)
     move = _mover(unit.block, unit.engine, unit.integrator, dt)
     (end, _), *times = _least(lambda: _clocked(lambda: move(q, v)), _turns(unit.block, dt))
-    return Found(np.array(end), {}, *times)
+    return Motion(np.array(end), {}, *times)
 
 
-def _box(unit: Unit, dt: float, start: tuple[float, ...]) -> Found:
+def _box(unit: Unit, dt: float, start: tuple[float, ...]) -> Motion:
     count = round(SPAN["box"] / dt)
     make = BOXES[unit.engine]
 
     def move() -> tuple[Array, float]:
-        motion = make(unit.integrator, dt, start)  # type: ignore[arg-type]
-        first = next(motion)  # the model is made in the first step
-        states, seconds = _clocked(lambda: [first, *islice(motion, count - 1)])
-        motion.close()  # type: ignore[attr-defined]
+        box = make(unit.integrator, dt, start)  # type: ignore[arg-type]
+        first = next(box)  # the model is made in the first step
+        states, seconds = _clocked(lambda: [first, *islice(box, count - 1)])
+        box.close()  # type: ignore[attr-defined]
         return np.array(states, dtype=np.float64), seconds
 
     path, *times = _least(move, _turns(unit.block, dt))
     height, way, rising, along = path[-1]
     arrival = GRAVITY * rigid(start)[0]  # type: ignore[arg-type]
     energy = MASS * (GRAVITY * height + 0.5 * (rising**2 + along**2))
-    return Found(
+    return Motion(
         np.array([way, height]),
         {
             "penetration": float(max(0.0, -path[:, 0].min())),
@@ -452,8 +452,8 @@ def _median(cells: Cells, *cell: Any) -> float:
     return float(np.median(_values(cells, *cell)))
 
 
-def standing(cells: Cells, block: str) -> Iterator[tuple[str, str, float]]:
-    """Engine, integrator and step of all that stand in a block."""
+def subjects_that_ran(cells: Cells, block: str) -> Iterator[tuple[str, str, float]]:
+    """Engine, integrator and step of all that ran in a block."""
     for engine, integrators in SUBJECTS.items():
         for integrator in integrators:
             for dt in STEPS[block.partition("-")[0]]:
@@ -469,7 +469,7 @@ def frontier(cells: Cells, block: str) -> list[tuple[str, str, float, float, flo
     """
     found = sorted(
         (_median(cells, block, *one, "seconds"), _median(cells, block, *one, KEEP[0]), one)
-        for one in standing(cells, block)
+        for one in subjects_that_ran(cells, block)
     )
     kept: list[tuple[str, str, float, float, float]] = []
     for seconds, error, one in found:
@@ -501,7 +501,7 @@ def _milliseconds(cells: Cells, *cell: Any) -> str:
 def _block(cells: Cells, block: str) -> list[str]:
     shown = SHOWN[block.partition("-")[0]]
     lines = []
-    for engine, integrator, dt in standing(cells, block):
+    for engine, integrator, dt in subjects_that_ran(cells, block):
         if dt != 0.002:
             continue
         values = [_values(cells, block, engine, integrator, dt, name) for name in shown]
@@ -537,7 +537,7 @@ def figure(rows: list[Row], path: Path) -> None:
     for place, block in enumerate(BLOCKS):
         across, down = place % 3, place // 3
         axes = axes_at(drawn, 0.85 + 3.15 * across, height - 2.8 - 3.15 * down, 2.55, 2.4)
-        for engine, integrator, dt in standing(cells, block):
+        for engine, integrator, dt in subjects_that_ran(cells, block):
             at = [
                 _median(cells, block, engine, integrator, dt, name) for name in ("seconds", KEEP[0])
             ]

@@ -197,7 +197,9 @@ def test_the_page_of_simulation_tools(experiment):
     ])  # fmt: skip
     is_soft_rk4 = {(name, rk4) for name in ("mujoco", "mjx", "mujoco_warp", "isaaclab")
                    for rk4 in ("RK4", "rk4")}  # fmt: skip
-    away = {one: median("box", *one, "from the truth") for one in tools.standing(cells, "box")}
+    away = {
+        one: median("box", *one, "from the truth") for one in tools.subjects_that_ran(cells, "box")
+    }
     for dt in tools.STEPS["box"]:
         nearest, *others = sorted(
             (distance, one[:2]) for one, distance in away.items() if one[2] == dt

@@ -256,7 +256,7 @@ def distances_of_the_box(published):
 
     away = {
         one: [median("box", *one, dt, "from the truth") for dt in steps]
-        for one in {of[:2] for of in tools.standing(cells, "box")}
+        for one in {of[:2] for of in tools.subjects_that_ran(cells, "box")}
     }
     own = away["mujoco", "RK4"]
     is_soft = {one for one in away if one[1].upper() == "RK4"}
