@@ -5,9 +5,6 @@ from __future__ import annotations
 from typing import ClassVar
 from unittest.mock import patch
 
-import numpy as np
-from numpy.typing import NDArray
-
 from integ_gym.envs.engines import sapien
 from integ_gym.envs.engines.pybullet import PybulletEngine
 from integ_gym.envs.integrators.interface import Step
@@ -87,25 +84,3 @@ def _drag(ops: Ops, plant: CartPole, q: Components, v: Components) -> Components
     cart = plant.cart_mass * v[0] * DAMPING * (1.0 + abs(v[0]))
     moment = pole * (across * along_x + up * along_z)
     return cart + pole * along_x, moment + turning
-
-
-def swing_up(observations: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Forces in N that swing the cart-pole up in every engine as its users get it.
-
-    More energy than standing upright has is pumped into the pole, for friction takes some of it;
-    near the top a linear regulator takes over. Its numbers were chosen on the starts of seed 900.
-
-    Args:
-        observations: of `IntegCartPoleSwingUp-v0`, shape (n, 5).
-
-    Returns:
-        Shape (n, 1).
-    """
-    x, x_dot, cosine, sine, rate = observations.astype(np.float64).T
-    angle, energy = np.arctan2(sine, cosine), rate**2 / 60.0 + 0.49 * cosine
-    pumped = np.clip(29.4 * (0.75 - energy), -11.0, 11.0) * -np.copysign(1.0, rate * cosine)
-    pumped -= 1.96 * x + 2.8 * x_dot
-    held = 6.1 * x + 8.3 * x_dot + 66.0 * angle + 17.0 * rate
-    near = (abs(angle) < 0.6) & (abs(rate + 3.8 * angle) < 2.0)
-    force = np.clip(np.where(near, held, 1.1 * pumped), -10.0, 10.0)
-    return force.astype(np.float32)[:, None]

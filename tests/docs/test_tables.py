@@ -213,10 +213,12 @@ def test_what_was_run_again_on_other_seeds_agrees_as_the_page_says(name):
 @pytest.mark.parametrize("experiment", ["learned_engines"], indirect=True)
 def test_the_swing_up_can_be_done_in_every_engine_as_its_users_get_it(experiment):
     _, module = experiment
-    trained, as_got = (importlib.import_module(f"measuring.{one}") for one in ("trained", "as_got"))
+    trained, swing_up = (
+        importlib.import_module(f"measuring.{one}") for one in ("trained", "swing_up")
+    )
     for engine in module.NAMED:
         given = module.arguments("swing-up", "as got", engine)
-        assert trained.judged_in(module.ENV_ID, given, [as_got.swing_up], [5000]) == [20]
+        assert trained.judged_in(module.ENV_ID, given, [swing_up.swing_up], [5000]) == [20]
 
 
 @pytest.mark.parametrize("experiment", ["simulation_tools"], indirect=True)
