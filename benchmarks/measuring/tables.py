@@ -102,6 +102,13 @@ class Folder:
         found: list[Row] = pq.read_table(file).to_pylist() if file.exists() else []
         return found
 
+    def specification(self) -> dict[str, Any]:
+        """That was written; empty where nothing was run."""
+        file = self.path / SPECIFICATION
+        text = file.read_text(encoding="utf-8") if file.exists() else "{}"
+        found: dict[str, Any] = json.loads(text)
+        return found
+
     def claim(self, specification: Mapping[str, Any]) -> dict[str, list[str]]:
         """Let it be of one specification, whose processor is the only part that may differ.
 
@@ -111,10 +118,10 @@ class Folder:
         Raises:
             ValueError: if it is of another specification.
         """
-        path = self.path / SPECIFICATION
-        if not path.exists():
-            self.describe({**specification, MADE_ON: {}})
-        found = json.loads(path.read_text(encoding="utf-8"))
+        found = self.specification()
+        if not found:
+            found = {**specification, MADE_ON: {}}
+            self.describe(found)
         for name, value in specification.items():
             if name != MADE_ON and found[name] != value:
                 raise InputError(
@@ -216,6 +223,32 @@ class Cells:
         return [row["successes"] / row["starts"] for row in self.by_cell.get(cell, [])]
 
 
+def tabulate_blocks(
+    table: Table, rows: Sequence[Row], first_seed: int, counted: str, size: Callable[[Any], int]
+) -> list[str]:
+    """How much of each block was run, and the processor time of its training, as Markdown.
+
+    Args:
+        table: the experiment.
+        rows: of a run, with `cpu_seconds` of each policy.
+        first_seed: of that run.
+        counted: what is counted, in the plural.
+        size: how many of these a unit has.
+    """
+    units_of: dict[str, list[Unit]] = {}
+    for unit in table.units(first_seed):
+        units_of.setdefault(unit.block, []).append(unit)
+    spent = {(row["unit"], row["seed"]): row["cpu_seconds"] for row in rows}
+    done = {name for name, _ in spent}
+    lines = []
+    for block, units in units_of.items():
+        names = {unit.name for unit in units}
+        seconds = sum(value for (name, _), value in spent.items() if name in names)
+        run = sum(size(unit) for unit in units if unit.name in done)
+        lines.append((block, f"{run} of {sum(map(size, units))}", f"{seconds / 60.0:.0f}"))
+    return results.markdown(("block", f"{counted} that were run", "training, core-minutes"), lines)
+
+
 def interval_of(numbers: Sequence[float]) -> str:
     """Median of starts with its interval, as Markdown; the number where it is one."""
     found = median_interval(numbers)
@@ -260,7 +293,7 @@ def compare(table: Table, one: Folder, other: Folder) -> list[str]:
 
 def command(
     table: Table,
-    tables: Callable[[list[Row]], str],
+    tables: Callable[[list[Row], int], str],
     figure: Callable[[list[Row], Path], object],
     what: str | None,
 ) -> None:
@@ -268,7 +301,7 @@ def command(
 
     Args:
         table: the experiment.
-        tables: of the page, as Markdown.
+        tables: of the page, as Markdown, from rows and their first seed.
         figure: writes the page's figure, in every format, to a path without a suffix.
         what: the script's docstring.
     """
@@ -297,4 +330,6 @@ def command(
             run_missing(table, given)
         except InputError as error:
             parser.error(str(error))
-    print(tables(folder.rows()), end="")
+    found = folder.specification()
+    first_seed = found["declared"]["first_seed"] if found else given.first_seed
+    print(tables(folder.rows(), first_seed), end="")

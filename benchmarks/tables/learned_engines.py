@@ -65,7 +65,7 @@ from measuring.results import (
     format_success,
     markdown,
 )
-from measuring.tables import Cells, Row, Table, command
+from measuring.tables import Cells, Row, Table, command, tabulate_blocks
 from measuring.trained import PACKAGES, STARTS, Act, judged_in, trained_by_fleet
 
 from integ_gym.envs.numerics.identity import IDENTICAL, cases_of, largest_error
@@ -348,23 +348,12 @@ def comparisons(cells: Cells) -> Iterator[tuple[str, str, Difference | None]]:
         yield "lost as got − lost matched", task, found[1]
 
 
-def tables(rows: list[Row]) -> str:
+def tables(rows: list[Row], first_seed: int = TABLE.first_seed) -> str:
     """The page's tables, as Markdown."""
     cells = Cells(rows, NAMES)
-    parts = [_blocks(rows), _tests(cells), _losses(cells), _checks(rows), *_matrices(cells)]
+    blocks = tabulate_blocks(TABLE, rows, first_seed, "policies", lambda unit: unit.count)
+    parts = [blocks, _tests(cells), _losses(cells), _checks(rows), *_matrices(cells)]
     return "\n\n".join("\n".join(part) for part in parts) + "\n"
-
-
-def _blocks(rows: list[Row]) -> list[str]:
-    asked: dict[str, int] = {}
-    for unit in units(TABLE.first_seed):
-        asked[unit.block] = asked.get(unit.block, 0) + unit.count
-    spent = {(row["unit"], row["seed"]): row["cpu_seconds"] for row in rows}
-    lines = []
-    for block, count in asked.items():
-        own = [value for (name, _), value in spent.items() if name.startswith(f"{block} on ")]
-        lines.append((block, f"{len(own)} of {count}", f"{sum(own) / 60.0:.0f}"))
-    return markdown(("block", "policies that were run", "training, core-minutes"), lines)
 
 
 def _tests(cells: Cells) -> list[str]:

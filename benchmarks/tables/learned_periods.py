@@ -47,7 +47,7 @@ import gymnasium as gym
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from measuring.results import format_difference, format_p_value, format_success, markdown
-from measuring.tables import Cells, Row, Table, command
+from measuring.tables import Cells, Row, Table, command, tabulate_blocks
 from measuring.trained import (
     PACKAGES,
     STARTS,
@@ -294,26 +294,12 @@ TABLE = Table(
 NAMES = tuple(TABLE.columns)[: TABLE.cell]
 
 
-def tables(rows: list[Row]) -> str:
+def tables(rows: list[Row], first_seed: int = TABLE.first_seed) -> str:
     """The page's tables, as Markdown."""
     cells = Cells(rows, NAMES)
-    parts = [_blocks(rows), _own_period(cells), _tests(cells), *_matrices(cells)]
+    blocks = tabulate_blocks(TABLE, rows, first_seed, "units", lambda unit: 1)
+    parts = [blocks, _own_period(cells), _tests(cells), *_matrices(cells)]
     return "\n\n".join("\n".join(part) for part in parts) + "\n"
-
-
-def _blocks(rows: list[Row]) -> list[str]:
-    """Which units of each block were run, and what they took."""
-    asked: dict[str, list[str]] = {}
-    for unit in units(min((row["seed"] for row in rows), default=TABLE.first_seed)):
-        asked.setdefault(unit.block, []).append(unit.name)
-    took = {(row["unit"], row["seed"]): row["cpu_seconds"] for row in rows}
-    done = {name for name, _ in took}
-    lines = []
-    for block, names in asked.items():
-        seconds = sum(value for (name, _), value in took.items() if name in names)
-        count = sum(name in done for name in names)
-        lines.append((block, f"{count} of {len(names)}", f"{seconds / 60.0:.0f}"))
-    return markdown(("block", "units that were run", "training, core-minutes"), lines)
 
 
 def _rates(

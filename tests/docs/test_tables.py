@@ -335,3 +335,14 @@ def test_a_block_is_ended_on_a_processor_like_the_one_it_was_begun_on(run_block,
     assert run_block() == first
     found = json.loads(path.read_text(encoding="utf-8"))["instruction_sets"]
     assert found == {**elsewhere, **about["instruction_sets"]}
+
+
+@pytest.mark.parametrize("experiment", ["learned_engines", "learned_periods"], indirect=True)
+def test_blocks_of_a_repetition_are_those_of_the_first_seed_that_it_declares(experiment):
+    name, module = experiment
+    folder = FOLDERS / name / "again"
+    about = json.loads((folder / "specification.json").read_text(encoding="utf-8"))
+    rows = pq.read_table(folder / "rows.parquet").to_pylist()
+    blocks, *_ = module.tables(rows, about["declared"]["first_seed"]).split("\n\n")
+    counts = dict(re.findall(r"^\| (\S+) \| (\d+) of ", blocks, re.MULTILINE))
+    assert {block for block, count in counts.items() if int(count)} == {*about["instruction_sets"]}
