@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
@@ -23,6 +24,7 @@ from integ_gym.eval.statistics import median_interval, unpaired_difference
 from integ_gym.support.errors import InputError
 from integ_gym.support.files import replace_file
 from integ_gym.support.processes import cores
+from integ_gym.support.terminal import plural
 from integ_gym.train.fleet.training import preparation
 
 from . import results
@@ -147,11 +149,14 @@ class Folder:
         replace_file(self.path / ROWS, sink.getvalue().to_pybytes())
 
 
-def run_missing(table: Table, given: argparse.Namespace) -> None:
+def run_missing(table: Table, given: argparse.Namespace) -> int:
     """Run the units that a folder has not, until the time is over; each is written as it is done.
 
     Trained weights depend on the processor's instruction sets, so a block is of one kind of
     processor; another block may be of another.
+
+    Returns:
+        How many units are left.
 
     Raises:
         ValueError: if the folder is of another specification, or a block that is begun of a
@@ -172,7 +177,8 @@ def run_missing(table: Table, given: argparse.Namespace) -> None:
                 f"block {block} of {folder.path} was begun on a processor with other instruction "
                 "sets; end it there, or give another folder with --out"
             )
-    ends = time.monotonic() + 60.0 * given.minutes
+    missing, begins = len(left), time.monotonic()
+    ends = begins + 60.0 * given.minutes
     prepared = (None, ()) if table.timed else (preparation("cpu"), (0,))
     pool = ProcessPoolExecutor(given.workers, get_context("spawn"), *prepared)
     running: dict[Future[list[Row]], Unit] = {}
@@ -194,8 +200,12 @@ def run_missing(table: Table, given: argparse.Namespace) -> None:
     for name, why in lacking.items():
         if name not in done:
             print(f"{name} is left out: {why}")
-    if left:
-        print(f"{len(left)} units are left: run the same command again.")
+    print(
+        f"{plural(missing - len(left), 'unit')} in {(time.monotonic() - begins) / 60.0:.1f} min "
+        f"with {plural(given.workers, 'process', 'processes')}",
+        file=sys.stderr,
+    )
+    return len(left)
 
 
 @dataclass(frozen=True)
@@ -297,7 +307,7 @@ def command(
     figure: Callable[[list[Row], Path], object],
     what: str | None,
 ) -> None:
-    """Run what is missing, print what was found, draw it.
+    """Run what is missing, print what was found, draw it; status 1 where units are left.
 
     Args:
         table: the experiment.
@@ -325,11 +335,15 @@ def command(
     if given.figure:
         figure(folder.rows(), given.figure)
         return
+    left = 0
     if not given.table:
         try:
-            run_missing(table, given)
+            left = run_missing(table, given)
         except InputError as error:
             parser.error(str(error))
     found = folder.specification()
     first_seed = found["declared"]["first_seed"] if found else given.first_seed
     print(tables(folder.rows(), first_seed), end="")
+    if left:
+        are = "is" if left == 1 else "are"
+        sys.exit(f"{plural(left, 'unit')} {are} left: run the same command again.")

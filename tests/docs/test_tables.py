@@ -346,3 +346,17 @@ def test_blocks_of_a_repetition_are_those_of_the_first_seed_that_it_declares(exp
     blocks, *_ = module.tables(rows, about["declared"]["first_seed"]).split("\n\n")
     counts = dict(re.findall(r"^\| (\S+) \| (\d+) of ", blocks, re.MULTILINE))
     assert {block for block, count in counts.items() if int(count)} == {*about["instruction_sets"]}
+
+
+def test_a_run_whose_time_is_over_fails_and_says_how_many_units_are_left(tmp_path):
+    script = ROOT / "benchmarks" / "tables" / "learned_periods.py"
+    command = [sys.executable, str(script), "--out", str(tmp_path), "--minutes", "0"]
+    command += ["--workers", "2", "--only", "cart-pole-hand-made"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert "| cart-pole-hand-made | 0 of 5 | 0 |" in done.stdout
+    said = done.stderr.strip().split("\n")
+    assert said[-2:] == [
+        "0 units in 0.0 min with 2 processes", "5 units are left: run the same command again."
+    ]  # fmt: skip
+    assert not (tmp_path / "rows.parquet").exists()
