@@ -233,6 +233,22 @@ class Cells:
         return [row["successes"] / row["starts"] for row in self.by_cell.get(cell, [])]
 
 
+def is_complete(table: Table, rows: Sequence[Row], first_seed: int) -> bool:
+    """Whether all was run that was declared, so that its tests are those."""
+    return {unit.name for unit in table.units(first_seed)} <= {row["unit"] for row in rows}
+
+
+def tabulate_success(
+    cells: Cells, what: str, values: Sequence[float], arms: Sequence[str]
+) -> list[str]:
+    """Success by what is varied and by arm, with 95 % intervals, as Markdown; empty: not run."""
+    lines = [
+        [f"{value:g}", *[results.format_success(cells.rates(value, arm)) for arm in arms]]
+        for value in values
+    ]
+    return results.markdown([what, *arms], lines)
+
+
 def tabulate_blocks(
     table: Table, rows: Sequence[Row], first_seed: int, counted: str, size: Callable[[Any], int]
 ) -> list[str]:
@@ -304,16 +320,16 @@ def compare(table: Table, one: Folder, other: Folder) -> list[str]:
 def command(
     table: Table,
     tables: Callable[[list[Row], int], str],
-    figure: Callable[[list[Row], Path], object],
     what: str | None,
+    figure: Callable[[list[Row], Path], object] | None = None,
 ) -> None:
     """Run what is missing, print what was found, draw it; status 1 where units are left.
 
     Args:
         table: the experiment.
         tables: of the page, as Markdown, from rows and their first seed.
-        figure: writes the page's figure, in every format, to a path without a suffix.
         what: the script's docstring.
+        figure: writes the page's figure, in every format, to a path without a suffix.
     """
     parser = results.parser(what)
     blocks = list(dict.fromkeys(unit.block for unit in table.units(table.first_seed)))
@@ -325,14 +341,15 @@ def command(
     add("--workers", type=int, default=workers, metavar="N", help=f"processes: {workers}")
     add("--first-seed", type=int, default=table.first_seed, metavar="N", help="for a repetition")
     add("--table", action="store_true", help="run nothing: print the page's tables")
-    add("--figure", type=Path, metavar="PATH", help="run nothing: draw PATH.png, .svg and .pdf")
     add("--against", type=Path, metavar="DIR", help="run nothing: compare with another run")
+    if figure is not None:
+        add("--figure", type=Path, metavar="PATH", help="run nothing: draw PATH.png, .svg and .pdf")
     given = parser.parse_args()
     folder = Folder(given.out)
     if given.against:
         print("\n".join(compare(table, folder, Folder(given.against))))
         return
-    if given.figure:
+    if figure is not None and given.figure:
         figure(folder.rows(), given.figure)
         return
     left = 0

@@ -448,4 +448,4 @@ def figure(rows: list[Row], path: Path) -> None:
 
 
 if __name__ == "__main__":
-    command(TABLE, tables, figure, __doc__)
+    command(TABLE, tables, __doc__, figure)

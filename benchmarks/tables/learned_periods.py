@@ -439,4 +439,4 @@ def _draw(
 
 
 if __name__ == "__main__":
-    command(TABLE, tables, figure, __doc__)
+    command(TABLE, tables, __doc__, figure)

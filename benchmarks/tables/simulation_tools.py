@@ -580,4 +580,4 @@ def figure(rows: list[Row], path: Path) -> None:
 
 
 if __name__ == "__main__":
-    command(TABLE, lambda rows, first_seed: tables(rows), figure, __doc__)
+    command(TABLE, lambda rows, first_seed: tables(rows), __doc__, figure)

@@ -1,11 +1,14 @@
-"""The experiments beside the atlas: they run, go on where they stopped, and are told as found."""
+"""The experiments beside the atlas: they run, and are told as found."""
 
+import importlib
+import json
 import sys
 
+import pyarrow.parquet as pq
 import pytest
 from house import ROOT
 
-EXPERIMENTS = ("control_periods", "curriculum", "fresh_points", "q_learning_periods")
+EXPERIMENTS = ("curriculum", "fresh_points", "pendulum_periods", "q_learning_periods")
 EXPLANATION = ROOT / "docs" / "explanation"
 PAGES = dict.fromkeys(EXPERIMENTS, EXPLANATION / "experiments.md")
 PAGES["fresh_points"] = EXPLANATION / "atlas.md"
@@ -13,21 +16,37 @@ PAGES["fresh_points"] = EXPLANATION / "atlas.md"
 
 @pytest.fixture(params=EXPERIMENTS)
 def experiment(request, monkeypatch):
-    """A script, and what it is made of."""
-    monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
-    __import__(request.param)
-    yield sys.modules[request.param], sys.modules["measuring.trained"]
+    """A script, and what it trains with."""
+    for folder in (ROOT / "benchmarks", ROOT / "benchmarks" / "tables"):
+        monkeypatch.syspath_prepend(str(folder))
+    yield importlib.import_module(request.param), importlib.import_module("measuring.trained")
     for name in [name for name in sys.modules if name.split(".")[0] in ("measuring", *EXPERIMENTS)]:
         del sys.modules[name]
 
 
 def test_the_page_tells_what_was_found(experiment):
     script, trained = experiment
-    done = trained.read(ROOT / "docs" / "atlas" / f"{script.__name__}.json")
-    assert set(done) == {unit.name for unit in script.EXPERIMENT.units()}
+    table, folder = script.TABLE, ROOT / "docs" / "tables" / script.__name__
+    rows = pq.read_table(folder / "rows.parquet").to_pylist()
+    asked = {(unit.name, seed) for unit in table.units(table.first_seed) for seed in unit.seeds}
+    assert {(row["unit"], row["seed"]) for row in rows} == asked
+    assert len(rows) == len(asked)
+    assert {row["starts"] for row in rows} == {trained.STARTS}
+    found = json.loads((folder / "specification.json").read_text(encoding="utf-8"))
+    specified = table.specification(table.first_seed)
+    assert all(found[name] == specified[name] for name in ("declared", "columns"))
     page = PAGES[script.__name__].read_text(encoding="utf-8")
-    for table in script.tables(done).strip().split("\n\n"):
-        assert table in page
+    for part in script.tables(rows).strip().split("\n\n"):
+        assert part in page
+
+
+def test_tests_are_shown_where_all_was_run_that_they_are_of(experiment):
+    script, _ = experiment
+    path = ROOT / "docs" / "tables" / script.__name__ / "rows.parquet"
+    rows = pq.read_table(path).to_pylist()
+    *_, last = script.tables(rows).split("\n\n")
+    begun = [row for row in rows if row["unit"] != rows[-1]["unit"]]
+    assert last.split("\n")[0] not in script.tables(begun)
 
 
 @pytest.mark.slow
@@ -40,7 +59,11 @@ def test_every_arm_trains(experiment, monkeypatch):
         monkeypatch.setitem(script._atlas().panel.training, "total_steps", 16_384)
     else:
         monkeypatch.setattr(script, "SECONDS", min(script.SECONDS / 10.0, 800.0))
-    for arm in script.EXPERIMENT.arms:
-        found = script.run(trained.Unit(script.EXPERIMENT.values[-2], arm, 1900))
-        assert len(found) == 2
-        assert all(0 <= count <= trained.STARTS for count in found)
+    first = [unit for unit in script.TABLE.units(1900) if unit.first_seed == 1900]
+    blocks = list(dict.fromkeys(unit.block for unit in first))
+    for unit in first:
+        if unit.block == blocks[-2]:
+            rows = script.run(unit)
+            assert [row["seed"] for row in rows] == [1900, 1901]
+            assert {"unit", *rows[0]} == {*script.TABLE.specification(1900)["columns"]}
+            assert all(0 <= row["successes"] <= trained.STARTS for row in rows)

@@ -1,7 +1,8 @@
 """Does learning by values alone fail as the control period goes to 0?
 
-    python benchmarks/q_learning_periods.py --out docs/atlas/q_learning_periods.json
-    python benchmarks/q_learning_periods.py --out docs/atlas/q_learning_periods.json --table
+    python benchmarks/tables/q_learning_periods.py --out runs/q_learning_periods
+    python benchmarks/tables/q_learning_periods.py --out runs/q_learning_periods --only period-0.02
+    python benchmarks/tables/q_learning_periods.py --out docs/tables/q_learning_periods --table
 
 Tallec, Blier and Ollivier (2019, *Making deep Q-learning methods robust to time discretization*,
 arXiv:1901.09732) prove that the value of an action tends to the value of its state as the period
@@ -21,18 +22,22 @@ printed without a test.
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Mapping
 from contextlib import closing
+from pathlib import Path
 from typing import Any
 
-from measuring.results import format_difference, format_p_value
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from measuring.results import format_difference, format_p_value, markdown
+from measuring.tables import Cells, Row, Table, command, is_complete, tabulate_success
 from measuring.trained import (
     PACKAGES,
-    Done,
-    Experiment,
-    Unit,
+    STARTS,
+    Cohort,
     by_fleet,
-    command,
+    cohorts,
     in_the_same_time,
     judged_in,
 )
@@ -64,22 +69,12 @@ COUNTED = ("buffer_size", "learning_starts", "target_update_interval", "train_fr
 PPO: dict[str, Any] = {"n_envs": 8, "n_steps": 64, "batch_size": 128, "gae_lambda": 0.9}
 """At `PERIOD`; rollouts, batches and λ follow the time."""
 
-EXPERIMENT = Experiment(
-    values=(0.02, 0.005, 0.00125),
-    arms=("DQN", "PPO"),
-    seeds=range(2900, 2908),
-    settings={
-        "env_id": ENV_ID,
-        "environment": ENVIRONMENT,
-        "published_for": PERIOD,
-        "seconds": SECONDS,
-        "discount_time": DISCOUNT_TIME,
-        "lanes": LANES,
-        "DQN": DQN,
-        "PPO": PPO,
-    },
-    packages=(*PACKAGES, "stable-baselines3", "torch"),
-)
+PERIODS = (0.02, 0.005, 0.00125)
+"""s."""
+
+ALGORITHMS = ("DQN", "PPO")
+SEEDS = 8
+"""Of each algorithm at each period."""
 
 
 def arguments(period: float) -> dict[str, Any]:
@@ -87,23 +82,29 @@ def arguments(period: float) -> dict[str, Any]:
     return {**ENVIRONMENT, "dt": period, "control_period": period}
 
 
-def run(unit: Unit) -> list[int]:
+def units(first_seed: int) -> list[Cohort]:
+    """All there are."""
+    cells = [{"period": period, "algorithm": name} for period in PERIODS for name in ALGORITHMS]
+    return cohorts(cells, range(first_seed, first_seed + SEEDS))
+
+
+def run(unit: Cohort) -> list[Row]:
     """Successes of each of a unit's policies."""
-    if unit.arm == "PPO":
-        return _by_advantages(unit)
-    return [_by_values(seed, unit.value) for seed in unit.seeds]
+    period = unit.cell["period"]
+    if unit.cell["algorithm"] == "PPO":
+        return unit.rows(_by_advantages(unit.seeds, period))
+    return unit.rows([_by_values(seed, period) for seed in unit.seeds])
 
 
-def _by_advantages(unit: Unit) -> list[int]:
-    given = arguments(unit.value)
+def _by_advantages(seeds: range, period: float) -> list[int]:
+    """Successes of policies of PPO."""
+    given = arguments(period)
     settings = {
-        **in_the_same_time(PPO, unit.value / PERIOD),
-        "total_steps": round(SECONDS / unit.value),
+        **in_the_same_time(PPO, period / PERIOD),
+        "total_steps": round(SECONDS / period),
         "discount_time": DISCOUNT_TIME,
     }
-    configs = [
-        PPOConfig.of(ENV_ID, seed=seed, env_arguments=given, **settings) for seed in unit.seeds
-    ]
+    configs = [PPOConfig.of(ENV_ID, seed=seed, env_arguments=given, **settings) for seed in seeds]
     return by_fleet([configs], given)
 
 
@@ -133,26 +134,61 @@ def _by_values(seed: int, period: float) -> int:
     return found
 
 
-def tables(done: Done) -> str:
+TABLE = Table(
+    columns={
+        "period": "control period, s",
+        "algorithm": "DQN or PPO",
+        "seed": "of training, and of the starts",
+        "successes": "of the starts",
+        "starts": "that the policy was judged from",
+    },
+    cell=2,
+    declared={
+        "env_id": ENV_ID,
+        "environment": ENVIRONMENT,
+        "periods": PERIODS,
+        "algorithms": ALGORITHMS,
+        "seeds": SEEDS,
+        "published_for": PERIOD,
+        "seconds": SECONDS,
+        "discount_time": DISCOUNT_TIME,
+        "lanes": LANES,
+        "DQN": DQN,
+        "PPO": PPO,
+        "starts": STARTS,
+    },
+    packages=(*PACKAGES, "stable-baselines3", "torch"),
+    units=units,
+    first_seed=2900,
+    run=run,
+)
+NAMES = tuple(TABLE.columns)[: TABLE.cell]
+
+
+def tables(rows: list[Row], first_seed: int = TABLE.first_seed) -> str:
     """Success with 95 % intervals, and both tests, as Markdown."""
-    return EXPERIMENT.tables(done, "control period, s", lambda: _tests(done))
+    cells = Cells(rows, NAMES)
+    lines = tabulate_success(cells, "control period, s", PERIODS, ALGORITHMS)
+    if is_complete(TABLE, rows, first_seed):
+        lines += ["", *_tests(cells)]
+    return "\n".join(lines) + "\n"
 
 
-def _tests(done: Done) -> list[str]:
-    compared = comparisons(done)
+def _tests(cells: Cells) -> list[str]:
+    compared = comparisons(cells)
     corrected = holm([one.p_greater() for one in compared.values()])
-    lines = ["| compared | difference | p (Holm) |", "|---|---|---|"]
-    for (what, one), p in zip(compared.items(), corrected, strict=True):
-        lines.append(f"| {what} | {format_difference(one)} | {format_p_value(p)} |")
-    return lines
+    lines = [
+        (what, format_difference(one), format_p_value(p))
+        for (what, one), p in zip(compared.items(), corrected, strict=True)
+    ]
+    return markdown(("compared", "difference", "p (Holm)"), lines)
 
 
-def comparisons(done: Done) -> Mapping[str, Difference]:
+def comparisons(cells: Cells) -> Mapping[str, Difference]:
     """Both that were declared, by what they are."""
-    shortest = min(EXPERIMENT.values)
+    shortest = min(PERIODS)
     at_home, values, advantages = (
-        EXPERIMENT.rates(done, period, arm)
-        for period, arm in ((PERIOD, "DQN"), (shortest, "DQN"), (shortest, "PPO"))
+        cells.rates(*cell) for cell in ((PERIOD, "DQN"), (shortest, "DQN"), (shortest, "PPO"))
     )
     return {
         f"PPO less DQN, both at {shortest:g} s": unpaired_difference(advantages, values),
@@ -161,4 +197,4 @@ def comparisons(done: Done) -> Mapping[str, Difference]:
 
 
 if __name__ == "__main__":
-    command(EXPERIMENT, run, tables, __doc__)
+    command(TABLE, tables, __doc__)

@@ -1,7 +1,8 @@
 """Does it help to learn on numerics that pump, and to end on the truth?
 
-    python benchmarks/curriculum.py --out docs/atlas/curriculum.json
-    python benchmarks/curriculum.py --out docs/atlas/curriculum.json --table
+    python benchmarks/tables/curriculum.py --out runs/curriculum
+    python benchmarks/tables/curriculum.py --out runs/curriculum --only torque-1.4
+    python benchmarks/tables/curriculum.py --out docs/tables/curriculum --table
 
 Five ways to spend the same decisions with the same seeds, near the least torque that lifts the rod
 pendulum on the truth within 10 s; all policies are judged on the truth.
@@ -18,17 +19,22 @@ environments alone.
 
 Declared before it was run: these four torques, seeds 2100 to 2131, 20 starts each; at every torque
 `curriculum` is compared with each of the others, sixteen one-sided tests of mean success in all,
-corrected by Holm's method. What has been run is kept in the file and not run again.
+corrected by Holm's method.
 """
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 from functools import cache
+from pathlib import Path
 from typing import Any
 
-from measuring.results import format_difference, format_p_value
-from measuring.trained import Done, Experiment, Unit, by_fleet, command
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from measuring.results import format_difference, format_p_value, markdown
+from measuring.tables import Cells, Row, Table, command, is_complete, tabulate_success
+from measuring.trained import PACKAGES, STARTS, Cohort, by_fleet, cohorts
 
 from integ_gym.envs.settings import Discretization
 from integ_gym.eval.atlas.specification import critical_limit
@@ -49,20 +55,12 @@ TRAINING: dict[str, Any] = {
     "total_steps": 300_000, "batch_size": 512, "gae_lambda": 0.9, "learning_rate": 2e-3,
     "learning_rate_end": 0.0,
 }  # fmt: skip
-EXPERIMENT = Experiment(
-    values=(1.2, 1.4, 1.6, 1.8),
-    arms=("curriculum", "truth", "mixture", "easier torque", "equal ease"),
-    seeds=range(2100, 2132),
-    settings={
-        "env_id": ENV_ID,
-        "environment": ENVIRONMENT,
-        "control_period": PERIOD,
-        "truth": TRUTH,
-        "pumping": PUMPING,
-        "easier": EASIER,
-        "training": TRAINING,
-    },
-)
+TORQUES = (1.2, 1.4, 1.6, 1.8)
+"""Over the critical one."""
+
+ARMS = ("curriculum", "truth", "mixture", "easier torque", "equal ease")
+SEEDS = 32
+"""Of each arm at each torque."""
 
 
 @cache
@@ -97,40 +95,79 @@ def equal_ease(turn: dict[str, Any]) -> float:
     return critical(**TRUTH) / critical(**turn)
 
 
-def run(unit: Unit) -> list[int]:
+def units(first_seed: int) -> list[Cohort]:
+    """All there are."""
+    cells = [{"torque": ratio, "arm": arm} for ratio in TORQUES for arm in ARMS]
+    return cohorts(cells, range(first_seed, first_seed + SEEDS))
+
+
+def run(unit: Cohort) -> list[Row]:
     """Successes on the truth of each of a unit's policies."""
-    trained_in = stages(unit.arm, unit.value)
+    ratio = unit.cell["torque"]
     configs = [
         [PPOConfig.of(ENV_ID, seed=seed, env_arguments=given, **TRAINING) for seed in unit.seeds]
-        for given in trained_in
+        for given in stages(unit.cell["arm"], ratio)
     ]
-    judged = {**ENVIRONMENT, **TRUTH, "control_period": PERIOD, "max_torque": torque(unit.value)}
-    return by_fleet(configs, judged)
+    judged = {**ENVIRONMENT, **TRUTH, "control_period": PERIOD, "max_torque": torque(ratio)}
+    return unit.rows(by_fleet(configs, judged))
 
 
-def tables(done: Done) -> str:
+TABLE = Table(
+    columns={
+        "torque": "over the critical one",
+        "arm": "the way to spend the decisions",
+        "seed": "of training, and of the starts",
+        "successes": "of the starts, on the truth",
+        "starts": "that the policy was judged from",
+    },
+    cell=2,
+    declared={
+        "env_id": ENV_ID,
+        "environment": ENVIRONMENT,
+        "torques": TORQUES,
+        "arms": ARMS,
+        "seeds": SEEDS,
+        "control_period": PERIOD,
+        "truth": TRUTH,
+        "pumping": PUMPING,
+        "easier": EASIER,
+        "training": TRAINING,
+        "starts": STARTS,
+    },
+    packages=PACKAGES,
+    units=units,
+    first_seed=2100,
+    run=run,
+)
+NAMES = tuple(TABLE.columns)[: TABLE.cell]
+
+
+def tables(rows: list[Row], first_seed: int = TABLE.first_seed) -> str:
     """Success with 95 % intervals, and what the curriculum gains, as Markdown."""
-    return EXPERIMENT.tables(done, "torque over the critical one", lambda: _tests(done))
+    cells = Cells(rows, NAMES)
+    lines = tabulate_success(cells, "torque over the critical one", TORQUES, ARMS)
+    if is_complete(TABLE, rows, first_seed):
+        lines += ["", *_tests(cells)]
+    return "\n".join(lines) + "\n"
 
 
-def _tests(done: Done) -> list[str]:
-    lines = ["| torque | compared with | curriculum gains | p (Holm) |", "|---|---|---|---|"]
-    gains = list(comparisons(done))
+def _tests(cells: Cells) -> list[str]:
+    gains = list(comparisons(cells))
     corrected = holm([difference.p_greater() for _, _, difference in gains])
-    for (ratio, arm, difference), p in zip(gains, corrected, strict=True):
-        lines.append(
-            f"| {ratio:g} | {arm} | {format_difference(difference)} | {format_p_value(p)} |"
-        )
-    return lines
+    lines = [
+        (f"{ratio:g}", arm, format_difference(difference), format_p_value(p))
+        for (ratio, arm, difference), p in zip(gains, corrected, strict=True)
+    ]
+    return markdown(("torque", "compared with", "curriculum gains", "p (Holm)"), lines)
 
 
-def comparisons(done: Done) -> Iterator[tuple[float, str, Difference]]:
+def comparisons(cells: Cells) -> Iterator[tuple[float, str, Difference]]:
     """The declared ones."""
-    for ratio in EXPERIMENT.values:
-        ours = EXPERIMENT.rates(done, ratio, "curriculum")
-        for arm in EXPERIMENT.arms[1:]:
-            yield ratio, arm, unpaired_difference(ours, EXPERIMENT.rates(done, ratio, arm))
+    for ratio in TORQUES:
+        ours = cells.rates(ratio, "curriculum")
+        for arm in ARMS[1:]:
+            yield ratio, arm, unpaired_difference(ours, cells.rates(ratio, arm))
 
 
 if __name__ == "__main__":
-    command(EXPERIMENT, run, tables, __doc__)
+    command(TABLE, tables, __doc__)
