@@ -12,7 +12,7 @@ DM_CONTROL_PYTHON ?= $(PYTHON)
 # Those that have summaries.
 ATLASES := $(patsubst docs/atlas/%/,%,$(wildcard docs/atlas/*/))
 # Published experiments, each in blocks that resume.
-TABLES := learned_periods learned_engines simulation_tools pendulum_periods curriculum fresh_points q_learning_periods
+TABLES := simulation_tools learned_engines learned_periods
 # Those whose figures the paper shows.
 PAPER_TABLES := learned_engines simulation_tools
 # Bytecode is kept, whatever the environment says: tests start many processes.
