@@ -28,6 +28,11 @@ MOMENTS = tuple(MASS / 3.0 * (sum(x * x for x in HALF) - side * side) for side i
 FOOT = 0.01
 """Radius of the four spheres at the lower corners that Drake's box stands on, m."""
 
+
+class SolverGaveUpError(RuntimeError):
+    """An engine found no solution of a step."""
+
+
 Start = tuple[float, float]
 """Height of the lower side, m, and speed along, m/s."""
 Motion = Iterator[tuple[float, float, float, float]]
@@ -274,7 +279,11 @@ def drake_ground(
 def drake_states(
     builder: Any, plant: Any, dt: float, q: Sequence[float], v: Sequence[float]
 ) -> States:
-    """(q, v) after each step from these."""
+    """(q, v) after each step from these.
+
+    Raises:
+        SolverGaveUpError: where the solver does not converge.
+    """
     from pydrake.systems.analysis import Simulator
 
     plant.Finalize()
@@ -287,7 +296,12 @@ def drake_states(
     done = 0
     while True:
         done += 1
-        simulator.AdvanceTo(done * dt)
+        try:
+            simulator.AdvanceTo(done * dt)
+        except RuntimeError as error:
+            if "failed to converge" in str(error):
+                raise SolverGaveUpError(str(error)) from error
+            raise
         yield plant.GetPositions(context), plant.GetVelocities(context)
 
 

@@ -275,12 +275,19 @@ def tabulate_blocks(
     return results.markdown(("block", f"{counted} that were run", "training, core-minutes"), lines)
 
 
-def interval_of(numbers: Sequence[float]) -> str:
-    """Median of starts with its interval, as Markdown; the number where it is one."""
+def interval_of(numbers: Sequence[float], say: Callable[[float], str] = "{:.1e}".format) -> str:
+    """Median of starts with its interval, as Markdown; the number where it is one.
+
+    Args:
+        numbers: of the starts; infinite where a motion was lost.
+        say: one of them.
+    """
     found = median_interval(numbers)
     if found is None:
-        return f"{numbers[0]:.1e}"
-    return f"{found.estimate:.1e} ({found.low:.1e}–{found.high:.1e})"
+        return say(numbers[0])
+    ends = (found.estimate, found.low, found.high)
+    middle, low, high = ("lost" if x is None else say(x) for x in ends)
+    return f"{middle} ({low}–{high})"
 
 
 def medians_agree(one: Sequence[float], other: Sequence[float]) -> bool:

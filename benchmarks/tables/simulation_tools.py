@@ -36,7 +36,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from itertools import islice
-from math import pi
+from math import inf, nan, pi
 from pathlib import Path
 from textwrap import shorten
 from typing import Any
@@ -45,7 +45,16 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from measuring.boxes import BOXES, FOOT, FRICTION, GRAVITY, HALF, MASS, rigid
+from measuring.boxes import (
+    BOXES,
+    FOOT,
+    FRICTION,
+    GRAVITY,
+    HALF,
+    MASS,
+    SolverGaveUpError,
+    rigid,
+)
 from measuring.processor_time import processor_clocks, read_clocks
 from measuring.results import markdown
 from measuring.tables import Cells, Row, Table, command, interval_of
@@ -60,7 +69,6 @@ from integ_gym.envs.plants.chain import chain_of
 from integ_gym.envs.plants.system import PlantSystem
 from integ_gym.envs.registries import TRUTH
 from integ_gym.envs.settings import NATIVE
-from integ_gym.eval.statistics import median_interval
 from integ_gym.support.errors import IntegGymError
 from integ_gym.support.figures import SOFT, axes_at, blank_figure, write_figure
 from integ_gym.support.isolated import WorkerError
@@ -233,9 +241,9 @@ def run(unit: Unit) -> list[Row]:
 
 
 def _distance(one: Array, other: Array) -> float:
-    """Root mean square over coordinates; of what is lost as large as can be."""
+    """Root mean square over coordinates; infinite of what is lost."""
     apart = float(np.sqrt(np.mean((one - other) ** 2)))
-    return apart if np.isfinite(apart) else float(np.finfo(np.float64).max)
+    return apart if np.isfinite(apart) else inf
 
 
 @cache
@@ -347,7 +355,11 @@ def _box(unit: Unit, dt: float, start: tuple[float, ...]) -> Motion:
         box.close()  # type: ignore[attr-defined]
         return np.array(states, dtype=np.float64), seconds
 
-    path, *times = _least(move, _turns(unit.block, dt))
+    try:
+        path, *times = _least(move, _turns(unit.block, dt))
+    except SolverGaveUpError:
+        measures = dict.fromkeys(SHOWN["box"][len(KEEP) :], inf)
+        return Motion(np.array([nan, nan]), measures, inf, yardstick())
     height, way, rising, along = path[-1]
     arrival = GRAVITY * rigid(start)[0]  # type: ignore[arg-type]
     energy = MASS * (GRAVITY * height + 0.5 * (rising**2 + along**2))
@@ -491,11 +503,8 @@ def _frontiers(cells: Cells) -> list[str]:
 
 def _milliseconds(cells: Cells, *cell: Any) -> str:
     """Median of the times with its interval, ms."""
-    found = median_interval(_values(cells, *cell, "seconds"))
-    assert found is not None
-    ends = [1e3 * (x or 0.0) for x in (found.estimate, found.low, found.high)]
-    middle, low, high = (f"{x:.0f}" if x >= 100.0 else f"{x:.2g}" for x in ends)
-    return f"{middle} ({low}–{high})"
+    times = [1e3 * x for x in _values(cells, *cell, "seconds")]
+    return interval_of(times, lambda x: f"{x:.0f}" if x >= 100.0 else f"{x:.2g}")
 
 
 def _block(cells: Cells, block: str) -> list[str]:
@@ -513,9 +522,12 @@ def _block(cells: Cells, block: str) -> list[str]:
 def _refusals(rows: list[Row]) -> list[str]:
     left_out_by: dict[tuple[str, str], list[str]] = {}
     for row in rows:
-        if row["why"]:
+        why = row["why"]
+        if row["quantity"] == "seconds" and row["value"] == inf:
+            why = f"of {STARTS} starts at {1e3 * row['dt']:g} ms, from one its solver gave up"
+        if why:
             name = f"{row['engine']}/{row['integrator']}"
-            left_out_by.setdefault((row["why"], row["block"]), []).append(name)
+            left_out_by.setdefault((why, row["block"]), []).append(name)
     by_block = sorted(left_out_by.items(), key=lambda one: (BLOCKS.index(one[0][1]), one[0][0]))
     lines = [
         (block, ", ".join(names), shorten(why.replace("|", "/"), 180, placeholder=" …"))

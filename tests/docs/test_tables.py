@@ -251,6 +251,10 @@ def test_what_is_measured_of_a_tool_is_what_is_known_of_it(experiment, monkeypat
     assert same[0] == pytest.approx(same[1], rel=1e-6)
     assert medians("box", "sapien", "pgs", "from the truth")[0.001] < 2e-3
     assert medians("box", "mujoco", "Euler", "penetration")[0.001] > 1e-3
+    rows = module.run(module.Unit("box", "drake", "tamsi", 6003))
+    lost = {row["dt"] for row in rows if row["value"] == np.inf}
+    assert lost == {0.004}
+    assert "from one its solver gave up" in module.tables(rows)
     (row,) = module.run(module.Unit("box", "casadi", "rk", 900))
     assert "no rigid contact of its own" in row["why"]
 
@@ -292,6 +296,7 @@ def test_two_runs_are_compared_by_the_intervals_of_their_medians(experiment):
         [1.0, 2.0, 3.0, 4.0, 5.0, 6.0], [6.1, 7.0, 8.0, 9.0, 10.0, 11.0]
     )
     assert tables.interval_of([1.0, 2.0, 3.0, 4.0, 5.0, 6.0]) == "3.5e+00 (1.0e+00–6.0e+00)"
+    assert tables.interval_of([1.0, 2.0, 3.0, 4.0, 5.0, np.inf]) == "3.5e+00 (1.0e+00–lost)"
 
 
 @pytest.fixture
