@@ -61,8 +61,8 @@ class Table:
         first_seed: that was declared.
         run: one unit, to its rows without the column `unit`.
         value: the column of a row's number, where it has no successes.
-        timed: whether rows have times. Then one unit is run at a time, in a process that is not set
-            up for training.
+        times: what is measured of the machine, as a cell's name says. Where there is any, one unit
+            is run at a time, in a process that is not set up for training.
         lacking: why a unit cannot be run on this machine, empty where it can.
     """
 
@@ -74,7 +74,7 @@ class Table:
     first_seed: int
     run: Callable[[Any], list[Row]]
     value: str | None = None
-    timed: bool = False
+    times: tuple[str, ...] = ()
     lacking: Callable[[Any], str] = lambda unit: ""
 
     def specification(self, first_seed: int) -> dict[str, Any]:
@@ -179,7 +179,7 @@ def run_missing(table: Table, given: argparse.Namespace) -> int:
             )
     missing, begins = len(left), time.monotonic()
     ends = begins + 60.0 * given.minutes
-    prepared = (None, ()) if table.timed else (preparation("cpu"), (0,))
+    prepared = (None, ()) if table.times else (preparation("cpu"), (0,))
     pool = ProcessPoolExecutor(given.workers, get_context("spawn"), *prepared)
     running: dict[Future[list[Row]], Unit] = {}
     with pool, tqdm(total=len(wanted), initial=len(wanted) - len(left), unit="unit") as bar:
@@ -301,10 +301,11 @@ def medians_agree(one: Sequence[float], other: Sequence[float]) -> bool:
 
 
 def compare(table: Table, one: Folder, other: Folder) -> list[str]:
-    """Cells that both have, whether the 95 % interval of their difference holds 0."""
+    """Cells that both have, whether the 95 % interval of their difference holds 0; no times."""
     names = tuple(table.columns)[: table.cell]
     ours, theirs = (Cells(folder.rows(), names) for folder in (one, other))
-    shared = [cell for cell in ours.by_cell if cell in theirs.by_cell]
+    both = ours.by_cell.keys() & theirs.by_cell.keys()
+    shared = [cell for cell in ours.by_cell if cell in both and not {*cell} & {*table.times}]
     lines, apart = [], 0
     for cell in shared:
         if table.value is not None:
@@ -344,7 +345,7 @@ def command(
     add("--out", type=Path, required=True, metavar="DIR", help="rows and specification")
     add("--only", nargs="+", choices=blocks, metavar="BLOCK", help=f"of {', '.join(blocks)}")
     add("--minutes", type=float, default=60.0, metavar="N", help="then begin nothing new: 60")
-    workers = 1 if table.timed else cores()
+    workers = 1 if table.times else cores()
     add("--workers", type=int, default=workers, metavar="N", help=f"processes: {workers}")
     add("--first-seed", type=int, default=table.first_seed, metavar="N", help="for a repetition")
     add("--table", action="store_true", help="run nothing: print the page's tables")

@@ -432,7 +432,7 @@ TABLE = Table(
     first_seed=6000,
     run=run,
     value="value",
-    timed=True,
+    times=("seconds", "yardstick"),
     lacking=lacking,
 )
 NAMES = tuple(TABLE.columns)[: TABLE.cell]
