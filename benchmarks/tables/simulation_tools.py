@@ -562,13 +562,13 @@ def figure(rows: list[Row], path: Path) -> None:
         times, errors = [1e3 * one[3] for one in edge], [one[4] for one in edge]
         axes.plot(times, errors, "-", color=SOFT, linewidth=1.0, zorder=1)
         for k, one in enumerate(edge):
-            if not k or edge[k - 1][:2] != one[:2]:
+            if one[:2] not in [other[:2] for other in edge[:k]]:
                 axes.annotate(
                     "/".join(one[:2]), (times[k], errors[k]), (-3, -3), fontsize=5.5,
                     textcoords="offset points", ha="right", va="top", color=colours[one[0]],
                 )  # fmt: skip
         axes.set(xscale="log", yscale="log")
-        axes.set_xlim(left=times[0] / 1500.0)  # room for names
+        axes.set_xlim(left=times[0] / 4000.0)  # room for names
         axes.set_title(block, fontsize=9)
         axes.tick_params(which="both", labelsize=7)
         axes.set_xlabel("processor time of the motion, ms", fontsize=8)
