@@ -103,6 +103,7 @@ def test_the_page_of_control_periods(experiment):
         for arm in ("decision", "second")
         for slower in periods.SLOWER
     ]
+    swung = [np.mean(rates(swing_up, "second", slower, **sac)) for slower in periods.SLOWER]
     briefly = [
         np.mean(rates("pendulum", arm, slower, **sac))
         for arm in ("decision", "second")
@@ -160,6 +161,9 @@ def test_the_page_of_control_periods(experiment):
         f"most {two(max(delayed[x][0].interval.estimate for x in delayed if x not in costly))}",
         f"at twice the period succeed in {reached('quadrotor', 'second', 2, judged=1, delay=1)}",
         f"with commands {min(late_by):g} to {max(late_by):g} s late",
+        f"at every period ({two(min(swung))} to {two(max(swung))}), also at the short ones",
+        "with settings per decision not at the shortest "
+        f"({reached(swing_up, 'decision', 0.25, **sac)})",
         "On the quadrotor settings per second reach "
         f"{reached('quadrotor', 'second', 4, **sac)} and "
         f"{reached('quadrotor', 'second', 2, **sac)} at four and two times the tuned period, and "
