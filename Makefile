@@ -11,7 +11,7 @@ ISAACLAB_PYTHON ?= python3.12
 DM_CONTROL_PYTHON ?= $(PYTHON)
 # Those that have summaries.
 ATLASES := $(patsubst docs/atlas/%/,%,$(wildcard docs/atlas/*/))
-# Published experiments, each in blocks that resume.
+# Published experiments that have pages of their own, each in blocks that resume.
 TABLES := simulation_tools learned_engines learned_periods
 # Those whose figures the paper shows.
 PAPER_TABLES := learned_engines simulation_tools

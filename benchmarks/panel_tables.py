@@ -2,7 +2,7 @@
 
     python benchmarks/panel_tables.py RUN [--save docs/quick_panel.json]
     python benchmarks/panel_tables.py docs/quick_panel.json
-    python benchmarks/panel_tables.py docs/quick_panel_run.json.gz --figure docs/images/heatmap
+    python benchmarks/panel_tables.py docs/quick_panel_run.json.gz --figure runs/heatmap
 
 Prints them in Markdown, every number with its 95 % interval over seeds and starts and rounded to
 what that carries. `--save` keeps what they are made of, with

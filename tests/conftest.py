@@ -1,5 +1,6 @@
 """Shared test set-up: what is compiled is kept, and what takes long is made once in a run."""
 
+import importlib
 import os
 import shutil
 import sys
@@ -11,6 +12,7 @@ from typing import Any
 import hypothesis
 import portalocker
 import pytest
+from house import ROOT
 
 from integ_gym.envs.engines.stepping import missing_modules
 from integ_gym.envs.registries import ENGINES
@@ -127,3 +129,17 @@ def pytest_runtest_makereport(item: pytest.Item) -> Iterator[None]:
         report.outcome = "failed"
         report.longrepr = f"skipped: {report.longrepr}"
     return report
+
+
+@pytest.fixture
+def import_experiment(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[str], Any]]:
+    """A function that imports a published experiment's script by its name."""
+    folders = (ROOT / "benchmarks" / "tables", ROOT / "benchmarks")
+    for folder in folders:
+        monkeypatch.syspath_prepend(str(folder))
+    before = set(sys.modules)
+    yield importlib.import_module
+    own = {"measuring", *(script.stem for folder in folders for script in folder.glob("*.py"))}
+    for name in set(sys.modules) - before:
+        if name.split(".")[0] in own:
+            del sys.modules[name]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 import time
@@ -77,6 +76,11 @@ class Table:
     times: tuple[str, ...] = ()
     lacking: Callable[[Any], str] = lambda unit: ""
 
+    @property
+    def cell_columns(self) -> tuple[str, ...]:
+        """That say what a cell is."""
+        return tuple(self.columns)[: self.cell]
+
     def specification(self, first_seed: int) -> dict[str, Any]:
         """What all rows of a folder have in common, and the instruction sets of this processor."""
         about = {
@@ -149,11 +153,26 @@ class Folder:
         replace_file(self.path / ROWS, sink.getvalue().to_pybytes())
 
 
-def run_missing(table: Table, given: argparse.Namespace) -> int:
+def run_missing(
+    table: Table,
+    out: Path,
+    first_seed: int,
+    only: Sequence[str] | None = None,
+    minutes: float = 60.0,
+    workers: int = 1,
+) -> int:
     """Run the units that a folder has not, until the time is over; each is written as it is done.
 
     Trained weights depend on the processor's instruction sets, so a block is of one kind of
     processor; another block may be of another.
+
+    Args:
+        table: the experiment.
+        out: the folder.
+        first_seed: of the units.
+        only: blocks; None: all.
+        minutes: after which nothing new is begun.
+        workers: processes.
 
     Returns:
         How many units are left.
@@ -162,11 +181,11 @@ def run_missing(table: Table, given: argparse.Namespace) -> int:
         ValueError: if the folder is of another specification, or a block that is begun of a
             processor with other instruction sets.
     """
-    specification = table.specification(given.first_seed)
-    folder, here = Folder(given.out), specification[MADE_ON]
+    specification = table.specification(first_seed)
+    folder, here = Folder(out), specification[MADE_ON]
     made_on, rows = folder.claim(specification), folder.rows()
     done = {row["unit"] for row in rows}
-    wanted = [u for u in table.units(given.first_seed) if u.block in (given.only or [u.block])]
+    wanted = [u for u in table.units(first_seed) if u.block in (only or [u.block])]
     lacking = {unit.name: why for unit in wanted if (why := table.lacking(unit))}
     wanted = [unit for unit in wanted if unit.name in done or unit.name not in lacking]
     left = deque(unit for unit in wanted if unit.name not in done)
@@ -178,13 +197,13 @@ def run_missing(table: Table, given: argparse.Namespace) -> int:
                 "sets; end it there, or give another folder with --out"
             )
     missing, begins = len(left), time.monotonic()
-    ends = begins + 60.0 * given.minutes
+    ends = begins + 60.0 * minutes
     prepared = (None, ()) if table.times else (preparation("cpu"), (0,))
-    pool = ProcessPoolExecutor(given.workers, get_context("spawn"), *prepared)
+    pool = ProcessPoolExecutor(workers, get_context("spawn"), *prepared)
     running: dict[Future[list[Row]], Unit] = {}
     with pool, tqdm(total=len(wanted), initial=len(wanted) - len(left), unit="unit") as bar:
         while True:
-            while left and len(running) < given.workers and time.monotonic() < ends:
+            while left and len(running) < workers and time.monotonic() < ends:
                 unit = left.popleft()
                 running[pool.submit(table.run, unit)] = unit
             if not running:
@@ -202,7 +221,7 @@ def run_missing(table: Table, given: argparse.Namespace) -> int:
             print(f"{name} is left out: {why}")
     print(
         f"{plural(missing - len(left), 'unit')} in {(time.monotonic() - begins) / 60.0:.1f} min "
-        f"with {plural(given.workers, 'process', 'processes')}",
+        f"with {plural(workers, 'process', 'processes')}",
         file=sys.stderr,
     )
     return len(left)
@@ -275,37 +294,45 @@ def tabulate_blocks(
     return results.markdown(("block", f"{counted} that were run", "training, core-minutes"), lines)
 
 
-def interval_of(numbers: Sequence[float], say: Callable[[float], str] = "{:.1e}".format) -> str:
+def format_median(
+    numbers: Sequence[float], format_number: Callable[[float], str] = "{:.1e}".format
+) -> str:
     """Median of starts with its interval, as Markdown; the number where it is one.
 
     Args:
         numbers: of the starts; infinite where a motion was lost.
-        say: one of them.
+        format_number: one of them.
     """
     found = median_interval(numbers)
     if found is None:
-        return say(numbers[0])
+        return format_number(numbers[0])
     ends = (found.estimate, found.low, found.high)
-    middle, low, high = ("lost" if x is None else say(x) for x in ends)
+    middle, low, high = ("lost" if x is None else format_number(x) for x in ends)
     return f"{middle} ({low}–{high})"
 
 
 def medians_agree(one: Sequence[float], other: Sequence[float]) -> bool:
-    """Whether the intervals of two medians have a number in common."""
+    """Whether the intervals of two medians, each of several numbers, have a number in common."""
     first, second = median_interval(one), median_interval(other)
-    if first is None or second is None:
-        return True
+    assert first is not None
+    assert second is not None
     ends = (first.low, first.high, second.low, second.high)
     low_1, high_1, low_2, high_2 = (np.inf if x is None else x for x in ends)
     return bool(low_1 <= high_2 and low_2 <= high_1)
 
 
 def compare(table: Table, one: Folder, other: Folder) -> list[str]:
-    """Cells that both have, whether the 95 % interval of their difference holds 0; no times."""
-    names = tuple(table.columns)[: table.cell]
-    ours, theirs = (Cells(folder.rows(), names) for folder in (one, other))
-    both = ours.by_cell.keys() & theirs.by_cell.keys()
-    shared = [cell for cell in ours.by_cell if cell in both and not {*cell} & {*table.times}]
+    """Cells of several rows that both have, without times, and which of them are apart.
+
+    Success is apart where the 95 % interval of the difference excludes 0, and a number where the
+    intervals of the medians have no number in common.
+    """
+    ours, theirs = (Cells(folder.rows(), table.cell_columns) for folder in (one, other))
+    shared = [
+        cell
+        for cell, rows in ours.by_cell.items()
+        if min(len(rows), len(theirs.by_cell.get(cell, []))) > 1 and not {*cell} & {*table.times}
+    ]
     lines, apart = [], 0
     for cell in shared:
         if table.value is not None:
@@ -314,7 +341,7 @@ def compare(table: Table, one: Folder, other: Folder) -> list[str]:
             ]
             if not medians_agree(*numbers):
                 apart += 1
-                lines.append(f"apart: {cell}: {' and '.join(map(interval_of, numbers))}")
+                lines.append(f"apart: {cell}: {' and '.join(map(format_median, numbers))}")
             continue
         pair = [cells.rates(*cell) for cells in (ours, theirs)]
         found = unpaired_difference(*pair).interval
@@ -363,7 +390,9 @@ def command(
     left = 0
     if not given.table:
         try:
-            left = run_missing(table, given)
+            left = run_missing(
+                table, given.out, given.first_seed, given.only, given.minutes, given.workers
+            )
         except InputError as error:
             parser.error(str(error))
     found = folder.specification()

@@ -75,7 +75,7 @@ def cohorts(cells: Sequence[Mapping[str, Any]], seeds: range) -> list[Cohort]:
     return [Cohort(cell, first) for first in seeds[::TOGETHER] for cell in cells]
 
 
-def in_the_same_time(at_home: Mapping[str, Any], slower: float) -> dict[str, Any]:
+def scale_to_period(at_home: Mapping[str, Any], slower: float) -> dict[str, Any]:
     """PPO's settings, so that rollouts, minibatches and λ span the time that they do at home.
 
     Args:
@@ -86,7 +86,9 @@ def in_the_same_time(at_home: Mapping[str, Any], slower: float) -> dict[str, Any
     return {**at_home, **counted, "gae_lambda": math.pow(at_home["gae_lambda"], slower)}
 
 
-def by_fleet(stages: Sequence[Sequence[PPOConfig]], judged: Mapping[str, Any]) -> list[int]:
+def train_and_count_successes(
+    stages: Sequence[Sequence[PPOConfig]], judged: Mapping[str, Any]
+) -> list[int]:
     """Successes of each policy that the fleet trains, from `STARTS` starts of its seed's own.
 
     Args:
@@ -94,11 +96,11 @@ def by_fleet(stages: Sequence[Sequence[PPOConfig]], judged: Mapping[str, Any]) -
         judged: arguments of the environment that they are judged in.
     """
     last = stages[-1]
-    acts = trained_by_fleet(stages, judged)
-    return judged_in(last[0].env_id, judged, acts, [config.seed for config in last])
+    acts = train_by_fleet(stages, judged)
+    return count_successes(last[0].env_id, judged, acts, [config.seed for config in last])
 
 
-def trained_by_fleet(stages: Sequence[Sequence[PPOConfig]], given: Mapping[str, Any]) -> list[Act]:
+def train_by_fleet(stages: Sequence[Sequence[PPOConfig]], given: Mapping[str, Any]) -> list[Act]:
     """Policies that the fleet trains, in the order of a stage's configurations.
 
     Args:
@@ -114,7 +116,7 @@ def trained_by_fleet(stages: Sequence[Sequence[PPOConfig]], given: Mapping[str, 
     ]
 
 
-def judged_in(
+def count_successes(
     env_id: str, judged: Mapping[str, Any], acts: Sequence[Act], seeds: Sequence[int]
 ) -> list[int]:
     """Successes of policies side by side, each from `STARTS` starts of its seed's own.

@@ -34,7 +34,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from measuring.results import format_difference, format_p_value, markdown
 from measuring.tables import Cells, Row, Table, command, is_complete, tabulate_success
-from measuring.trained import PACKAGES, STARTS, Cohort, by_fleet, cohorts
+from measuring.trained import PACKAGES, STARTS, Cohort, cohorts, train_and_count_successes
 
 from integ_gym.envs.settings import Discretization
 from integ_gym.eval.atlas.specification import critical_limit
@@ -109,7 +109,7 @@ def run(unit: Cohort) -> list[Row]:
         for given in stages(unit.cell["arm"], ratio)
     ]
     judged = {**ENVIRONMENT, **TRUTH, "control_period": PERIOD, "max_torque": torque(ratio)}
-    return unit.rows(by_fleet(configs, judged))
+    return unit.rows(train_and_count_successes(configs, judged))
 
 
 TABLE = Table(
@@ -133,13 +133,14 @@ TABLE = Table(
         "easier": EASIER,
         "training": TRAINING,
         "starts": STARTS,
+        "tests": [f"{ARMS[0]} gains over {arm}, at each torque" for arm in ARMS[1:]],
     },
     packages=PACKAGES,
     units=units,
     first_seed=2100,
     run=run,
 )
-NAMES = tuple(TABLE.columns)[: TABLE.cell]
+NAMES = TABLE.cell_columns
 
 
 def tables(rows: list[Row], first_seed: int = TABLE.first_seed) -> str:

@@ -67,7 +67,7 @@ from measuring.results import (
     markdown,
 )
 from measuring.tables import Cells, Row, Table, command, tabulate_blocks
-from measuring.trained import PACKAGES, STARTS, Act, judged_in, trained_by_fleet
+from measuring.trained import PACKAGES, STARTS, Act, count_successes, train_by_fleet
 
 from integ_gym.envs.numerics.identity import IDENTICAL, cases_of, largest_error
 from integ_gym.envs.numerics.stepping import one_step
@@ -252,7 +252,7 @@ def run(unit: Unit) -> list[Row]:
          "starts": STARTS, "trainer": "fleet" if unit.map else "stable-baselines3",
          "defect": error, **said[name], "cpu_seconds": round(spent, 2)}
         for name, given in away.items()
-        for seed, count in zip(seeds, judged_in(ENV_ID, given, acts, seeds), strict=True)
+        for seed, count in zip(seeds, count_successes(ENV_ID, given, acts, seeds), strict=True)
     ]  # fmt: skip
 
 
@@ -266,7 +266,7 @@ def _configs(unit: Unit, given: dict[str, Any], seeds: list[int]) -> list[PPOCon
 
 def _by_fleet(unit: Unit, home: dict[str, Any], seeds: list[int]) -> list[Act]:
     given = {**home, "engine": "native", "integrator": unit.map}
-    return trained_by_fleet([_configs(unit, given, seeds)], given)
+    return train_by_fleet([_configs(unit, given, seeds)], given)
 
 
 def _on_engine(unit: Unit, home: dict[str, Any], seeds: list[int]) -> list[Act]:
@@ -317,7 +317,7 @@ TABLE = Table(
     first_seed=5000,
     run=run,
 )  # fmt: skip
-NAMES = tuple(TABLE.columns)[: TABLE.cell]
+NAMES = TABLE.cell_columns
 
 
 def home_and_away(cells: Cells, task: str, arm: str, engine: str) -> tuple[Any, Any]:

@@ -52,9 +52,9 @@ from measuring.trained import (
     PACKAGES,
     STARTS,
     Act,
-    in_the_same_time,
-    judged_in,
-    trained_by_fleet,
+    count_successes,
+    scale_to_period,
+    train_by_fleet,
 )
 
 from integ_gym.eval.statistics import (
@@ -144,7 +144,7 @@ TESTS = ("per second gains", "lost at another period", "lost by a delay")
 """One-sided, of PPO on each task; corrected together by Holm's method."""
 
 SEEDS = {"PPO": 8, "SAC": 3, "hand-made": 8}
-TOGETHER = {"PPO": 8, "SAC": 1, "hand-made": 8}
+SEEDS_OF_UNIT = {"PPO": 8, "SAC": 1, "hand-made": 8}
 """Seeds of a unit."""
 
 SAC_LANES, SAC_STARTS = 4, 1000
@@ -174,7 +174,7 @@ class Unit:
     @property
     def seeds(self) -> range:
         """Of its policies."""
-        return range(self.first_seed, self.first_seed + TOGETHER[self.algorithm])
+        return range(self.first_seed, self.first_seed + SEEDS_OF_UNIT[self.algorithm])
 
 
 def units(first_seed: int) -> list[Unit]:
@@ -184,7 +184,7 @@ def units(first_seed: int) -> list[Unit]:
         for algorithm, count in SEEDS.items()
         for name, task in TASKS.items()
         if algorithm != "SAC" or task.sac_decisions
-        for first in range(first_seed, first_seed + count, TOGETHER[algorithm])
+        for first in range(first_seed, first_seed + count, SEEDS_OF_UNIT[algorithm])
         for period in task.periods
         for arm in arms(algorithm, task, period)
     ]
@@ -212,7 +212,7 @@ def run(unit: Unit) -> list[Row]:
         for delay in (0, 1)
         for seed, count in zip(
             unit.seeds,
-            judged_in(task.env_id, task.arguments(period, delay), acts, list(unit.seeds)),
+            count_successes(task.env_id, task.arguments(period, delay), acts, list(unit.seeds)),
             strict=True,
         )
     ]  # fmt: skip
@@ -224,7 +224,7 @@ def ppo_settings(task: Task, arm: str, period: float) -> dict[str, Any]:
     common = {**task.ppo, "total_steps": round(task.decisions / slower)}
     if arm == "per decision":
         return {**common, "discount_time": task.discount_time * slower}
-    return {**common, **in_the_same_time(task.ppo, slower), "discount_time": task.discount_time}
+    return {**common, **scale_to_period(task.ppo, slower), "discount_time": task.discount_time}
 
 
 def sac_settings(task: Task, arm: str, period: float) -> dict[str, Any]:
@@ -248,7 +248,7 @@ def _by_ppo(unit: Unit, task: Task) -> list[Act]:
     configs = [
         PPOConfig.of(task.env_id, seed=seed, env_arguments=given, **settings) for seed in unit.seeds
     ]
-    return trained_by_fleet([configs], given)
+    return train_by_fleet([configs], given)
 
 
 def _by_sac(unit: Unit, task: Task) -> list[Act]:
@@ -302,7 +302,7 @@ TABLE = Table(
     first_seed=4200,
     run=run,
 )
-NAMES = tuple(TABLE.columns)[: TABLE.cell]
+NAMES = TABLE.cell_columns
 
 
 def tables(rows: list[Row], first_seed: int = TABLE.first_seed) -> str:

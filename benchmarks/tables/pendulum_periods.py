@@ -31,7 +31,14 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from measuring.results import format_difference, format_p_value, markdown
 from measuring.tables import Cells, Row, Table, command, is_complete, tabulate_success
-from measuring.trained import PACKAGES, STARTS, Cohort, by_fleet, cohorts, in_the_same_time
+from measuring.trained import (
+    PACKAGES,
+    STARTS,
+    Cohort,
+    cohorts,
+    scale_to_period,
+    train_and_count_successes,
+)
 
 from integ_gym.eval.statistics import Difference, holm, unpaired_difference
 from integ_gym.train.ppo import PPOConfig
@@ -49,6 +56,8 @@ SECONDS = 15_000.0
 STEPS, BATCH, GAE_LAMBDA, DISCOUNT_TIME = 256, 512, 0.9, 1.0
 """Decisions of a rollout in each environment and of a batch, λ, and τ in s, at `PERIOD`."""
 
+LEARNING_RATES = {"learning_rate": 2e-3, "learning_rate_end": 0.0}
+
 PERIODS = (0.2, 0.1, 0.05, 0.025, 0.0125)
 """s."""
 
@@ -62,14 +71,12 @@ TESTED = (max(PERIODS), min(PERIODS))
 
 def settings(arm: str, period: float) -> dict[str, Any]:
     """Of the trainer."""
-    common = {
-        "total_steps": round(SECONDS / period), "learning_rate": 2e-3, "learning_rate_end": 0.0,
-    }  # fmt: skip
+    common = {"total_steps": round(SECONDS / period), **LEARNING_RATES}
     own = {"n_steps": STEPS, "batch_size": BATCH, "gae_lambda": GAE_LAMBDA}
     slower = period / PERIOD
     if arm == "per decision":
         return {**common, **own, "discount_time": DISCOUNT_TIME * slower}
-    return {**common, **in_the_same_time(own, slower), "discount_time": DISCOUNT_TIME}
+    return {**common, **scale_to_period(own, slower), "discount_time": DISCOUNT_TIME}
 
 
 def units(first_seed: int) -> list[Cohort]:
@@ -86,7 +93,7 @@ def run(unit: Cohort) -> list[Row]:
         PPOConfig.of(ENV_ID, seed=seed, env_arguments=given, **settings(arm, period))
         for seed in unit.seeds
     ]
-    return unit.rows(by_fleet([configs], given))
+    return unit.rows(train_and_count_successes([configs], given))
 
 
 TABLE = Table(
@@ -110,14 +117,16 @@ TABLE = Table(
         "batch_size": BATCH,
         "gae_lambda": GAE_LAMBDA,
         "discount_time": DISCOUNT_TIME,
+        **LEARNING_RATES,
         "starts": STARTS,
+        "tests": [f"per second gains at {period} s" for period in TESTED],
     },
     packages=PACKAGES,
     units=units,
     first_seed=2200,
     run=run,
 )
-NAMES = tuple(TABLE.columns)[: TABLE.cell]
+NAMES = TABLE.cell_columns
 
 
 def tables(rows: list[Row], first_seed: int = TABLE.first_seed) -> str:

@@ -86,8 +86,8 @@ class SapienEngine(RigidBodyEngine):
         """Mass matrix, and minus the force that holds it.
 
         The matrix is measured by impulses without weight, under which the plant would move one
-        coordinate at a time, at 1 m/s or rad/s. The matrix of velocities is then near that of
-        ones, and its inverse loses no digits.
+        coordinate at a time, at 1 m/s or rad/s. The matrix of velocities is then near the
+        identity, and inverting it loses no digits.
         """
         _, system, articulation = self._weightless
         still = (0.0,) * len(q)

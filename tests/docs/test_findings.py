@@ -104,6 +104,12 @@ def test_the_page_of_control_periods(experiment):
         for slower in periods.SLOWER
     ]
     swung = [np.mean(rates(swing_up, "second", slower, **sac)) for slower in periods.SLOWER]
+    for slower in periods.SLOWER:
+        assert sum(one > 0.25 for one in rates(swing_up, "second", slower, **sac)) >= 2
+    for slower in (2, 1, 0.5):
+        assert reached(swing_up, "decision", slower, **sac) == "1.00"
+    for slower in (1, 0.5):
+        assert sorted(rates("quadrotor", "second", slower, **sac)) == [0.0, 1.0, 1.0]
     briefly = [
         np.mean(rates("pendulum", arm, slower, **sac))
         for arm in ("decision", "second")
@@ -161,13 +167,15 @@ def test_the_page_of_control_periods(experiment):
         f"most {two(max(delayed[x][0].interval.estimate for x in delayed if x not in costly))}",
         f"at twice the period succeed in {reached('quadrotor', 'second', 2, judged=1, delay=1)}",
         f"with commands {min(late_by):g} to {max(late_by):g} s late",
-        f"at every period ({two(min(swung))} to {two(max(swung))}), also at the short ones",
-        "with settings per decision not at the shortest "
-        f"({reached(swing_up, 'decision', 0.25, **sac)})",
+        f"two of three seeds learn the swing-up at every period ({two(min(swung))} to "
+        f"{two(max(swung))}); settings per decision reach 1.00 at half, one and two times the "
+        f"tuned period, {reached(swing_up, 'decision', 4, **sac)} at four times and "
+        f"{reached(swing_up, 'decision', 0.25, **sac)} at a quarter of it",
         "On the quadrotor settings per second reach "
         f"{reached('quadrotor', 'second', 4, **sac)} and "
-        f"{reached('quadrotor', 'second', 2, **sac)} at four and two times the tuned period, and "
-        f"{reached('quadrotor', 'second', 0.25, **sac)} at a quarter of it",
+        f"{reached('quadrotor', 'second', 2, **sac)} at four and two times the tuned period, "
+        f"{reached('quadrotor', 'second', 1, **sac)} at it and at half of it, where one seed of "
+        f"three fails, and {reached('quadrotor', 'second', 0.25, **sac)} at a quarter of it",
         f"learn at the tuned period ({reached('pendulum', 'second', 1, **sac)}); at longer periods "
         f"settings per second reach {reached('pendulum', 'second', 2, **sac)} and "
         f"{reached('pendulum', 'second', 4, **sac)}, and settings per decision 0.00; at shorter "
@@ -194,12 +202,24 @@ def test_the_page_of_simulation_tools(experiment):
     boxes = importlib.import_module("measuring.boxes")
     median = partial(median_of, cells)
     at_rest = median("box", "newton", "featherstone", 0.002, "energy")
+    to_finest = [
+        median("box", "mujoco", "RK4", dt, "from its finest step") for dt in tools.STEPS["box"]
+    ]
+    more = [
+        median("box", "isaaclab", own, dt, "seconds")
+        / median("box", "mujoco_warp", theirs, dt, "seconds")
+        - 1.0
+        for own, theirs in (("euler", "Euler"), ("rk4", "RK4"))
+        for dt in tools.STEPS["box"]
+    ]
     assert_says("simulation_tools", [
         f"less than 1 % smaller, or below {tools.NOISE:g}, does not count as better",
         f"and slides there; {tools.SPAN['box']} s in all",
         f"with a coefficient of friction of {boxes.FRICTION} and no restitution",
         f"an arm under a servo for {tools.SPAN['servo']} s",
+        f"MuJoCo with RK4 stays within {max(to_finest):.0e} m of its own finest step",
         f"a millimetre in the ground (an energy of {at_rest:.1e} J)",
+        f"its step takes {100 * min(more):.0f} to {100 * max(more):.0f} % more",
     ])  # fmt: skip
 
 
@@ -229,11 +249,6 @@ def test_who_is_nearest_to_the_rigid_box_and_where_floats_end(experiment, folder
     assert [one for one in on_frontier if one[0] == "pybullet"] == [
         ("pybullet", "semi_implicit_euler", 0.004)
     ]
-    for own, theirs in (("euler", "Euler"), ("rk4", "RK4")):
-        for dt in tools.STEPS["box"]:
-            pair = (("isaaclab", own), ("mujoco_warp", theirs))
-            served, called = (median("box", *one, dt, "seconds") for one in pair)
-            assert 0.95 * called < served < 1.5 * called
     for block in ("chain-2", "chain-5", "chain-10"):
         in_float32, by_tolerance = (
             [median(block, *of, dt, "from the truth") for dt in tools.STEPS["chain"]]
