@@ -252,20 +252,35 @@ class Cells:
         return [row["successes"] / row["starts"] for row in self.by_cell.get(cell, [])]
 
 
-def is_complete(table: Table, rows: Sequence[Row], first_seed: int) -> bool:
-    """Whether all was run that was declared, so that its tests are those."""
-    return {unit.name for unit in table.units(first_seed)} <= {row["unit"] for row in rows}
-
-
 def tabulate_success(
-    cells: Cells, what: str, values: Sequence[float], arms: Sequence[str]
-) -> list[str]:
-    """Success by what is varied and by arm, with 95 % intervals, as Markdown; empty: not run."""
-    lines = [
+    table: Table,
+    rows: Sequence[Row],
+    first_seed: int,
+    what: str,
+    values: Sequence[float],
+    arms: Sequence[str],
+    tabulate_tests: Callable[[Cells], list[str]],
+) -> str:
+    """Success by what is varied and by arm, and the tests if all was run, as Markdown.
+
+    Args:
+        table: the experiment; its cells are a value and an arm.
+        rows: of a run.
+        first_seed: of that run.
+        what: is varied.
+        values: of it.
+        arms: that are compared.
+        tabulate_tests: lines of the table of the declared tests.
+    """
+    cells = Cells(rows, table.cell_columns)
+    success = [
         [f"{value:g}", *[results.format_success(cells.rates(value, arm)) for arm in arms]]
         for value in values
     ]
-    return results.markdown([what, *arms], lines)
+    lines = results.markdown([what, *arms], success)
+    if {unit.name for unit in table.units(first_seed)} <= {row["unit"] for row in rows}:
+        lines += ["", *tabulate_tests(cells)]
+    return "\n".join(lines) + "\n"
 
 
 def tabulate_blocks(

@@ -33,7 +33,7 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from measuring.results import format_difference, format_p_value, markdown
-from measuring.tables import Cells, Row, Table, command, is_complete, tabulate_success
+from measuring.tables import Cells, Row, Table, command, tabulate_success
 from measuring.trained import PACKAGES, STARTS, Cohort, cohorts, train_and_count_successes
 
 from integ_gym.envs.settings import Discretization
@@ -140,16 +140,13 @@ TABLE = Table(
     first_seed=2100,
     run=run,
 )
-NAMES = TABLE.cell_columns
 
 
 def tables(rows: list[Row], first_seed: int = TABLE.first_seed) -> str:
     """Success with 95 % intervals, and what the curriculum gains, as Markdown."""
-    cells = Cells(rows, NAMES)
-    lines = tabulate_success(cells, "torque over the critical one", TORQUES, ARMS)
-    if is_complete(TABLE, rows, first_seed):
-        lines += ["", *_tests(cells)]
-    return "\n".join(lines) + "\n"
+    return tabulate_success(
+        TABLE, rows, first_seed, "torque over the critical one", TORQUES, ARMS, _tests
+    )
 
 
 def _tests(cells: Cells) -> list[str]:

@@ -30,7 +30,7 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from measuring.results import format_difference, format_p_value, markdown
-from measuring.tables import Cells, Row, Table, command, is_complete, tabulate_success
+from measuring.tables import Cells, Row, Table, command, tabulate_success
 from measuring.trained import (
     PACKAGES,
     STARTS,
@@ -126,16 +126,11 @@ TABLE = Table(
     first_seed=2200,
     run=run,
 )
-NAMES = TABLE.cell_columns
 
 
 def tables(rows: list[Row], first_seed: int = TABLE.first_seed) -> str:
     """Success with 95 % intervals, and what is gained by physical time, as Markdown."""
-    cells = Cells(rows, NAMES)
-    lines = tabulate_success(cells, "control period, s", PERIODS, ARMS)
-    if is_complete(TABLE, rows, first_seed):
-        lines += ["", *_tests(cells)]
-    return "\n".join(lines) + "\n"
+    return tabulate_success(TABLE, rows, first_seed, "control period, s", PERIODS, ARMS, _tests)
 
 
 def _tests(cells: Cells) -> list[str]:
