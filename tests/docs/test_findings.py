@@ -38,7 +38,7 @@ def experiment(import_experiment):
     def script_and_cells(name, folder=""):
         module = import_experiment(name)
         rows = pq.read_table(TABLES / name / folder / "rows.parquet").to_pylist()
-        return module, module.Cells(rows, module.NAMES)
+        return module, module.Cells(rows, module.TABLE.cell_columns)
 
     return script_and_cells
 
@@ -256,6 +256,33 @@ def test_who_is_nearest_to_the_rigid_box_and_where_floats_end(experiment, folder
         )
         assert in_float32[-1] > in_float32[0] / 10.0
         assert by_tolerance == sorted(by_tolerance)
+
+
+def test_times_divided_by_the_yardstick_change_one_frontier(experiment):
+    tools, cells = experiment("simulation_tools")
+    beside = {(row["unit"], row["dt"], row["seed"]): row["value"] for row in cells.rows
+              if row["quantity"] == "yardstick"}  # fmt: skip
+    by_step = {}
+    for (unit, dt, _), value in beside.items():
+        by_step.setdefault((unit, dt), []).append(value)
+    medians = {step: np.median(values) for step, values in by_step.items()}
+    usual = np.median(list(medians.values()))
+    longer = {unit for (unit, _), value in medians.items() if value > 1.15 * usual}
+    in_all = len({unit for unit, _ in medians})
+    assert f"in {len(longer)} of {in_all} it is still longer" in prose_of("simulation_tools")
+    scaled = [
+        {**row, "value": row["value"] / beside[row["unit"], row["dt"], row["seed"]]}
+        if row["quantity"] == "seconds" else row
+        for row in cells.rows
+    ]  # fmt: skip
+    divided = tools.Cells(scaled, tools.NAMES)
+    for block in tools.BLOCKS:
+        was, now = ([one[:3] for one in tools.frontier(of, block)] for of in (cells, divided))
+        if block != "chain-5":
+            assert was == now
+            continue
+        assert now[-1] == ("drake", "runge_kutta5", 0.002)
+        assert {one[0] for one in now[:-1]} == {"mujoco"}
 
 
 def test_the_page_of_engines(experiment):

@@ -121,7 +121,7 @@ class Published:
         """An experiment's script, and its cells."""
         module = self.script(name)
         rows = pq.read_table(DOCS / "tables" / name / "rows.parquet").to_pylist()
-        return module, module.Cells(rows, module.NAMES)
+        return module, module.Cells(rows, module.TABLE.cell_columns)
 
 
 @pytest.fixture

@@ -124,7 +124,7 @@ def test_a_step_of_an_engine_is_of_the_map_that_it_is_trained_by(experiment):
 def test_what_the_page_says_of_hidden_terms_is_in_the_rows(experiment, folder):
     _, module = experiment
     rows = pq.read_table(FOLDERS / folder / "rows.parquet").to_pylist()
-    damped, cells = {"pybullet", "sapien"}, module.Cells(rows, module.NAMES)
+    damped, cells = {"pybullet", "sapien"}, module.Cells(rows, module.TABLE.cell_columns)
     for row in rows:
         assert not row["differs"]
         hidden = damped & {row["trained_on"], row["judged_on"]}
@@ -167,7 +167,7 @@ def test_what_the_page_says_of_late_commands_is_in_the_rows(experiment):
 def test_what_the_page_says_of_tools_is_in_the_rows(experiment, folder):
     _, module = experiment
     rows = pq.read_table(FOLDERS / folder / "rows.parquet").to_pylist()
-    cells = module.Cells(rows, module.NAMES)
+    cells = module.Cells(rows, module.TABLE.cell_columns)
 
     def median(*cell):
         return float(np.median([row["value"] for row in cells.by_cell[cell]]))
