@@ -11,6 +11,7 @@ from typing import Any
 
 import hypothesis
 import portalocker
+import pyarrow.parquet as pq
 import pytest
 from house import ROOT
 
@@ -143,3 +144,15 @@ def import_experiment(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[str
     for name in set(sys.modules) - before:
         if name.split(".")[0] in own:
             del sys.modules[name]
+
+
+@pytest.fixture
+def read_experiment(import_experiment: Callable[[str], Any]) -> Callable[..., tuple[Any, Any]]:
+    """A function that gives an experiment's script, and its published cells."""
+
+    def read(name: str, folder: str = "") -> tuple[Any, Any]:
+        script, path = import_experiment(name), ROOT / "docs" / "tables" / name / folder
+        rows = pq.read_table(path / "rows.parquet").to_pylist()
+        return script, script.Cells(rows, script.TABLE.cell_columns)
+
+    return read

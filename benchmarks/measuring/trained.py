@@ -24,6 +24,13 @@ TOGETHER = 8
 PACKAGES = ("integ-gym", "numpy", "jax", "jaxlib")
 """Of an experiment whose policies the fleet trains."""
 
+OUTCOME_COLUMNS = {
+    "seed": "of training, and of the starts",
+    "successes": "of the starts",
+    "starts": "that the policy was judged from",
+}
+"""What the columns of a cohort's rows mean, behind those of its cell."""
+
 Act = Callable[[Any], Any]
 """A policy: observations to actions, of all lanes at once."""
 

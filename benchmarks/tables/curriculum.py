@@ -34,7 +34,14 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from measuring.results import format_difference, format_p_value, markdown
 from measuring.tables import Cells, Row, Table, command, tabulate_success
-from measuring.trained import PACKAGES, STARTS, Cohort, cohorts, train_and_count_successes
+from measuring.trained import (
+    OUTCOME_COLUMNS,
+    PACKAGES,
+    STARTS,
+    Cohort,
+    cohorts,
+    train_and_count_successes,
+)
 
 from integ_gym.envs.settings import Discretization
 from integ_gym.eval.atlas.specification import critical_limit
@@ -116,9 +123,8 @@ TABLE = Table(
     columns={
         "torque": "over the critical one",
         "arm": "the way to spend the decisions",
-        "seed": "of training, and of the starts",
+        **OUTCOME_COLUMNS,
         "successes": "of the starts, on the truth",
-        "starts": "that the policy was judged from",
     },
     cell=2,
     declared={

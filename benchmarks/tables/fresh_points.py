@@ -23,7 +23,14 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from measuring.results import format_difference, format_success, markdown
 from measuring.tables import Cells, Row, Table, command
-from measuring.trained import PACKAGES, STARTS, Cohort, cohorts, train_and_count_successes
+from measuring.trained import (
+    OUTCOME_COLUMNS,
+    PACKAGES,
+    STARTS,
+    Cohort,
+    cohorts,
+    train_and_count_successes,
+)
 
 from integ_gym.eval.atlas.running import finished
 from integ_gym.eval.atlas.specification import Atlas, read_atlas
@@ -89,9 +96,8 @@ TABLE = Table(
         "point": "which of the drawn ones",
         "torque": "over the critical one",
         "trained_on": "the discretization of training",
-        "seed": "of training, and of the starts",
+        **OUTCOME_COLUMNS,
         "successes": "of the starts, on the truth",
-        "starts": "that the policy was judged from",
     },
     cell=3,
     declared={
@@ -109,14 +115,13 @@ TABLE = Table(
     first_seed=2700,
     run=run,
 )
-NAMES = TABLE.cell_columns
 
 
 def tables(rows: list[Row], first_seed: int = TABLE.first_seed) -> str:
     """Success with 95 % intervals of points that were run, beside the phase diagram's."""
     summarized = points(_atlas(), finished(_atlas(), SUMMARIES), read_agreements(SUMMARIES))
     published = {(point.ratio, point.home.name): point.on_truth for point in summarized}
-    cells, lines = Cells(rows, NAMES), []
+    cells, lines = Cells(rows, TABLE.cell_columns), []
     for point, (limit, name) in enumerate(drawn(), 1):
         fresh, before = cells.rates(point, limit, name), published[limit, name]
         if len(fresh) < SEEDS:

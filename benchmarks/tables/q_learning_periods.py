@@ -33,6 +33,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from measuring.results import format_difference, format_p_value, markdown
 from measuring.tables import Cells, Row, Table, command, tabulate_success
 from measuring.trained import (
+    OUTCOME_COLUMNS,
     PACKAGES,
     STARTS,
     Cohort,
@@ -143,9 +144,7 @@ TABLE = Table(
     columns={
         "period": "control period, s",
         "algorithm": "DQN or PPO",
-        "seed": "of training, and of the starts",
-        "successes": "of the starts",
-        "starts": "that the policy was judged from",
+        **OUTCOME_COLUMNS,
     },
     cell=2,
     declared={

@@ -458,12 +458,14 @@ def tables(rows: list[Row]) -> str:
     return "\n\n".join("\n".join(part) for part in parts) + "\n"
 
 
-def _values(cells: Cells, *cell: Any) -> list[float]:
+def values_of(cells: Cells, *cell: Any) -> list[float]:
+    """Of all starts; empty where it did not run."""
     return [row["value"] for row in cells.by_cell.get(cell, [])]
 
 
-def _median(cells: Cells, *cell: Any) -> float:
-    return float(np.median(_values(cells, *cell)))
+def median(cells: Cells, *cell: Any) -> float:
+    """Of all starts."""
+    return float(np.median(values_of(cells, *cell)))
 
 
 def subjects_that_ran(cells: Cells, block: str) -> Iterator[tuple[str, str, float]]:
@@ -471,7 +473,7 @@ def subjects_that_ran(cells: Cells, block: str) -> Iterator[tuple[str, str, floa
     for engine, integrators in SUBJECTS.items():
         for integrator in integrators:
             for dt in STEPS[block.partition("-")[0]]:
-                if _values(cells, block, engine, integrator, dt, "seconds"):
+                if values_of(cells, block, engine, integrator, dt, "seconds"):
                     yield engine, integrator, dt
 
 
@@ -482,7 +484,7 @@ def frontier(cells: Cells, block: str) -> list[tuple[str, str, float, float, flo
     nor does what is closer than :data:`NOISE`.
     """
     found = sorted(
-        (_median(cells, block, *one, "seconds"), _median(cells, block, *one, KEEP[0]), one)
+        (median(cells, block, *one, "seconds"), median(cells, block, *one, KEEP[0]), one)
         for one in subjects_that_ran(cells, block)
     )
     kept: list[tuple[str, str, float, float, float]] = []
@@ -496,7 +498,7 @@ def _frontiers(cells: Cells) -> list[str]:
     lines = [
         (block, f"{engine}/{integrator}", f"{1e3 * dt:g}",
          _milliseconds(cells, block, engine, integrator, dt),
-         format_median(_values(cells, block, engine, integrator, dt, KEEP[0])))
+         format_median(values_of(cells, block, engine, integrator, dt, KEEP[0])))
         for block in BLOCKS
         for engine, integrator, dt, *_ in frontier(cells, block)
     ]  # fmt: skip
@@ -505,7 +507,7 @@ def _frontiers(cells: Cells) -> list[str]:
 
 def _milliseconds(cells: Cells, *cell: Any) -> str:
     """Median of the times with its interval, ms."""
-    times = [1e3 * x for x in _values(cells, *cell, "seconds")]
+    times = [1e3 * x for x in values_of(cells, *cell, "seconds")]
     return format_median(times, lambda x: f"{x:.0f}" if x >= 100.0 else f"{x:.2g}")
 
 
@@ -515,7 +517,7 @@ def _block(cells: Cells, block: str) -> list[str]:
     for engine, integrator, dt in subjects_that_ran(cells, block):
         if dt != 0.002:
             continue
-        values = [_values(cells, block, engine, integrator, dt, name) for name in shown]
+        values = [values_of(cells, block, engine, integrator, dt, name) for name in shown]
         times = _milliseconds(cells, block, engine, integrator, dt)
         lines.append((f"{engine}/{integrator}", *map(format_median, values), times))
     return markdown((f"{block}, step 2 ms", *shown, "time, ms"), lines)
@@ -556,7 +558,7 @@ def figure(rows: list[Row], path: Path) -> None:
         axes = axes_at(drawn, 0.85 + 3.15 * across, height - 2.8 - 3.15 * down, 2.55, 2.4)
         for engine, integrator, dt in subjects_that_ran(cells, block):
             at = [
-                _median(cells, block, engine, integrator, dt, name) for name in ("seconds", KEEP[0])
+                median(cells, block, engine, integrator, dt, name) for name in ("seconds", KEEP[0])
             ]
             axes.plot(
                 [1e3 * at[0]], [at[1]], MARKS[engine], markersize=4.5, markeredgewidth=0.0,

@@ -9,38 +9,24 @@ from functools import partial
 
 import gymnasium as gym
 import numpy as np
-import pyarrow.parquet as pq
 import pytest
-from house import ROOT
+from house import page_text, two
 
 from integ_gym.envs.engines.simulator import load_undisturbed
 from integ_gym.envs.numerics.identity import cases_of, largest_error
 from integ_gym.envs.numerics.stepping import one_step
 from integ_gym.eval.statistics import holm, paired_difference, unpaired_difference
 
-TABLES = ROOT / "docs" / "tables"
 NUMBER = r"\d+\.\d+(?:e[-+]?\d+)?|\de-\d+"
 
 
 def prose_of(name):
     """A page's sentences in one line, without tables, blocks, headings and addresses."""
-    page = (ROOT / "docs" / "explanation" / f"{name}.md").read_text(encoding="utf-8")
+    page = page_text(f"docs/explanation/{name}.md")
     page = re.sub(r"^```.*?^```", "", page, flags=re.MULTILINE | re.DOTALL)
     lines = [line for line in page.split("\n") if not line.startswith(("|", "#"))]
     text = re.sub(r"\]\([^)]*\)|arXiv:[\d.]+", "]", "\n".join(lines))
     return " ".join(text.replace("[", "").replace("]", "").replace("*", "").split())
-
-
-@pytest.fixture
-def experiment(import_experiment):
-    """A function that gives an experiment's script and its published cells."""
-
-    def script_and_cells(name, folder=""):
-        module = import_experiment(name)
-        rows = pq.read_table(TABLES / name / folder / "rows.parquet").to_pylist()
-        return module, module.Cells(rows, module.TABLE.cell_columns)
-
-    return script_and_cells
 
 
 def assert_says(name, sentences):
@@ -52,18 +38,8 @@ def assert_says(name, sentences):
     assert not re.findall(f".{{0,60}}(?:{NUMBER}).{{0,20}}", prose)
 
 
-def two(value):
-    return f"{value:z.2f}".replace("-", "−")
-
-
-def with_ends(found, between="("):
-    own = found.interval
-    estimate, low, high = (two(x) for x in (own.estimate, own.low, own.high))
-    return f"{estimate} ({low} to {high})" if between == "(" else f"{estimate}, {low} to {high}"
-
-
-def test_the_page_of_control_periods(experiment):
-    periods, cells = experiment("learned_periods")
+def test_the_page_of_control_periods(read_experiment):
+    periods, cells = read_experiment("learned_periods")
 
     def rates(task, arm, slower, algorithm="PPO", judged=None, delay=0):
         tuned = periods.TASKS[task].period
@@ -131,7 +107,7 @@ def test_the_page_of_control_periods(experiment):
         if is_shown(unpaired_difference([x] * 8, [0.0] * 8), gains, "cart-pole", 0.25)
     )  # fmt: skip
     assert tests[gains, "quadrotor", 0.25][1] > 0.05
-    again = list(periods.comparisons(experiment("learned_periods", "again")[1]))
+    again = list(periods.comparisons(read_experiment("learned_periods", "again")[1]))
     second = {
         (one[0], one[1], round(one[2] / periods.TASKS[one[1]].period, 2)): one[3] for one in again
     }
@@ -141,6 +117,8 @@ def test_the_page_of_control_periods(experiment):
         return " and ".join(two(one.interval.estimate) for one in pair)
 
     quadrotor, costly = lost["quadrotor"], ("quadrotor", swing_up)
+    shown = periods.format_difference
+    everything = shown(quadrotor[0]).replace(" (", ", ")[:-1]
     assert_says("control_periods", [
         f"settings per second reach {reached('pendulum', 'second', 4)} and "
         f"{reached('pendulum', 'second', 0.25)} there (p {p(gains, 'pendulum', 4)} and "
@@ -158,12 +136,12 @@ def test_the_page_of_control_periods(experiment):
         f"loses at most {two(max(x.estimate for x in (*apart, swings)))} at a quarter of it; "
         f"losses up to {two(max(x.high for x in apart))}, on the swing-up up to "
         f"{two(swings.high)}, are not excluded",
-        f"lose everything ({with_ends(quadrotor[0], ',')}, p = {quadrotor[1]:.3f}), the "
-        f"cart-pole's {with_ends(lost['cart-pole'][0])}, the swing-up's "
-        f"{with_ends(lost[swing_up][0])} and the elastic pendulum's "
-        f"{with_ends(lost['elastic pendulum'][0])}. Only the first of these is significant",
+        f"lose everything ({everything}, p = {quadrotor[1]:.3f}), the "
+        f"cart-pole's {shown(lost['cart-pole'][0])}, the swing-up's "
+        f"{shown(lost[swing_up][0])} and the elastic pendulum's "
+        f"{shown(lost['elastic pendulum'][0])}. Only the first of these is significant",
         f"({two(delayed['quadrotor'][0].interval.estimate)}, p = {delayed['quadrotor'][1]:.3f}), "
-        f"the swing-up {with_ends(delayed[swing_up][0])[:-1]}, not significant) and the others at "
+        f"the swing-up {shown(delayed[swing_up][0])[:-1]}, not significant) and the others at "
         f"most {two(max(delayed[x][0].interval.estimate for x in delayed if x not in costly))}",
         f"at twice the period succeed in {reached('quadrotor', 'second', 2, judged=1, delay=1)}",
         f"with commands {min(late_by):g} to {max(late_by):g} s late",
@@ -193,14 +171,10 @@ def test_the_page_of_control_periods(experiment):
     assert all(repeated_p[of] < 0.05 for of in shown_before)
 
 
-def median_of(cells, *cell):
-    return float(np.median([row["value"] for row in cells.by_cell[cell]]))
-
-
-def test_the_page_of_simulation_tools(experiment):
-    tools, cells = experiment("simulation_tools")
+def test_the_page_of_simulation_tools(read_experiment):
+    tools, cells = read_experiment("simulation_tools")
     boxes = importlib.import_module("measuring.boxes")
-    median = partial(median_of, cells)
+    median = partial(tools.median, cells)
     at_rest = median("box", "newton", "featherstone", 0.002, "energy")
     to_finest = [
         median("box", "mujoco", "RK4", dt, "from its finest step") for dt in tools.STEPS["box"]
@@ -224,9 +198,9 @@ def test_the_page_of_simulation_tools(experiment):
 
 
 @pytest.mark.parametrize("folder", ["", "again"])
-def test_who_is_nearest_to_the_rigid_box_and_where_floats_end(experiment, folder):
-    tools, cells = experiment("simulation_tools", folder)
-    median = partial(median_of, cells)
+def test_who_is_nearest_to_the_rigid_box_and_where_floats_end(read_experiment, folder):
+    tools, cells = read_experiment("simulation_tools", folder)
+    median = partial(tools.median, cells)
     on_soft_ground = ("mujoco", "mjx", "mujoco_warp", "isaaclab")
     away = {
         one: median("box", *one, "from the truth") for one in tools.subjects_that_ran(cells, "box")
@@ -258,8 +232,8 @@ def test_who_is_nearest_to_the_rigid_box_and_where_floats_end(experiment, folder
         assert by_tolerance == sorted(by_tolerance)
 
 
-def test_times_divided_by_the_yardstick_change_one_frontier(experiment):
-    tools, cells = experiment("simulation_tools")
+def test_times_divided_by_the_yardstick_change_one_frontier(read_experiment):
+    tools, cells = read_experiment("simulation_tools")
     beside = {(row["unit"], row["dt"], row["seed"]): row["value"] for row in cells.rows
               if row["quantity"] == "yardstick"}  # fmt: skip
     by_step = {}
@@ -285,8 +259,8 @@ def test_times_divided_by_the_yardstick_change_one_frontier(experiment):
         assert {one[0] for one in now[:-1]} == {"mujoco"}
 
 
-def test_the_page_of_engines(experiment):
-    engines, cells = experiment("learned_engines")
+def test_the_page_of_engines(read_experiment):
+    engines, cells = read_experiment("learned_engines")
     damping = importlib.import_module("measuring.as_got").DAMPING
     without_hidden_terms = ("native", "mujoco", "drake", "dart")
     sides = []
@@ -313,16 +287,18 @@ def test_the_page_of_engines(experiment):
 
 
 @pytest.mark.parametrize("folder", ["", "again"])
-def test_native_s_policies_that_hardly_succeed_are_of_the_second_run_alone(experiment, folder):
-    _, cells = experiment("learned_engines", folder)
+def test_native_s_policies_that_hardly_succeed_are_of_the_second_run_alone(read_experiment, folder):
+    _, cells = read_experiment("learned_engines", folder)
     hardly = [one for one in cells.rates("swing-up", "as got", "native", "native") if one < 0.25]
     assert len(hardly) == (3 if folder else 0)
 
 
-def test_hidden_terms_of_the_page_of_engines_are_what_the_packages_have(experiment, monkeypatch):
-    engines, _ = experiment("learned_engines")
+def test_hidden_terms_of_the_page_of_engines_are_what_the_packages_have(
+    read_experiment, monkeypatch
+):
+    engines, _ = read_experiment("learned_engines")
     as_got = importlib.import_module("measuring.as_got")
-    page = (ROOT / "docs" / "explanation" / "learned_engines.md").read_text(encoding="utf-8")
+    page = page_text("docs/explanation/learned_engines.md")
     given = engines.arguments("swing-up", "as got", "sapien")
     with closing(gym.make(engines.ENV_ID, **given)) as env:
         articulation = env.unwrapped.setup.engine._free.articulation

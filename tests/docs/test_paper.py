@@ -5,14 +5,13 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import pairwise
 
 import numpy as np
-import pyarrow.parquet as pq
 import pytest
 import yaml
-from house import ROOT, page_text
+from house import ROOT, page_text, two
 from PIL import Image
 
 from integ_gym.envs.registries import PLANTS
@@ -87,10 +86,6 @@ def test_it_gives_the_time_of_the_panel_that_other_pages_give():
 WORDS = {2: "two", 5: "five", 6: "six", 10: "ten", 11: "eleven"}
 
 
-def two(value):
-    return f"{value:z.2f}".replace("-", "−")
-
-
 def ends(found):
     """An estimate with its interval."""
     return "{} ({} to {})".format(*map(two, (found.estimate, found.low, found.high)))
@@ -110,23 +105,17 @@ def table_of(page, start):
 class Published:
     """What was published, and the scripts that read it."""
 
-    def __init__(self, import_experiment):
-        self.script = import_experiment
+    def __init__(self, import_experiment, read_experiment):
+        self.script, self.cells = import_experiment, read_experiment
 
     @cached_property
     def panel(self):
         return self.script("panel_tables").read_run(DOCS / "quick_panel_run.json.gz")
 
-    def cells(self, name):
-        """An experiment's script, and its cells."""
-        module = self.script(name)
-        rows = pq.read_table(DOCS / "tables" / name / "rows.parquet").to_pylist()
-        return module, module.Cells(rows, module.TABLE.cell_columns)
-
 
 @pytest.fixture
-def published(import_experiment):
-    return Published(import_experiment)
+def published(import_experiment, read_experiment):
+    return Published(import_experiment, read_experiment)
 
 
 def answer(published):
@@ -250,9 +239,7 @@ def distances_of_the_box(published):
     tools, cells = published.cells("simulation_tools")
     steps = tools.STEPS["box"]
 
-    def median(*cell):
-        return float(np.median([row["value"] for row in cells.by_cell[cell]]))
-
+    median = partial(tools.median, cells)
     away = {
         one: [median("box", *one, dt, "from the truth") for dt in steps]
         for one in {of[:2] for of in tools.subjects_that_ran(cells, "box")}

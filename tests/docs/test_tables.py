@@ -9,7 +9,7 @@ import re
 import subprocess
 import sys
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 import pyarrow as pa
@@ -169,8 +169,7 @@ def test_what_the_page_says_of_tools_is_in_the_rows(experiment, folder):
     rows = pq.read_table(FOLDERS / folder / "rows.parquet").to_pylist()
     cells = module.Cells(rows, module.TABLE.cell_columns)
 
-    def median(*cell):
-        return float(np.median([row["value"] for row in cells.by_cell[cell]]))
+    median = partial(module.median, cells)
 
     def speed_of_arrival(seed):
         return module.GRAVITY * module.rigid(module.start_of("box", seed))[0]

@@ -11,6 +11,11 @@ FLOORS = ("support", "envs", "evidence", "train", "eval", "package")
 """From the lowest; each may know those before it."""
 
 
+def two(value: float) -> str:
+    """A number with two decimals, as pages write it."""
+    return f"{value:z.2f}".replace("-", "−")
+
+
 def page_text(path: str) -> str:
     """A page by its path in the repository."""
     return (ROOT / path).read_text(encoding="utf-8")
