@@ -13,12 +13,13 @@ import hypothesis
 import portalocker
 import pyarrow.parquet as pq
 import pytest
-from house import ROOT
 
 from integ_gym.envs.engines.stepping import missing_modules
 from integ_gym.envs.registries import ENGINES
 from integ_gym.eval.census.subjects import PUBLISHED, installed
 from integ_gym.support.isolated import ISOLATED
+
+ROOT = Path(__file__).parents[1]
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
