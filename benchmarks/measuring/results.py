@@ -11,7 +11,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from integ_gym.eval.statistics import Difference, rate_interval
+from integ_gym.eval.statistics import Difference, Floats, holm, rate_interval
 from integ_gym.support.optional import running_version
 from integ_gym.support.processes import cores, instruction_sets
 from integ_gym.support.terminal import print_columns
@@ -80,6 +80,15 @@ def format_difference(found: Difference) -> str:
     """A difference of success with its 95 % interval, as Markdown says it."""
     own = found.interval
     return format_interval((own.estimate, own.low, own.high))
+
+
+def correct_p_values(differences: Iterable[Difference | None]) -> Floats:
+    """One-sided p-values of one family of tests, corrected by Holm's method.
+
+    Args:
+        differences: of all tests that were declared; None: not run, which counts as p = 1.
+    """
+    return holm([1.0 if one is None else one.p_greater() for one in differences])
 
 
 def format_p_value(value: float | None) -> str:

@@ -5,15 +5,18 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import MISSING, dataclass, fields
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 
+from integ_gym.train.config import TrainingConfig
 from integ_gym.train.fleet.training import train_in_stages
-from integ_gym.train.policy_files.sidecar import actor_of
-from integ_gym.train.ppo import PPOConfig
+from integ_gym.train.policy_files.sidecar import actor_of, read_trained
+from integ_gym.train.ppo import PPOConfig, make_model, train_run
 
 STARTS = 20
 """That every policy is judged from."""
@@ -82,6 +85,11 @@ def cohorts(cells: Sequence[Mapping[str, Any]], seeds: range) -> list[Cohort]:
     return [Cohort(cell, first) for first in seeds[::TOGETHER] for cell in cells]
 
 
+def default_settings(config: type[TrainingConfig]) -> dict[str, Any]:
+    """Of an algorithm, where an experiment names no others."""
+    return {one.name: one.default for one in fields(config) if one.default is not MISSING}
+
+
 def scale_to_period(at_home: Mapping[str, Any], slower: float) -> dict[str, Any]:
     """PPO's settings, so that rollouts, minibatches and λ span the time that they do at home.
 
@@ -121,6 +129,23 @@ def train_by_fleet(stages: Sequence[Sequence[PPOConfig]], given: Mapping[str, An
         actor_of(outcome.weights, len(config.net_arch), config.activation, space).act
         for config, outcome in zip(last, train_in_stages(stages), strict=True)
     ]
+
+
+def train_by_sb3(
+    configs: Sequence[TrainingConfig], *, make_model: Callable[..., Any] = make_model
+) -> list[Act]:
+    """Policies that stable-baselines3 trains one after the other, in the order of configurations.
+
+    Args:
+        configs: of each.
+        make_model: what learns.
+    """
+    acts: list[Act] = []
+    for config in configs:
+        with TemporaryDirectory() as folder:
+            trained = train_run(config, Path(folder), make_model=make_model)
+            acts.append(read_trained(trained.policy)[0].act)
+    return acts
 
 
 def count_successes(

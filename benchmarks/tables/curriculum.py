@@ -32,7 +32,7 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from measuring.results import format_difference, format_p_value, markdown
+from measuring.results import correct_p_values, format_difference, format_p_value, markdown
 from measuring.tables import Cells, Row, Table, command, tabulate_success
 from measuring.trained import (
     OUTCOME_COLUMNS,
@@ -45,7 +45,7 @@ from measuring.trained import (
 
 from integ_gym.envs.settings import Discretization
 from integ_gym.eval.atlas.specification import critical_limit
-from integ_gym.eval.statistics import Difference, holm, unpaired_difference
+from integ_gym.eval.statistics import Difference, unpaired_difference
 from integ_gym.train.ppo import PPOConfig
 
 ENV_ID = "IntegPendulum-v0"
@@ -157,7 +157,7 @@ def tables(rows: list[Row], first_seed: int = TABLE.first_seed) -> str:
 
 def _tests(cells: Cells) -> list[str]:
     gains = list(comparisons(cells))
-    corrected = holm([difference.p_greater() for _, _, difference in gains])
+    corrected = correct_p_values([difference for _, _, difference in gains])
     lines = [
         (f"{ratio:g}", arm, format_difference(difference), format_p_value(p))
         for (ratio, arm, difference), p in zip(gains, corrected, strict=True)

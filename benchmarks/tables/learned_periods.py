@@ -36,38 +36,44 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import closing
-from dataclasses import MISSING, asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import gymnasium as gym
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from measuring.results import format_difference, format_p_value, format_success, markdown
+from measuring.results import (
+    correct_p_values,
+    format_difference,
+    format_p_value,
+    format_success,
+    markdown,
+)
 from measuring.tables import Cells, Row, Table, command, tabulate_blocks
 from measuring.trained import (
+    OUTCOME_COLUMNS,
     PACKAGES,
     STARTS,
     Act,
     count_successes,
+    default_settings,
     scale_to_period,
     train_by_fleet,
+    train_by_sb3,
 )
 
 from integ_gym.eval.statistics import (
     Difference,
-    holm,
     paired_difference,
     rate_interval,
     unpaired_difference,
 )
 from integ_gym.support.figures import COOL, SOFT, WARM, axes_at, blank_figure, write_figure
 from integ_gym.train.baselines import make_baseline
-from integ_gym.train.policy_files.sidecar import read_trained
-from integ_gym.train.ppo import PPOConfig, train_run
+from integ_gym.train.ppo import PPOConfig
 from integ_gym.train.sac import SACConfig, make_model
 
 SLOWER = (4.0, 2.0, 1.0, 0.5, 0.25)
@@ -253,13 +259,10 @@ def _by_ppo(unit: Unit, task: Task) -> list[Act]:
 
 def _by_sac(unit: Unit, task: Task) -> list[Act]:
     given, settings = task.arguments(unit.period), sac_settings(task, unit.arm, unit.period)
-    acts: list[Act] = []
-    for seed in unit.seeds:
-        config = SACConfig.of(task.env_id, seed=seed, env_arguments=given, **settings)
-        with TemporaryDirectory() as folder:
-            trained = train_run(config, Path(folder), make_model=make_model)
-            acts.append(read_trained(trained.policy)[0].act)
-    return acts
+    configs = [
+        SACConfig.of(task.env_id, seed=seed, env_arguments=given, **settings) for seed in unit.seeds
+    ]
+    return train_by_sb3(configs, make_model=make_model)
 
 
 def _by_hand(unit: Unit, task: Task) -> list[Act]:
@@ -276,9 +279,7 @@ TABLE = Table(
         "trained_at": "control period of training, s; hand-made: of the design",
         "judged_at": "control period of judging, s",
         "delay": "of every command when judged, decisions",
-        "seed": "of training, and of the starts",
-        "successes": "of the starts",
-        "starts": "that the policy was judged from",
+        **OUTCOME_COLUMNS,
         "cpu_seconds": "processor time of the training, s",
     },
     cell=6,
@@ -289,10 +290,7 @@ TABLE = Table(
         "starts": STARTS,
         "sac": {"lanes": SAC_LANES, "learning_starts": SAC_STARTS},
         "defaults": {
-            made.algorithm: {
-                one.name: one.default for one in fields(made) if one.default is not MISSING
-            }
-            for made in (PPOConfig, SACConfig)
+            config.algorithm: default_settings(config) for config in (PPOConfig, SACConfig)
         },
         "chosen_on": "seeds 900 to 903, at the tuned period: amounts of experience",
         "tests": TESTS,
@@ -366,7 +364,7 @@ def comparisons(cells: Cells) -> Iterator[tuple[str, str, float, Difference | No
 
 def _tests(cells: Cells) -> list[str]:
     found = list(comparisons(cells))
-    p = holm([1.0 if one is None else one.p_greater() for *_, one in found])
+    p = correct_p_values([one for *_, one in found])
     lines = [
         (family, name, f"{period:g}", format_difference(one), format_p_value(value))
         for (family, name, period, one), value in zip(found, p, strict=True)

@@ -29,7 +29,7 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from measuring.results import format_difference, format_p_value, markdown
+from measuring.results import correct_p_values, format_difference, format_p_value, markdown
 from measuring.tables import Cells, Row, Table, command, tabulate_success
 from measuring.trained import (
     OUTCOME_COLUMNS,
@@ -41,7 +41,7 @@ from measuring.trained import (
     train_and_count_successes,
 )
 
-from integ_gym.eval.statistics import Difference, holm, unpaired_difference
+from integ_gym.eval.statistics import Difference, unpaired_difference
 from integ_gym.train.ppo import PPOConfig
 
 ENV_ID = "IntegPendulum-v0"
@@ -134,7 +134,7 @@ def tables(rows: list[Row], first_seed: int = TABLE.first_seed) -> str:
 
 def _tests(cells: Cells) -> list[str]:
     gains = dict(comparisons(cells))
-    corrected = holm([gains[period].p_greater() for period in TESTED])
+    corrected = correct_p_values([gains[period] for period in TESTED])
     p = {period: format_p_value(one) for period, one in zip(TESTED, corrected, strict=True)}
     lines = [
         (f"{period:g}", format_difference(gain), p.get(period, ""))

@@ -30,7 +30,7 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from measuring.results import format_difference, format_p_value, markdown
+from measuring.results import correct_p_values, format_difference, format_p_value, markdown
 from measuring.tables import Cells, Row, Table, command, tabulate_success
 from measuring.trained import (
     OUTCOME_COLUMNS,
@@ -43,7 +43,7 @@ from measuring.trained import (
     train_and_count_successes,
 )
 
-from integ_gym.eval.statistics import Difference, holm, unpaired_difference
+from integ_gym.eval.statistics import Difference, unpaired_difference
 from integ_gym.train.ppo import PPOConfig
 
 ENV_ID = "IntegCartPole-v0"
@@ -178,7 +178,7 @@ def tables(rows: list[Row], first_seed: int = TABLE.first_seed) -> str:
 
 def _tests(cells: Cells) -> list[str]:
     compared = comparisons(cells)
-    corrected = holm([one.p_greater() for one in compared.values()])
+    corrected = correct_p_values(compared.values())
     lines = [
         (what, format_difference(one), format_p_value(p))
         for (what, one), p in zip(compared.items(), corrected, strict=True)

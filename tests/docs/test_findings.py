@@ -1,8 +1,9 @@
-"""Prose of the pages of published experiments: every number in it is the one that the rows give."""
+"""Prose of published experiments: every number in digits is what the rows and scripts give."""
 
 from __future__ import annotations
 
 import importlib
+import inspect
 import re
 from contextlib import closing
 from functools import partial
@@ -15,9 +16,20 @@ from house import page_text, two
 from integ_gym.envs.engines.simulator import load_undisturbed
 from integ_gym.envs.numerics.identity import cases_of, largest_error
 from integ_gym.envs.numerics.stepping import one_step
-from integ_gym.eval.statistics import holm, paired_difference, unpaired_difference
+from integ_gym.eval.statistics import DRAWS, LEVEL, paired_difference, unpaired_difference
 
-NUMBER = r"\d+\.\d+(?:e[-+]?\d+)?|\de-\d+"
+NUMBER = r"(?<![\w./-])\d+(?:\.\d+)?(?:e[-+]?\d+)?(?![\w/])"
+
+
+def seeds_of_choice(experiment):
+    """On which settings were chosen, as the specification says it."""
+    return re.match(r"seeds \d+ to \d+", experiment.TABLE.declared["chosen_on"])[0]
+
+
+def minutes():
+    """After which a command begins nothing new."""
+    command = importlib.import_module("measuring.tables").run_missing
+    return inspect.signature(command).parameters["minutes"].default
 
 
 def prose_of(name):
@@ -25,12 +37,12 @@ def prose_of(name):
     page = page_text(f"docs/explanation/{name}.md")
     page = re.sub(r"^```.*?^```", "", page, flags=re.MULTILINE | re.DOTALL)
     lines = [line for line in page.split("\n") if not line.startswith(("|", "#"))]
-    text = re.sub(r"\]\([^)]*\)|arXiv:[\d.]+", "]", "\n".join(lines))
+    text = re.sub(r"\]\([^)]*\)|arXiv:[\d.]+|(?:NeurIPS|ICRA) \d{4}", "]", "\n".join(lines))
     return " ".join(text.replace("[", "").replace("]", "").replace("*", "").split())
 
 
 def assert_says(name, sentences):
-    """A page says all of the sentences, and its prose has no other number with decimals."""
+    """A page says all of the sentences, and its prose has no other number in digits."""
     prose = prose_of(name)
     for sentence in sentences:
         assert sentence in prose
@@ -51,7 +63,7 @@ def test_the_page_of_control_periods(read_experiment):
         return two(np.mean(rates(*of, **at)))
 
     found = list(periods.comparisons(cells))
-    corrected = holm([1.0 if one is None else one.p_greater() for *_, one in found])
+    corrected = periods.correct_p_values([one for *_, one in found])
     tests = {
         (family, task, round(period / periods.TASKS[task].period, 2)): (one, p)
         for (family, task, period, one), p in zip(found, corrected, strict=True)
@@ -96,7 +108,7 @@ def test_the_page_of_control_periods(read_experiment):
     def is_shown(difference, *test):
         alone = [difference if of == test else one for of, (one, _) in tests.items()]
         place = list(tests).index(test)
-        return holm([one.p_greater() for one in alone])[place] < 0.05
+        return periods.correct_p_values(alone)[place] < 0.05
 
     lost_alike = min(
         x for x in np.arange(0.0, 1.0, 0.05)
@@ -107,7 +119,8 @@ def test_the_page_of_control_periods(read_experiment):
         if is_shown(unpaired_difference([x] * 8, [0.0] * 8), gains, "cart-pole", 0.25)
     )  # fmt: skip
     assert tests[gains, "quadrotor", 0.25][1] > 0.05
-    again = list(periods.comparisons(read_experiment("learned_periods", "again")[1]))
+    cells_again = read_experiment("learned_periods", "again")[1]
+    again = list(periods.comparisons(cells_again))
     second = {
         (one[0], one[1], round(one[2] / periods.TASKS[one[1]].period, 2)): one[3] for one in again
     }
@@ -117,9 +130,36 @@ def test_the_page_of_control_periods(read_experiment):
         return " and ".join(two(one.interval.estimate) for one in pair)
 
     quadrotor, costly = lost["quadrotor"], ("quadrotor", swing_up)
+    alone = quadrotor[0].p_greater()
+    of_draws = quadrotor[1] / alone * np.sqrt(alone * (1.0 - alone) / DRAWS)
     shown = periods.format_difference
     everything = shown(quadrotor[0]).replace(" (", ", ")[:-1]
+    of_pendulum = [unit for unit in periods.units(0) if unit.task == "pendulum"]
+    units = [
+        sum(unit.algorithm == algorithm for unit in of_pendulum)
+        for algorithm in ("PPO", "SAC", "hand-made")
+    ]
+    first_again = min(row["seed"] for row in cells_again.rows)
+    late_at_longest = {
+        task: [
+            np.mean(cells.rates(*of, 4 * periods.TASKS[task].period, 1))
+            for of in {row_of[:4] for row_of in cells.by_cell if row_of[:2] == (task, "PPO")}
+        ]
+        for task in ("acrobot", "elastic pendulum")
+    }
+    slowly = late_at_longest["elastic pendulum"]
     assert_says("control_periods", [
+        "learning fails as the period goes to 0",
+        f"with {100 * LEVEL:.0f} % intervals over seeds",
+        f"from {periods.STARTS} starts of its seed",
+        f"were chosen on {seeds_of_choice(periods)} at the tuned period alone",
+        f"so PPO has {units[0]} units and SAC {units[1]}; the hand-made controller has {units[2]}.",
+        f"Eight seeds, {len(found)} tests",
+        f"starts nothing new after {minutes():g} minutes",
+        f"(`--first-seed {first_again}`)",
+        f"if the {100 * LEVEL:.0f} % interval of the difference excludes 0",
+        f"Of the acrobot at most {two(max(late_at_longest['acrobot']))} succeed, of the elastic "
+        f"pendulum {two(min(slowly))} to {two(max(slowly))}.",
         f"settings per second reach {reached('pendulum', 'second', 4)} and "
         f"{reached('pendulum', 'second', 0.25)} there (p {p(gains, 'pendulum', 4)} and "
         f"p {p(gains, 'pendulum', 0.25)})",
@@ -161,11 +201,11 @@ def test_the_page_of_control_periods(read_experiment):
         f"(at least {two(min(elastic))})",
         f"if nearly all is lost ({lost_alike:.2f}). A gain of {gained_alike:.1f} is shown only if",
         f"the quadrotor's {two(tests[gains, 'quadrotor', 0.25][0].interval.estimate)}, where seeds",
-        f"A p of {quadrotor[1]:.3f} has a Monte Carlo error of about 0.002",
+        f"A p of {quadrotor[1]:.3f} has a Monte Carlo error of about {of_draws:.3f}",
         f"open: {both('cart-pole')} on the cart-pole, {both('quadrotor')} on the quadrotor",
     ])  # fmt: skip
     shown_before = {of: p for of, (_, p) in tests.items() if second.get(of) and p < 0.05}
-    repeated = holm([1.0 if one is None else one.p_greater() for *_, one in again])
+    repeated = periods.correct_p_values([one for *_, one in again])
     repeated_p = dict(zip(second, repeated, strict=True))
     assert shown_before
     assert all(repeated_p[of] < 0.05 for of in shown_before)
@@ -175,6 +215,9 @@ def test_the_page_of_simulation_tools(read_experiment):
     tools, cells = read_experiment("simulation_tools")
     boxes = importlib.import_module("measuring.boxes")
     median = partial(tools.median, cells)
+    rod = importlib.import_module("integ_gym.envs.plants.chain").Chain()
+    longest, middle, shortest = (f"{1e3 * dt:g}" for dt in tools.STEPS["box"])
+    first_before = min(row["seed"] for row in read_experiment("simulation_tools", "again")[1].rows)
     at_rest = median("box", "newton", "featherstone", 0.002, "energy")
     to_finest = [
         median("box", "mujoco", "RK4", dt, "from its finest step") for dt in tools.STEPS["box"]
@@ -186,8 +229,45 @@ def test_the_page_of_simulation_tools(read_experiment):
         for own, theirs in (("euler", "Euler"), ("rk4", "RK4"))
         for dt in tools.STEPS["box"]
     ]
+    of_own_models = [
+        ("mujoco", "RK4"),
+        ("mjx", "RK4"),
+        ("drake", "runge_kutta5"),
+        ("pinocchio", "rk4"),
+    ]
+    agree = [
+        max(median(block, *one, 0.001, "from the truth") for one in of_own_models)
+        for block in ("chain-2", "chain-10")
+    ]
+    assert agree[0] < 1e-14
+    for one in of_own_models:
+        away = [median("chain-10", *one, dt, "from the truth") for dt in (0.001, 0.002)]
+        assert away[0] < 0.1 * away[1]
+    farthest = {
+        solver: max(tools.values_of(cells, "box", "sapien", solver, 0.004, "from the truth"))
+        for solver in ("pgs", "tgs")
+    }
     assert_says("simulation_tools", [
-        f"less than 1 % smaller, or below {tools.NOISE:g}, does not count as better",
+        f"at 1 ms they agree with it to 1e-14 on two links and to {agree[1]:.0e} on ten",
+        f"it slides {100 * farthest['pgs']:.1f} cm (`pgs`) or {100 * farthest['tgs']:.1f} cm "
+        "(`tgs`) wrong",
+        f"less than {100 * tools.CLOSER:g} % smaller, or below {tools.NOISE:g}, does not count",
+        f"uniform rods of {rod.mass:g} kg and {rod.length:g} m without gravity, for "
+        f"{tools.SPAN['chain']:g} s.",
+        f"on starts of seeds from {first_before}, subjects",
+        f"on starts of seeds from {tools.TABLE.first_seed}: that",
+        f"on starts of seeds from {first_before} is in",
+        "are 0 for a rigid box at rest",
+        f"At {longest} ms MuJoCo with RK4 ends nearer to the rigid box than any other engine, from "
+        f"every start; at {middle} ms in the median",
+        f"At {shortest} ms MuJoCo with Euler has the smallest median",
+        f"but for PyBullet at {longest} ms",
+        f"too stiff for {longest} ms",
+        f"but for one motion of six at {longest} ms",
+        f"which the yardstick took {100 * LONGER:g} % longer",
+        "in 16 of 115 it is still longer",
+        "and Drake's at 2 ms; the other frontiers stay",
+        "that takes about 40 minutes",
         f"and slides there; {tools.SPAN['box']} s in all",
         f"with a coefficient of friction of {boxes.FRICTION} and no restitution",
         f"an arm under a servo for {tools.SPAN['servo']} s",
@@ -232,6 +312,39 @@ def test_who_is_nearest_to_the_rigid_box_and_where_floats_end(read_experiment, f
         assert by_tolerance == sorted(by_tolerance)
 
 
+@pytest.mark.parametrize("folder", ["", "again"])
+def test_what_single_starts_of_the_box_show(read_experiment, folder):
+    tools, cells = read_experiment("simulation_tools", folder)
+
+    def by_start(engine, integrator, dt, quantity="from the truth"):
+        rows = cells.by_cell["box", engine, integrator, dt, quantity]
+        return np.array([row["value"] for row in sorted(rows, key=lambda row: row["seed"])])
+
+    subjects = [one for one in tools.subjects_that_ran(cells, "box") if one[0] != "isaaclab"]
+    soft = ("mujoco", "RK4")
+    for one in subjects:
+        if one[2] == 0.004 and one[0] not in ("mjx", "mujoco_warp") and one[:2] != soft:
+            assert (by_start(*soft, 0.004) < by_start(*one)).all()
+    for dt in tools.STEPS["box"]:
+        bounce = [np.median(by_start(*one, dt, "bounce")) for one in (("drake", "sap"), soft)]
+        assert bounce[0] > bounce[1] > 0.2
+        for solver in ("pgs", "tgs"):
+            ratio = by_start("sapien", solver, dt) / by_start("drake", "sap", dt)
+            assert ratio.min() > 0.95
+            assert sum(ratio > 1.1) == (1 if (folder, dt) == ("", 0.004) else 0)
+            assert by_start("sapien", solver, dt, "penetration").max() < 1e-4
+    if not folder:
+        ends = {one: by_start(*one) for one in subjects if one[2] == 0.001}
+        assert min(ends, key=lambda one: np.median(ends[one]))[1] == "Euler"
+        own = ends[*soft, 0.001]
+        apart = {one[0] for one, away in ends.items() if away.min() > own.max()}
+        assert apart == {"newton"}
+
+
+LONGER = 0.15
+"""Share by which a yardstick that took longer counts as disturbed."""
+
+
 def test_times_divided_by_the_yardstick_change_one_frontier(read_experiment):
     tools, cells = read_experiment("simulation_tools")
     beside = {(row["unit"], row["dt"], row["seed"]): row["value"] for row in cells.rows
@@ -241,7 +354,7 @@ def test_times_divided_by_the_yardstick_change_one_frontier(read_experiment):
         by_step.setdefault((unit, dt), []).append(value)
     medians = {step: np.median(values) for step, values in by_step.items()}
     usual = np.median(list(medians.values()))
-    longer = {unit for (unit, _), value in medians.items() if value > 1.15 * usual}
+    longer = {unit for (unit, _), value in medians.items() if value > (1.0 + LONGER) * usual}
     in_all = len({unit for unit, _ in medians})
     assert f"in {len(longer)} of {in_all} it is still longer" in prose_of("simulation_tools")
     scaled = [
@@ -272,7 +385,7 @@ def test_the_page_of_engines(read_experiment):
     found = {(name, task): one for name, task, one in engines.comparisons(cells)}
     lost, taken = (found[name, "swing-up"] for name in engines.TESTS)
     all_alike = paired_difference([1.0] * 10, [1.0 - lost.interval.estimate] * 10)
-    corrected = holm([1.0 if one is None else one.p_greater() for one in found.values()])
+    corrected = engines.correct_p_values(found.values())
     assert min(corrected) > 0.05
     assert taken.interval.low > 0.0
     assert_says("learned_engines", [
