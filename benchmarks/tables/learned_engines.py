@@ -20,7 +20,7 @@ Tasks are the swing-up on the default track, with the suite's own stops at its f
 engines, and on a short track, where carts run into the stops. There engines `as got` have their own
 joint stops, which native has not, and `matched` the suite's own law.
 
-Where one step of an engine is that of a map to rounding, from 200 random states up to a tenth
+Where one step of an engine is that of a map to rounding, from random states up to a tenth
 beyond the stops, the fleet trains on that map: this is checked in the unit before training, and the
 defect is in its rows. Where it is not (PhysX's friction, engines' own stops), stable-baselines3
 trains on the engine with the same settings. Policies are judged on the engines themselves, from 20
@@ -147,6 +147,9 @@ NAMED = {engine.name: engine for engine in ENGINES}
 TESTS = ("lost as got", "lost as got − lost matched")
 """One-sided, of each task; corrected together by Holm's method."""
 
+CASES = 200
+"""States from which a step is compared with a map's."""
+
 SEEDS = 10
 """Policies that are trained in an engine, each from a seed of its own."""
 
@@ -223,7 +226,7 @@ def defect(given: dict[str, Any], known: str) -> float:
         for name in (f"{given['engine']}/{given['integrator']}", f"native/{known}")
     ]
     most = 0.55 * given["track_limit"]  # cases go to ±2, so this to 1.1 times the track
-    cases = [((most * q[0], q[1]), v, u) for q, v, u in cases_of(plant, True, 200)]
+    cases = [((most * q[0], q[1]), v, u) for q, v, u in cases_of(plant, True, CASES)]
     found = max(largest_error(*[step(*case) for step in steps]) for case in cases)
     if found > IDENTICAL[width]:
         raise RuntimeError(f"a step of {given} is not one of {known}: {found:g}")

@@ -18,6 +18,8 @@ import pytest
 from house import ROOT
 from pictures import look_alike
 
+from integ_gym.eval import contract
+
 PAGES = {
     "learned_engines": ROOT / "docs" / "explanation" / "learned_engines.md",
     "learned_periods": ROOT / "docs" / "explanation" / "control_periods.md",
@@ -112,18 +114,43 @@ def test_what_the_page_says_of_hidden_terms_is_in_the_rows(experiment, folder):
         hidden = damped & {row["trained_on"], row["judged_on"]}
         assert row["silent"] == ("acceleration" if hidden else "")
     plain = set(module.NAMED) - damped
+    own_stops = plain - {"native"}
     for task, arm, home in sorted({tuple(row[name] for name in module.NAMES[:3]) for row in rows}):
         success = {to: np.array(cells.rates(task, arm, home, to)) for to in module.NAMED}
         means = {to: np.mean(rates) for to, rates in success.items()}
         if arm == "matched":
             assert np.ptp(list(success.values()), axis=0).max() < 1.5 / 20
-        elif home in plain:
-            assert all(abs(means[home] - means[to]) < 0.05 for to in plain)
-            assert means["pybullet"] < 0.25
+            continue
+        assert means["sapien"] == 0.0
+        if task == "short track":
+            alike = own_stops if home in own_stops else {home}
+            assert home == "pybullet" or means["pybullet"] == 0.0
+            assert all(means[to] < 0.3 for to in plain - alike)
+            assert home == "sapien" or means[home] > 0.6
         else:
-            assert all(means[to] < 0.25 for to in plain)
-        assert arm == "matched" or means["sapien"] == 0.0
-        assert (arm, home) != ("as got", "pybullet") or means[home] > 0.9
+            alike = plain if home in plain else {home}
+            assert home == "pybullet" or means["pybullet"] < 0.25
+            assert all(means[to] < 0.25 for to in plain - alike)
+            assert home != "pybullet" or means[home] > 0.9
+        assert all(abs(means[home] - means[to]) < 0.05 for to in alike)
+
+
+@pytest.mark.parametrize("experiment", ["learned_engines"], indirect=True)
+def test_the_contract_check_of_a_short_track_meets_no_stop(experiment, monkeypatch):
+    _, module = experiment
+    drawn, draw_states = [], contract._draw_states
+
+    def keep(*given):
+        places, actions = draw_states(*given)
+        drawn.extend(places)
+        return places, actions
+
+    monkeypatch.setattr(contract, "_draw_states", keep)
+    for home in module.NAMED:
+        module.contract("short track", "as got", home, "drake")
+    assert len(drawn) == contract.STATES * len(module.NAMED)
+    limit = module.TASKS["short track"].track_limit
+    assert 0.5 * limit < max(abs(place[0]) for place in drawn) < limit
 
 
 @pytest.mark.parametrize("experiment", ["learned_periods"], indirect=True)
