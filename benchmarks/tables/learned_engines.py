@@ -45,7 +45,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass
 from functools import cache, cached_property
@@ -323,11 +323,12 @@ TABLE = Table(
 NAMES = TABLE.cell_columns
 
 
-def home_and_away(cells: Cells, task: str, arm: str, engine: str) -> tuple[Any, Any]:
+def home_and_away(
+    cells: Cells, task: str, arm: str, engine: str, among: Sequence[str] = tuple(NAMED)
+) -> tuple[Any, Any]:
     """Success of an engine's policies in it, and the mean of that in the others; by seed."""
-    found = {name: cells.rates(task, arm, engine, name) for name in NAMED}
-    others = [found[name] for name in NAMED if name != engine]
-    return np.array(found[engine]), np.array(others).mean(axis=0)
+    others = [cells.rates(task, arm, engine, name) for name in among if name != engine]
+    return np.array(cells.rates(task, arm, engine, engine)), np.array(others).mean(axis=0)
 
 
 def is_whole(cells: Cells, task: str, arm: str) -> bool:
@@ -335,9 +336,11 @@ def is_whole(cells: Cells, task: str, arm: str) -> bool:
     return all(len(cells.rates(task, arm, name, name)) == SEEDS for name in NAMED)
 
 
-def over_engines(cells: Cells, task: str, arm: str) -> tuple[Any, Any]:
+def over_engines(
+    cells: Cells, task: str, arm: str, among: Sequence[str] = tuple(NAMED)
+) -> tuple[Any, Any]:
     """As :func:`home_and_away`, the mean over engines."""
-    pairs = [home_and_away(cells, task, arm, name) for name in NAMED]
+    pairs = [home_and_away(cells, task, arm, name, among) for name in among]
     home, away = (np.mean(side, axis=0) for side in zip(*pairs, strict=True))
     return home, away
 

@@ -379,11 +379,7 @@ def test_the_page_of_engines(read_experiment):
     own_stops = ("mujoco", "drake", "dart")
 
     def lost_among(task, alike, cells=cells):
-        sides = []
-        for home in alike:
-            away = [cells.rates(task, "as got", home, to) for to in alike if to != home]
-            sides.append((cells.rates(task, "as got", home, home), np.mean(away, axis=0)))
-        return paired_difference(*np.mean(sides, axis=0))
+        return paired_difference(*engines.over_engines(cells, task, "as got", alike))
 
     def reached(home, away):
         return np.mean(cells.rates("short track", "as got", home, away))
