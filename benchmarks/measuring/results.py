@@ -76,10 +76,11 @@ def format_interval(numbers: Sequence[float | None] | None) -> str:
     return text.replace("-", "−")
 
 
-def format_difference(found: Difference) -> str:
-    """A difference of success with its 95 % interval, as Markdown says it."""
+def format_difference(found: Difference, scale: float = 1.0) -> str:
+    """A difference of success, or a multiple of it, with its 95 % interval, as Markdown says it."""
     own = found.interval
-    return format_interval((own.estimate, own.low, own.high))
+    ends = (own.estimate, own.low, own.high)
+    return format_interval([None if x is None else scale * x for x in ends])
 
 
 def correct_p_values(differences: Iterable[Difference | None]) -> Floats:

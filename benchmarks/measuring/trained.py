@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
@@ -13,10 +13,11 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
+from integ_gym.train import ppo, sac
 from integ_gym.train.config import TrainingConfig
 from integ_gym.train.fleet.training import train_in_stages
 from integ_gym.train.policy_files.sidecar import actor_of, read_trained
-from integ_gym.train.ppo import PPOConfig, make_model, train_run
+from integ_gym.train.ppo import PPOConfig
 
 STARTS = 20
 """That every policy is judged from."""
@@ -85,9 +86,23 @@ def cohorts(cells: Sequence[Mapping[str, Any]], seeds: range) -> list[Cohort]:
     return [Cohort(cell, first) for first in seeds[::TOGETHER] for cell in cells]
 
 
-def default_settings(config: type[TrainingConfig]) -> dict[str, Any]:
-    """Of an algorithm, where an experiment names no others."""
-    return {one.name: one.default for one in fields(config) if one.default is not MISSING}
+OF_THE_EXPERIMENT = ("env_id", "seed", "total_steps")
+"""Fields of a configuration that an experiment always sets."""
+
+
+def default_settings(config: type[TrainingConfig], stated: Iterable[str]) -> dict[str, Any]:
+    """An algorithm's hyperparameters that an experiment leaves at their defaults.
+
+    Args:
+        config: of the algorithm.
+        stated: names of those that the experiment sets.
+    """
+    kept = (*OF_THE_EXPERIMENT, *stated)
+    return {
+        one.name: one.default
+        for one in fields(config)
+        if one.default is not MISSING and one.name not in kept
+    }
 
 
 def scale_to_period(at_home: Mapping[str, Any], slower: float) -> dict[str, Any]:
@@ -131,19 +146,17 @@ def train_by_fleet(stages: Sequence[Sequence[PPOConfig]], given: Mapping[str, An
     ]
 
 
-def train_by_sb3(
-    configs: Sequence[TrainingConfig], *, make_model: Callable[..., Any] = make_model
-) -> list[Act]:
+def train_by_sb3(configs: Sequence[TrainingConfig]) -> list[Act]:
     """Policies that stable-baselines3 trains one after the other, in the order of configurations.
 
     Args:
-        configs: of each.
-        make_model: what learns.
+        configs: of each, by PPO or SAC.
     """
     acts: list[Act] = []
     for config in configs:
+        make_model = sac.make_model if isinstance(config, sac.SACConfig) else ppo.make_model
         with TemporaryDirectory() as folder:
-            trained = train_run(config, Path(folder), make_model=make_model)
+            trained = ppo.train_run(config, Path(folder), make_model=make_model)
             acts.append(read_trained(trained.policy)[0].act)
     return acts
 

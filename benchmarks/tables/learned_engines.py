@@ -80,7 +80,15 @@ from measuring.trained import (
 from integ_gym.envs.numerics.identity import IDENTICAL, cases_of, largest_error
 from integ_gym.envs.numerics.stepping import one_step
 from integ_gym.eval.contract import compare_contracts
-from integ_gym.eval.statistics import Difference, mean_rate, paired_difference
+from integ_gym.eval.statistics import (
+    PROVEN,
+    Difference,
+    Stream,
+    holm,
+    mean_rate,
+    paired_difference,
+    worst_case_means,
+)
 from integ_gym.support.figures import axes_at, blank_figure, write_figure
 from integ_gym.train.ppo import PPOConfig
 
@@ -305,7 +313,7 @@ TABLE = Table(
         "duration": DURATION,
         "bullet": {"damping": DAMPING, "fastest": FASTEST},
         "ppo": PPO,
-        "defaults": {"PPO": default_settings(PPOConfig)},
+        "defaults": {"PPO": default_settings(PPOConfig, PPO)},
         "seeds": SEEDS,
         "seed_stride": SEED_STRIDE,
         "starts": STARTS,
@@ -345,46 +353,84 @@ def over_engines(
     return home, away
 
 
-def comparisons(cells: Cells) -> Iterator[tuple[str, str, Difference | None]]:
-    """All tests that were declared: which, task, difference; None: not run.
+@dataclass(frozen=True)
+class Comparison:
+    """A test that was declared.
 
-    The second is half the difference of the losses, so that both its sides are in [0, 1].
+    Attributes:
+        name: which of `TESTS`.
+        task: what was learned.
+        sides: success by run, in [0, 1], of what is claimed to be higher and lower; None: not run.
+        scale: what is claimed, over the difference of the sides.
+    """
+
+    name: str
+    task: str
+    sides: tuple[Any, Any] | None
+    scale: float = 1.0
+
+    @cached_property
+    def difference(self) -> Difference | None:
+        """Of the sides, with its test."""
+        return None if self.sides is None else paired_difference(*self.sides)
+
+    @cached_property
+    def p_weighing_fully(self) -> float:
+        """Of Gaffke's test, in which an unseen run in which all is lost weighs as much as a run."""
+        if self.sides is None:
+            return 1.0
+        higher, lower = self.sides
+        draws = worst_case_means((higher - lower)[None], [-1.0], PROVEN, Stream.PAIRED)
+        return float(np.mean(draws <= 0.0))
+
+
+def comparisons(cells: Cells) -> Iterator[Comparison]:
+    """All tests that were declared.
+
+    The second of a task is half the difference of the losses, so that its sides are in [0, 1].
     """
     for task in TASKS:
-        whole = [is_whole(cells, task, arm) for arm in ARMS]
-        found: list[Difference | None] = [None, None]
-        if whole[0]:
-            home, away = over_engines(cells, task, "as got")
-            found[0] = paired_difference(home, away)
-            if whole[1]:
+        sides, both = None, None
+        if is_whole(cells, task, "as got"):
+            sides = home, away = over_engines(cells, task, "as got")
+            if is_whole(cells, task, "matched"):
                 at_home, elsewhere = over_engines(cells, task, "matched")
-                found[1] = paired_difference((home + elsewhere) / 2.0, (away + at_home) / 2.0)
-        for name, difference in zip(TESTS, found, strict=True):
-            yield name, task, difference
+                both = (home + elsewhere) / 2.0, (away + at_home) / 2.0
+        lost, taken_away = TESTS
+        yield Comparison(lost, task, sides)
+        yield Comparison(taken_away, task, both, 2.0)
+
+
+def lost_among(
+    cells: Cells, task: str, arm: str, among: Sequence[str] = tuple(NAMED)
+) -> Difference:
+    """Loss in the others of some engines, the mean over engines of training."""
+    return paired_difference(*over_engines(cells, task, arm, among))
 
 
 def tables(rows: list[Row], first_seed: int = TABLE.first_seed) -> str:
     """The page's tables, as Markdown."""
     cells = Cells(rows, NAMES)
     blocks = tabulate_blocks(TABLE, rows, first_seed, "policies", lambda unit: unit.count)
-    parts = [blocks, _tests(cells), _losses(cells), _checks(rows), *_matrices(cells)]
+    parts = [blocks, _tests(cells), _losses(cells), _defects(rows), *_matrices(cells)]
     return "\n\n".join("\n".join(part) for part in parts) + "\n"
 
 
 def _tests(cells: Cells) -> list[str]:
     found = list(comparisons(cells))
+    corrected = correct_p_values([one.difference for one in found])
+    weighed = holm([one.p_weighing_fully for one in found])
     lines = []
-    for (name, task, one), value in zip(
-        found, correct_p_values([one for *_, one in found]), strict=True
-    ):
-        if one is None:
+    for one, *of_family in zip(found, corrected, weighed, strict=True):
+        if one.difference is None or one.sides is None:
             continue
-        scale = 2.0 if "−" in name else 1.0
-        own = one.interval
-        ends = [None if x is None else scale * x for x in (own.estimate, own.low, own.high)]
-        p = map(format_p_value, (one.p_greater(), value))
-        lines.append((name, task, format_interval(ends), *p))
-    return markdown(("test", "task", "difference", "p", "p (Holm)"), lines)
+        by_run = one.scale * np.subtract(*one.sides)
+        p = map(format_p_value, (one.difference.p_greater(), *of_family))
+        claimed = format_difference(one.difference, one.scale)
+        least, greatest = (format_interval((x, None, None)) for x in (min(by_run), max(by_run)))
+        lines.append((one.name, one.task, claimed, f"{least} to {greatest}", *p))
+    header = ("test", "task", "difference", "of single runs", "p", "p (Holm)", "p (Holm), weight 1")
+    return markdown(header, lines)
 
 
 def _losses(cells: Cells) -> list[str]:
@@ -402,29 +448,21 @@ def _losses(cells: Cells) -> list[str]:
     return markdown(("task", "trained on", *header), [line for line in lines if any(line[2:])])
 
 
-def _checks(rows: list[Row]) -> list[str]:
-    """What the checks before training said, by engine of training."""
-    found: dict[tuple[str, ...], list[Row]] = {}
-    for row in rows:
-        found.setdefault((row["task"], row["arm"], row["trained_on"]), []).append(row)
+def _defects(rows: list[Row]) -> list[str]:
+    """Largest error of a step against the map that was trained on, by engine of training."""
+    found = {(row["task"], row["arm"], row["trained_on"]): row["defect"] for row in rows}
+    ways = [(task, arm) for task in TASKS for arm in ARMS]
     lines = []
-    for key, own in sorted(found.items(), key=lambda pair: _order(pair[0])):
-        error = own[0]["defect"]
-        differs, silent = (
-            "; ".join(
-                f"{row['judged_on']}: {row[what]}"
-                for row in own
-                if row[what] and row["seed"] == own[0]["seed"]
-            )
-            for what in ("differs", "silent")
-        )
-        step = "trained on the engine" if error is None else f"{error:.0e}".replace("-", "−")
-        lines.append((*key, step, differs or "nowhere", silent or "none"))
-    return markdown(("task", "arm", "trained on", "defect of a step", "differs", "silent"), lines)
+    for name in NAMED:
+        own = [found.get((*way, name), "") for way in ways]
+        lines.append([name, *[x if x == "" else _format_defect(x) for x in own]])
+    return markdown(("defect of a step of", *[f"{task}, {arm}" for task, arm in ways]), lines)
 
 
-def _order(key: tuple[str, ...]) -> tuple[int, ...]:
-    return list(TASKS).index(key[0]), ARMS.index(key[1]), list(NAMED).index(key[2])
+def _format_defect(error: float | None) -> str:
+    if error is None:
+        return "trained on it"
+    return f"{error:.0e}".replace("-", "−") if error else "0"
 
 
 def _matrices(cells: Cells) -> Iterator[list[str]]:

@@ -74,7 +74,7 @@ from integ_gym.eval.statistics import (
 from integ_gym.support.figures import COOL, SOFT, WARM, axes_at, blank_figure, write_figure
 from integ_gym.train.baselines import make_baseline
 from integ_gym.train.ppo import PPOConfig
-from integ_gym.train.sac import SACConfig, make_model
+from integ_gym.train.sac import SACConfig
 
 SLOWER = (4.0, 2.0, 1.0, 0.5, 0.25)
 """Periods over the tuned one."""
@@ -262,7 +262,7 @@ def _by_sac(unit: Unit, task: Task) -> list[Act]:
     configs = [
         SACConfig.of(task.env_id, seed=seed, env_arguments=given, **settings) for seed in unit.seeds
     ]
-    return train_by_sb3(configs, make_model=make_model)
+    return train_by_sb3(configs)
 
 
 def _by_hand(unit: Unit, task: Task) -> list[Act]:
@@ -290,7 +290,8 @@ TABLE = Table(
         "starts": STARTS,
         "sac": {"lanes": SAC_LANES, "learning_starts": SAC_STARTS},
         "defaults": {
-            config.algorithm: default_settings(config) for config in (PPOConfig, SACConfig)
+            "PPO": default_settings(PPOConfig, (*PUSH, "discount_time")),
+            "SAC": default_settings(SACConfig, ("n_envs", "learning_starts", "discount_time")),
         },
         "chosen_on": "seeds 900 to 903, at the tuned period: amounts of experience",
         "tests": TESTS,

@@ -1,0 +1,80 @@
+"""How fast a cart leaves the stop that it runs into, in engines as their users get them.
+
+    python benchmarks/cart_stops.py
+
+The cart-pole of the short track in "Does a policy learn the engine?", with the pole at rest
+downwards, runs into a stop at several speeds, each from three places before it. What counts is its
+speed at the first decision after it has turned round, as a share of that before: least and greatest
+over the places. `native, exact` is the native engine's stop without an error of its step. An engine
+of which a cart has not turned round after half a second has 0.
+"""
+
+from __future__ import annotations
+
+import sys
+from contextlib import closing
+from math import pi
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parent / "tables"))
+
+from learned_engines import ENGINES, ENV_ID, PERIOD, TASKS, arguments
+from measuring.results import markdown, parser
+
+TASK = "short track"
+SPEEDS = (0.5, 1.0, 2.0, 3.0)
+"""Of the cart before the stop, m/s."""
+BEFORE = (0.06, 0.08, 0.1)
+"""Places from which it starts, m before the stop."""
+WATCHED = 0.5
+"""s."""
+
+
+def settings() -> dict[str, dict[str, Any]]:
+    """Arguments of the environment, by what the table calls them."""
+    as_got = {engine.name: arguments(TASK, "as got", engine.name) for engine in ENGINES}
+    return {**as_got, "native, exact": {**as_got["native"], "integrator": "reference"}}
+
+
+def measure_rebound(given: dict[str, Any], speed: float) -> list[float]:
+    """Speed after the stop over that before, from each place."""
+    found = []
+    limit = TASKS[TASK].track_limit
+    with closing(gym.make(ENV_ID, **given)) as env:
+        for before in BEFORE:
+            env.reset(options={"state": (limit - before, speed, pi, 0.0)})
+            rebound = 0.0
+            for _ in range(round(WATCHED / PERIOD)):
+                env.step(np.zeros(1, dtype=np.float32))
+                x, x_dot, *_ = env.unwrapped.state  # type: ignore[attr-defined]
+                if x < limit and x_dot < 0.0:
+                    rebound = -x_dot / speed
+                    break
+            found.append(rebound)
+    return found
+
+
+def rebounds() -> dict[str, dict[float, list[float]]]:
+    """Of all settings, at each speed."""
+    return {
+        name: {speed: measure_rebound(given, speed) for speed in SPEEDS}
+        for name, given in settings().items()
+    }
+
+
+def table() -> list[str]:
+    """Of the page, as Markdown."""
+    rows = [
+        [name, *[f"{min(found):.2f}–{max(found):.2f}" for found in by_speed.values()]]
+        for name, by_speed in rebounds().items()
+    ]
+    return markdown(["stops of", *[f"{speed:g} m/s" for speed in SPEEDS]], rows)
+
+
+if __name__ == "__main__":
+    parser(__doc__).parse_args()
+    print("\n".join(table()))
