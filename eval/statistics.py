@@ -547,25 +547,30 @@ class Difference:
     interval
         Difference of the plain means, with its posterior interval; dimensionless, in [-1, 1].
     with_worst
-        Draws of the difference with the pseudo-seed at a value, shape (draws,).
+        Draws of the difference with the pseudo-seed at a value and of a weight, shape (draws,).
     """
 
     interval: Estimate
-    with_worst: Callable[[float], Floats] = field(repr=False, compare=False)
+    with_worst: Callable[[float, float], Floats] = field(repr=False, compare=False)
 
     @cached_property
     def lowered(self) -> Floats:
         """Draws of the difference with the pseudo-seed at −1, shape (draws,)."""
-        return self.with_worst(-1.0)
+        return self.with_worst(-1.0, SHOWN)
 
     @cached_property
     def raised(self) -> Floats:
         """The same with it at 1."""
-        return self.with_worst(1.0)
+        return self.with_worst(1.0, SHOWN)
 
     def p_greater(self, margin: float = 0.0) -> float:
         """Small when the difference is shown to exceed ``margin``."""
         return share(self.lowered <= margin)
+
+    @cached_property
+    def p_positive_by_gaffke(self) -> float:
+        """Of a positive difference, with a pseudo-seed of weight 1: the test of Gaffke (2005)."""
+        return share(self.with_worst(-1.0, PROVEN) <= 0.0)
 
     def p_less(self, margin: float = 0.0) -> float:
         """Small when the difference is shown to be below ``margin``."""
@@ -640,7 +645,7 @@ def paired_difference(home: RatesLike, away: RatesLike, level: float = LEVEL) ->
     drop = (one - other)[None]
     return Difference(
         equal_tailed(mean_of(one) - mean_of(other), posterior, level),
-        lambda worst: worst_case_means(drop, [worst], SHOWN, Stream.PAIRED)[:, 0],
+        lambda worst, weight: worst_case_means(drop, [worst], weight, Stream.PAIRED)[:, 0],
     )
 
 
@@ -670,7 +675,7 @@ def unpaired_difference(
     posterior = unpaired_posterior(one, other, draws=draws)
     return Difference(
         equal_tailed(mean_of(one) - mean_of(other), posterior, level),
-        lambda worst: difference_draws(one, other, worst, SHOWN, draws=draws),
+        lambda worst, weight: difference_draws(one, other, worst, weight, draws=draws),
     )
 
 

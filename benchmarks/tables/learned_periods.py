@@ -47,6 +47,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from measuring.results import (
     correct_p_values,
+    correct_p_values_by_gaffke,
     format_difference,
     format_p_value,
     format_success,
@@ -365,13 +366,15 @@ def comparisons(cells: Cells) -> Iterator[tuple[str, str, float, Difference | No
 
 def _tests(cells: Cells) -> list[str]:
     found = list(comparisons(cells))
-    p = correct_p_values([one for *_, one in found])
+    differences = [one for *_, one in found]
+    corrected = correct_p_values(differences), correct_p_values_by_gaffke(differences)
     lines = [
-        (family, name, f"{period:g}", format_difference(one), format_p_value(value))
-        for (family, name, period, one), value in zip(found, p, strict=True)
+        (family, name, f"{period:g}", format_difference(one), *map(format_p_value, p))
+        for (family, name, period, one), *p in zip(found, *corrected, strict=True)
         if one is not None
     ]
-    return markdown(("test", "task", "period, s", "difference", "p (Holm)"), lines)
+    header = ("test", "task", "period, s", "difference", "p (Holm)", "p (Holm, Gaffke)")
+    return markdown(header, lines)
 
 
 def _matrices(cells: Cells) -> Iterator[list[str]]:

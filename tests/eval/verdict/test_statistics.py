@@ -192,7 +192,7 @@ def test_batches_equal_single_calls() -> None:
 
 def test_p_values_are_counted_and_never_zero() -> None:
     draws = np.array([-0.2, 0.1, 0.3, 0.5])
-    difference = Difference(Estimate(0.0, 0.0, 0.0, 0.95), lambda worst: draws)
+    difference = Difference(Estimate(0.0, 0.0, 0.0, 0.95), lambda worst, weight: draws)
     assert difference.p_greater(0.1) == pytest.approx(3 / 5)
     assert difference.p_greater() == pytest.approx(2 / 5)
     assert difference.p_less() == pytest.approx(4 / 5)
