@@ -1,6 +1,6 @@
 """Hand-made controllers that swing the cart-pole up in engines as their users get them.
 
-They show that a task can be done, and know neither the engine nor the truth. Below, the cart is
+They show that a task can be done. None is given the engine or the truth. Below, the cart is
 accelerated so that the pole gains energy and the cart stays near the middle; the pole gets more
 energy than standing upright has, for friction takes some of it. Near the top a linear regulator
 takes over. All numbers were chosen on the starts of seed 900: those of the default track by hand,
@@ -76,8 +76,8 @@ class SwingUp:
         pumping = np.clip(pumping, -self.max_pumping, self.max_pumping)
         acceleration = pumping * -np.copysign(1.0, rate * cosine)
         acceleration -= self.centring_stiffness * x + self.centring_damping * x_dot
-        along = self.position_gain * x + self.speed_gain * x_dot
-        regulated = along + self.angle_gain * angle + self.rate_gain * rate
+        of_cart = self.position_gain * x + self.speed_gain * x_dot
+        regulated = of_cart + self.angle_gain * angle + self.rate_gain * rate
         arrives = abs(rate + self.arrival_rate * angle) < self.catch_rate
         near = (abs(angle) < self.catch_angle) & arrives
         force = np.where(near, regulated, TOTAL_MASS * acceleration)

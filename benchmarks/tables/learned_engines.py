@@ -392,6 +392,11 @@ def lost_among(
     return paired_difference(*over_engines(cells, task, arm, among))
 
 
+def lost_in_others(cells: Cells, task: str, arm: str, engine: str) -> Difference:
+    """Loss of an engine's policies in the five others."""
+    return paired_difference(*home_and_away(cells, task, arm, engine))
+
+
 def tables(rows: list[Row], first_seed: int = TABLE.first_seed) -> str:
     """The page's tables, as Markdown."""
     cells = Cells(rows, NAMES)
@@ -423,10 +428,10 @@ def _losses(cells: Cells) -> list[str]:
         for name in NAMED:
             line = [task, name]
             for arm in ARMS:
-                home, away = home_and_away(cells, task, arm, name)
+                home = cells.rates(task, arm, name, name)
                 whole = len(home) == SEEDS
-                line += [format_success(list(home)) if whole else ""]
-                line += [format_difference(paired_difference(home, away)) if whole else ""]
+                line += [format_success(home) if whole else ""]
+                line += [format_difference(lost_in_others(cells, task, arm, name)) if whole else ""]
             lines.append(line)
     header = [f"{what} {arm}" for arm in ARMS for what in ("success at home", "lost elsewhere")]
     return markdown(("task", "trained on", *header), [line for line in lines if any(line[2:])])
