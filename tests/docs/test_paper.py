@@ -235,7 +235,8 @@ def losses_between_engines(published):
         WORDS[count], two(in_all["swing-up"].interval.estimate), WORDS[count - 1],
         ends(lost_without("swing-up", "sapien")), two(in_all["short track"].interval.estimate),
         p(corrected[lost_short]), f"{by_gaffke[lost_short]:.3f}",
-        ends(lost_without("short track", "pybullet", "sapien")).removesuffix(")"), *matched, two(most),
+        ends(lost_without("short track", "pybullet", "sapien")).removesuffix(")"),
+        *matched, two(most),
         p(corrected[lost]), p(corrected[taken]),
     )  # fmt: skip
 
