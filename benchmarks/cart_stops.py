@@ -5,8 +5,8 @@
 The cart-pole of the short track in "Does a policy learn the engine?", with the pole at rest
 downwards, runs into a stop at several speeds, each from three places before it. What counts is its
 speed at the first decision after it has turned round, as a share of that before: least and greatest
-over the places. `native, exact` is the native engine's stop without an error of its step. An engine
-of which a cart has not turned round after half a second has 0.
+over the places. Where the cart has not turned round after half a second it has 0. `exact`: without
+an error of the step. `damped`: with the stops that `tables/stop_damping.py` compares with those.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ sys.path.insert(0, str(Path(__file__).parent / "tables"))
 
 from learned_engines import ENGINES, ENV_ID, PERIOD, TASKS, arguments
 from measuring.results import markdown, parser
+from stop_damping import DAMPINGS
 
 TASK = "short track"
 SPEEDS = (0.5, 1.0, 2.0, 3.0)
@@ -32,12 +33,14 @@ BEFORE = (0.06, 0.08, 0.1)
 """Places from which it starts, m before the stop."""
 WATCHED = 0.5
 """s."""
+DAMPED = {"stop_damping": max(DAMPINGS)}
 
 
 def settings() -> dict[str, dict[str, Any]]:
     """Arguments of the environment, by what the table calls them."""
     as_got = {engine.name: arguments(TASK, "as got", engine.name) for engine in ENGINES}
-    return {**as_got, "native, exact": {**as_got["native"], "integrator": "reference"}}
+    exact = {**as_got["native"], "integrator": "reference"}
+    return {**as_got, "native, exact": exact, "native, exact, damped": {**exact, **DAMPED}}
 
 
 def measure_rebound(given: dict[str, Any], speed: float) -> list[float]:

@@ -258,7 +258,7 @@ def tabulate_success(
     first_seed: int,
     what: str,
     values: Sequence[float],
-    arms: Sequence[Any],
+    arms: Sequence[str | float],
     tabulate_tests: Callable[[Cells], list[str]],
 ) -> str:
     """Success by what is varied and by arm, and the tests if all was run, as Markdown.
@@ -277,7 +277,8 @@ def tabulate_success(
         [f"{value:g}", *[results.format_success(cells.rates(value, arm)) for arm in arms]]
         for value in values
     ]
-    lines = results.markdown([what, *map(str, arms)], success)
+    names = [arm if isinstance(arm, str) else f"{arm:g}" for arm in arms]
+    lines = results.markdown([what, *names], success)
     if {unit.name for unit in table.units(first_seed)} <= {row["unit"] for row in rows}:
         lines += ["", *tabulate_tests(cells)]
     return "\n".join(lines) + "\n"

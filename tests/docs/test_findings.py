@@ -460,7 +460,19 @@ def test_the_page_of_engines(read_experiment):
         for run in (cells, again)
     ]
     matched_again = {cell for cell in again.by_cell if cell[1] == "matched"}
+    stops, alone = read_experiment("stop_damping")
+    of_stops = dict(stops.comparisons(alone))
+    p_of_stops = stops.correct_p_values(of_stops.values())
+    assert max(stops.correct_p_values_by_gaffke(of_stops.values())) < 0.05
+    assert p_of_stops[0] < 0.001
+    lost_by_stops = [engines.format_difference(one) for one in of_stops.values()]
+    default, damped = stops.DAMPINGS
     assert_says("learned_engines", [
+        f"a policy loses {lost_by_stops[0]} or {lost_by_stops[1]}, and both losses are shown",
+        f"with stops of the default damping, {default:g} s/m, or of {damped:g} s/m, which a cart",
+        f"{lost_by_stops[0]} and {lost_by_stops[1]} is lost (p < 0.001 and "
+        f"p = {p_of_stops[1]:.3f})",
+        f'"damped" with {damped:g} s/m.',
         f"On the short track the loss is shown (p = {p['short track']:.3f}, corrected for their "
         f"family), on the swing-up it is not (p = {p['swing-up']:.3f}). Matching takes all of it "
         f"away: {taken_of_lost('swing-up')}, {taken_of_lost('short track')};",
