@@ -569,7 +569,10 @@ class Difference:
 
     @cached_property
     def p_positive_by_gaffke(self) -> float:
-        """Of a positive difference, with a pseudo-seed of weight 1: the test of Gaffke (2005)."""
+        """Small when the difference is shown to be positive, by pseudo-seeds of weight 1.
+
+        Where the same seeds are judged twice this is the test of Gaffke (2005).
+        """
         return share(self.with_worst(-1.0, PROVEN) <= 0.0)
 
     def p_less(self, margin: float = 0.0) -> float:

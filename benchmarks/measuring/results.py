@@ -93,7 +93,10 @@ def correct_p_values(differences: Iterable[Difference | None]) -> Floats:
 
 
 def correct_p_values_by_gaffke(differences: Iterable[Difference | None]) -> Floats:
-    """The same by the test in which unseen failures weigh most."""
+    """The same by Gaffke's test, and what corresponds to it for two groups of seeds.
+
+    Failures that were not seen weigh more in it.
+    """
     return holm([1.0 if one is None else one.p_positive_by_gaffke for one in differences])
 
 

@@ -190,6 +190,16 @@ def test_batches_equal_single_calls() -> None:
         np.testing.assert_allclose(batch[:, k], rate_posterior(rates[k], draws=1000), atol=1e-14)
 
 
+@pytest.mark.parametrize("lost", [0, 2])
+def test_gaffke_s_test_is_exact_where_seeds_are_all_or_nothing(lost: int) -> None:
+    seeds = 8
+    away = [1.0] * lost + [0.0] * (seeds - lost)
+    found = paired_difference([1.0 - rate for rate in away], away)
+    exact = sum(math.comb(seeds, k) for k in range(lost + 1)) / 2.0**seeds
+    assert found.p_positive_by_gaffke == pytest.approx(exact, rel=0.1)
+    assert found.p_greater() < found.p_positive_by_gaffke
+
+
 def test_p_values_are_counted_and_never_zero() -> None:
     draws = np.array([-0.2, 0.1, 0.3, 0.5])
     difference = Difference(Estimate(0.0, 0.0, 0.0, 0.95), lambda worst, weight: draws)
