@@ -563,17 +563,19 @@ class Difference:
         """The same with it at 1."""
         return self.with_worst(1.0, SHOWN)
 
-    def p_greater(self, margin: float = 0.0) -> float:
-        """Small when the difference is shown to exceed ``margin``."""
-        return share(self.lowered <= margin)
+    def p_greater(self, margin: float = 0.0, weight: float = SHOWN) -> float:
+        """Small when the difference is shown to exceed ``margin``.
 
-    @cached_property
-    def p_positive_by_gaffke(self) -> float:
-        """Small when the difference is shown to be positive, by pseudo-seeds of weight 1.
-
-        Where the same seeds are judged twice this is the test of Gaffke (2005).
+        Parameters
+        ----------
+        margin
+            In [-1, 1].
+        weight
+            Of the pseudo-seed; with 1, where the same seeds are judged twice, it is the test of
+            Gaffke (2005).
         """
-        return share(self.with_worst(-1.0, PROVEN) <= 0.0)
+        lowered = self.lowered if weight == SHOWN else self.with_worst(-1.0, weight)
+        return share(lowered <= margin)
 
     def p_less(self, margin: float = 0.0) -> float:
         """Small when the difference is shown to be below ``margin``."""

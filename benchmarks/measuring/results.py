@@ -11,7 +11,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from integ_gym.eval.statistics import Difference, Floats, holm, rate_interval
+from integ_gym.eval.statistics import SHOWN, Difference, Floats, holm, rate_interval
 from integ_gym.support.optional import running_version
 from integ_gym.support.processes import cores, instruction_sets
 from integ_gym.support.terminal import print_columns
@@ -83,21 +83,14 @@ def format_difference(found: Difference, scale: float = 1.0) -> str:
     return format_interval([None if x is None else scale * x for x in ends])
 
 
-def correct_p_values(differences: Iterable[Difference | None]) -> Floats:
+def correct_p_values(differences: Iterable[Difference | None], weight: float = SHOWN) -> Floats:
     """One-sided p-values of one family of tests, corrected by Holm's method.
 
     Args:
         differences: of all tests that were declared; None: not run, which counts as p = 1.
+        weight: of what was not seen; with 1 it is Gaffke's test, or its like for two groups.
     """
-    return holm([1.0 if one is None else one.p_greater() for one in differences])
-
-
-def correct_p_values_by_gaffke(differences: Iterable[Difference | None]) -> Floats:
-    """The same by Gaffke's test, and what corresponds to it for two groups of seeds.
-
-    Failures that were not seen weigh more in it.
-    """
-    return holm([1.0 if one is None else one.p_positive_by_gaffke for one in differences])
+    return holm([1.0 if one is None else one.p_greater(weight=weight) for one in differences])
 
 
 def format_p_value(value: float | None) -> str:

@@ -60,7 +60,6 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from measuring.as_got import DAMPING, FASTEST
 from measuring.results import (
     correct_p_values,
-    correct_p_values_by_gaffke,
     format_difference,
     format_interval,
     format_p_value,
@@ -81,7 +80,7 @@ from measuring.trained import (
 from integ_gym.envs.numerics.identity import IDENTICAL, cases_of, largest_error
 from integ_gym.envs.numerics.stepping import one_step
 from integ_gym.eval.contract import compare_contracts
-from integ_gym.eval.statistics import Difference, mean_rate, paired_difference
+from integ_gym.eval.statistics import PROVEN, Difference, mean_rate, paired_difference
 from integ_gym.support.figures import axes_at, blank_figure, write_figure
 from integ_gym.train.ppo import PPOConfig
 
@@ -408,10 +407,10 @@ def tables(rows: list[Row], first_seed: int = TABLE.first_seed) -> str:
 def _tests(cells: Cells) -> list[str]:
     found = list(comparisons(cells))
     differences = [one.difference for one in found]
-    corrected = correct_p_values(differences), correct_p_values_by_gaffke(differences)
+    corrected = correct_p_values(differences), correct_p_values(differences, PROVEN)
     lines = []
     for one, *of_family in zip(found, *corrected, strict=True):
-        if one.difference is None or one.sides is None:
+        if one.difference is None:
             continue
         by_run = one.scale * np.subtract(*one.sides)
         p = map(format_p_value, (one.difference.p_greater(), *of_family))

@@ -47,7 +47,6 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from measuring.results import (
     correct_p_values,
-    correct_p_values_by_gaffke,
     format_difference,
     format_p_value,
     format_success,
@@ -67,6 +66,7 @@ from measuring.trained import (
 )
 
 from integ_gym.eval.statistics import (
+    PROVEN,
     Difference,
     paired_difference,
     rate_interval,
@@ -367,7 +367,7 @@ def comparisons(cells: Cells) -> Iterator[tuple[str, str, float, Difference | No
 def _tests(cells: Cells) -> list[str]:
     found = list(comparisons(cells))
     differences = [one for *_, one in found]
-    corrected = correct_p_values(differences), correct_p_values_by_gaffke(differences)
+    corrected = correct_p_values(differences), correct_p_values(differences, PROVEN)
     lines = [
         (family, name, f"{period:g}", format_difference(one), *map(format_p_value, p))
         for (family, name, period, one), *p in zip(found, *corrected, strict=True)

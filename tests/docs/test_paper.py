@@ -13,6 +13,7 @@ from house import ROOT, page_text, two
 from pictures import look_alike
 
 from integ_gym.envs.registries import PLANTS
+from integ_gym.eval.statistics import PROVEN, SHOWN
 from integ_gym.eval.verdict import Rates, split
 
 PAPER = page_text("paper.md")
@@ -208,8 +209,8 @@ def losses_between_engines(published):
     tests = list(engines.comparisons(cells))
     corrected, by_gaffke = (
         {(test.name, test.task): value for test, value in zip(tests, values, strict=True)}
-        for correct in (engines.correct_p_values, engines.correct_p_values_by_gaffke)
-        for values in [correct([test.difference for test in tests])]
+        for weight in (SHOWN, PROVEN)
+        for values in [engines.correct_p_values([test.difference for test in tests], weight)]
     )
     (lost, lost_short), (taken, taken_short) = (
         [(name, task) for task in ("swing-up", "short track")] for name in engines.TESTS
@@ -297,8 +298,8 @@ SAID = {
     "trained in one of {} engines as users get them, lose {} of success in the {} others. All of "
     "it is lost in transfers into or out of the two that add damping or friction unasked "
     r"(\autoref{{fig:engines}}). In SAPIEN no policy learned; without it the loss is {}. On a "
-    "short track, where engines have their own stops, {} is lost ({}, corrected; {} by a more "
-    "careful test). If only the stops' damping changes, policies lose {} or {}. With hidden "
+    "short track, where engines have their own stops, {} is lost ({}, corrected; {} by "
+    "Gaffke's test). If only the stops' damping changes, policies lose {} or {}. With hidden "
     "terms off and the same step and stops, {} is lost on both (up to {} not excluded). The tests "
     "do not show the swing-up's loss ({}) or that matching takes a loss away "
     "({} on both)": losses_between_engines,

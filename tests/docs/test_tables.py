@@ -61,13 +61,13 @@ def test_a_page_shows_what_the_rows_come_to_and_nothing_else(experiment):
         settings = env.unwrapped.setup.settings
     native = f"{1e3 * settings.dt:g} ms does not divide the control period"
     assert f"{settings.integrator.upper()}, 25 ms (the default of {native})" in page
-    assert len(by_hand - described) == len(of_rebounds.settings()) + 1
+    assert len(by_hand - described) == len(of_rebounds.list_settings()) + 1
 
 
 @pytest.mark.parametrize("experiment", ["learned_engines"], indirect=True)
 def test_how_fast_a_cart_leaves_stops_is_as_the_page_says(experiment):
     stops, page = importlib.import_module("cart_stops"), PAGES["learned_engines"].read_text("utf-8")
-    found = stops.rebounds()
+    found = stops.measure_rebounds()
     for name, by_speed in found.items():
         (line,) = re.findall(rf"^\| {name} \|( [\d.]+–.*)\|$", page, re.MULTILINE)
         said = [[float(x) for x in cell.split("–")] for cell in line.split("|")]
