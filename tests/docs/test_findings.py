@@ -464,6 +464,9 @@ def test_the_page_of_engines(read_experiment):
     assert max(stops.correct_p_values(of_stops.values(), PROVEN)) < 0.05
     assert p_of_stops[0] < 0.001
     lost_by_stops = [engines.format_difference(one) for one in of_stops.values()]
+    alone_again = read_experiment("stop_damping", "again")[1]
+    again_from = min(row["seed"] for row in alone_again.rows)
+    lost_again = [engines.format_difference(one) for _, one in stops.comparisons(alone_again)]
     default, damped = stops.DAMPINGS
     assert damped == 20.0 * default
     in_one_family = engines.correct_p_values(
@@ -479,6 +482,8 @@ def test_the_page_of_engines(read_experiment):
         f"(seeds {stops.TABLE.first_seed} to {stops.TABLE.first_seed + stops.SEEDS - 1}, the same "
         f"for both), each judged from {engines.STARTS} starts",
         f"0 if it has not turned round after {rebounds.WATCHED} s",
+        f"On other seeds ({again_from} to {again_from + stops.SEEDS - 1}, in "
+        f"`docs/tables/stop_damping/again`) {lost_again[0]} and {lost_again[1]} was lost.",
         f"You chose the damping of {damped:g} s/m.",
         "among 2 to 100 s/m",
         f"policies of {re.match(r'seeds [0-9]+ to [0-9]+', stops.TABLE.declared['chosen_on'])[0]} "
