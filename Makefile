@@ -11,8 +11,8 @@ ISAACLAB_PYTHON ?= python3.12
 DM_CONTROL_PYTHON ?= $(PYTHON)
 # Those that have summaries.
 ATLASES := $(patsubst docs/atlas/%/,%,$(wildcard docs/atlas/*/))
-# Published experiments that have pages of their own, each in blocks that resume.
-TABLES := simulation_tools learned_engines learned_periods
+# Published experiments on pages of their own, each in blocks that resume.
+TABLES := simulation_tools stop_damping learned_engines learned_periods
 # Those whose figures the paper shows.
 PAPER_TABLES := learned_engines simulation_tools
 # Bytecode is kept, whatever the environment says: tests start many processes.
@@ -116,14 +116,14 @@ trackers: .trackers/.ready
 # Each step of the set-up adds to the one before, in the same .venv.
 $(LIGHT): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit("integ-gym needs Python 3.11 or newer, found " + sys.version.split()[0] + "; set PYTHON=python3.11" if sys.version_info < (3, 11) else 0)'
-	@echo "Setting up $(VENV) for panels: 1.0 GB, once."
+	@echo "Setting up $(VENV) for panels: 1.2 GB, once."
 	@$(PYTHON) -m venv $(VENV)
-	@$(INSTALL) --editable ".[panel]"
+	@$(INSTALL) --editable ".[panel,render]"
 	@touch $@
 
 $(TORCH): $(LIGHT)
 	@echo "Adding stable-baselines3 and torch to $(VENV), once."
-	@$(INSTALL) --editable ".[panel,train]"
+	@$(INSTALL) --editable ".[panel,render,train]"
 	@touch $@
 
 $(READY): $(TORCH)

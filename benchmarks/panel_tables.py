@@ -93,8 +93,7 @@ def _numbers(estimate: Estimate | None) -> list[float | None] | None:
     """Estimate, low and high."""
     if estimate is None:
         return None
-    given = (estimate.estimate, estimate.low, estimate.high)
-    return [None if value is None else round(value, 4) for value in given]
+    return [estimate.estimate, estimate.low, estimate.high]
 
 
 def tables(summary: dict[str, Any]) -> Iterator[str]:

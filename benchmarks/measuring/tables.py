@@ -206,6 +206,7 @@ def run_missing(
             while left and len(running) < workers and time.monotonic() < ends:
                 unit = left.popleft()
                 running[pool.submit(table.run, unit)] = unit
+                bar.set_postfix_str(unit.name)
             if not running:
                 break
             for future in wait(running, return_when=FIRST_COMPLETED).done:

@@ -27,6 +27,9 @@ def rates(task: str, arm: str, trained_on: str, judged_on: str) -> np.ndarray:
 
 def print_loss(what: str, task: str, among: list[str]) -> None:
     """Mean over engines as got of success at home minus that in the others; with its interval."""
+    if not all(len(rates(task, "as got", home, home)) for home in among):
+        print(f"{task}, {what}: not run for all engines")
+        return
     lost = np.mean(
         [
             rates(task, "as got", home, home)
@@ -50,14 +53,14 @@ def interval(differences: np.ndarray) -> np.ndarray:
     return np.quantile(weights @ values / weights.sum(axis=1), (0.025, 0.975))
 
 
-for task in ("swing-up", "short track"):
+for task in sorted({row["task"] for row in rows}, reverse=True):
     for arm, home, away in (
         ("as got", "native", "native"),
         ("as got", "native", "pybullet"),
         ("matched", "native", "pybullet"),
     ):
-        own = rates(task, arm, home, away)
-        print(f"{task}, {arm}, from {home} to {away}: {own.mean():.3f} ({len(own)} seeds)")
+        if len(own := rates(task, arm, home, away)):
+            print(f"{task}, {arm}, from {home} to {away}: {own.mean():.3f} ({len(own)} seeds)")
     engines = sorted({row["trained_on"] for row in rows if row["task"] == task})
     plain = [name for name in engines if name not in HIDDEN_TERMS]
     others = [name for name in plain if name != "native"]
