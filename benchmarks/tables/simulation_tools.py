@@ -184,6 +184,10 @@ def start_of(block: str, seed: int) -> tuple[float, ...]:
     return tuple(float(x) for x in join_state(q, tuple(rng.uniform(*drawn["speed"], int(links)))))
 
 
+LONGER = 0.15
+"""Share by which a yardstick that took longer counts as disturbed."""
+
+
 def yardstick() -> float:
     """Processor time of a fixed loop, s."""
     begun, total = time.process_time(), 0.0
@@ -454,7 +458,8 @@ SHOWN = {
 def tables(rows: list[Row]) -> str:
     """The page's tables, as Markdown."""
     cells = Cells(rows, NAMES)
-    parts = [_frontiers(cells), *(_block(cells, block) for block in BLOCKS), _refusals(rows)]
+    blocks = [_block(cells, block) for block in BLOCKS]
+    parts = [_frontiers(cells), *blocks, _refusals(rows), _disturbed(rows)]
     return "\n\n".join("\n".join(part) for part in parts) + "\n"
 
 
@@ -541,6 +546,26 @@ def _refusals(rows: list[Row]) -> list[str]:
         for (why, block), names in by_block
     ]
     return markdown(("block", "not there", "why"), lines)
+
+
+def disturbed_units(rows: list[Row]) -> set[tuple[str, str, str]]:
+    """Block, engine and integrator of which the yardstick took too long at one of the steps."""
+    taken: dict[tuple[str, str, str, float], list[float]] = {}
+    for row in rows:
+        if row["quantity"] == "yardstick":
+            step = (row["block"], row["engine"], row["integrator"], row["dt"])
+            taken.setdefault(step, []).append(row["value"])
+    medians = {step: float(np.median(values)) for step, values in taken.items()}
+    usual = float(np.median([*medians.values()])) if medians else inf
+    return {step[:3] for step, value in medians.items() if value > (1.0 + LONGER) * usual}
+
+
+def _disturbed(rows: list[Row]) -> list[str]:
+    names: dict[str, list[str]] = {}
+    for block, engine, integrator in sorted(disturbed_units(rows)):
+        names.setdefault(block, []).append(f"{engine}/{integrator}")
+    lines = [(block, ", ".join(names[block])) for block in BLOCKS if block in names]
+    return markdown(("block", f"yardstick over {100.0 * LONGER:g} % longer than usual"), lines)
 
 
 def figure(rows: list[Row], path: Path) -> None:

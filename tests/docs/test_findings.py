@@ -275,7 +275,7 @@ def test_the_page_of_simulation_tools(read_experiment):
         f"but for PyBullet at {longest} ms",
         f"too stiff for {longest} ms",
         f"but for one motion of six at {longest} ms",
-        f"which the yardstick took {100 * LONGER:g} % longer",
+        f"which the yardstick took {100 * tools.LONGER:g} % longer",
         "in 16 of 115 it is still longer",
         "and Drake's at 2 ms; the other frontiers stay",
         "that takes about 45 minutes",
@@ -355,21 +355,12 @@ def test_what_single_starts_of_the_box_show(read_experiment, folder):
             assert by_start("sapien", solver, dt, "penetration").max() < 1e-4
 
 
-LONGER = 0.15
-"""Share by which a yardstick that took longer counts as disturbed."""
-
-
 def test_times_divided_by_the_yardstick_change_one_frontier(read_experiment):
     tools, cells = read_experiment("simulation_tools")
     beside = {(row["unit"], row["dt"], row["seed"]): row["value"] for row in cells.rows
               if row["quantity"] == "yardstick"}  # fmt: skip
-    by_step = {}
-    for (unit, dt, _), value in beside.items():
-        by_step.setdefault((unit, dt), []).append(value)
-    medians = {step: np.median(values) for step, values in by_step.items()}
-    usual = np.median(list(medians.values()))
-    longer = {unit for (unit, _), value in medians.items() if value > (1.0 + LONGER) * usual}
-    in_all = len({unit for unit, _ in medians})
+    longer = tools.disturbed_units(cells.rows)
+    in_all = len({unit for unit, _, _ in beside})
     assert f"in {len(longer)} of {in_all} it is still longer" in prose_of("simulation_tools")
     scaled = [
         {**row, "value": row["value"] / beside[row["unit"], row["dt"], row["seed"]]}
