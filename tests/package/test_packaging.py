@@ -121,7 +121,7 @@ def test_versions_and_names_agree():
     assert project["version"] in done.stderr
 
 
-PANEL, TRAIN, REST = '".[panel]"', '".[panel,train]"', '".[all]" --group dev'
+PANEL, TRAIN, REST = '".[panel,render]"', '".[panel,render,train]"', '".[all]" --group dev'
 
 
 @pytest.fixture
