@@ -97,11 +97,11 @@ def default_settings(config: type[TrainingConfig], stated: Iterable[str]) -> dic
         config: of the algorithm.
         stated: names of those that the experiment sets.
     """
-    kept = (*OF_THE_EXPERIMENT, *stated)
+    replaced = (*OF_THE_EXPERIMENT, *stated)
     return {
         one.name: one.default
         for one in fields(config)
-        if one.default is not MISSING and one.name not in kept
+        if one.default is not MISSING and one.name not in replaced
     }
 
 

@@ -207,10 +207,11 @@ def losses_between_engines(published):
     engines, cells = published.cells("learned_engines")
     stops, alone = published.cells("stop_damping")
     tests = list(engines.comparisons(cells))
+    names = [(test.name, test.task) for test in tests]
+    differences = [test.difference for test in tests]
     corrected, by_gaffke = (
-        {(test.name, test.task): value for test, value in zip(tests, values, strict=True)}
+        dict(zip(names, engines.correct_p_values(differences, weight), strict=True))
         for weight in (SHOWN, PROVEN)
-        for values in [engines.correct_p_values([test.difference for test in tests], weight)]
     )
     (lost, lost_short), (taken, taken_short) = (
         [(name, task) for task in ("swing-up", "short track")] for name in engines.TESTS

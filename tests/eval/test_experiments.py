@@ -13,6 +13,8 @@ EXPLANATION = ROOT / "docs" / "explanation"
 PAGES = dict.fromkeys(EXPERIMENTS, EXPLANATION / "experiments.md")
 PAGES["fresh_points"] = EXPLANATION / "atlas.md"
 PAGES["stop_damping"] = EXPLANATION / "learned_engines.md"
+PLACES = {"stop_damping": 2}
+"""In how many environments a policy is judged, where it is not one."""
 
 
 @pytest.fixture(params=EXPERIMENTS)
@@ -27,10 +29,8 @@ def test_the_page_tells_what_was_found(experiment):
     rows = pq.read_table(folder / "rows.parquet").to_pylist()
     asked = {(unit.name, seed) for unit in table.units(table.first_seed) for seed in unit.seeds}
     assert {(row["unit"], row["seed"]) for row in rows} == asked
-    cells = {tuple(row[name] for name in table.cell_columns) for row in rows}
-    seeds = {seed for _, seed in asked}
+    assert len(rows) == len(asked) * PLACES.get(script.__name__, 1)
     assert len({(*map(row.get, table.cell_columns), row["seed"]) for row in rows}) == len(rows)
-    assert len(rows) == len(cells) * len(seeds)
     assert {row["starts"] for row in rows} == {trained.STARTS}
     found = json.loads((folder / "specification.json").read_text(encoding="utf-8"))
     specified = table.specification(table.first_seed)
@@ -65,6 +65,7 @@ def test_every_arm_trains(experiment, monkeypatch):
     for unit in first:
         if unit.block == blocks[-2]:
             rows = script.run(unit)
-            assert [row["seed"] for row in rows] == [1900, 1901] * (len(rows) // 2)
+            places = PLACES.get(script.__name__, 1)
+            assert [row["seed"] for row in rows] == [1900, 1901] * places
             assert {"unit", *rows[0]} == {*script.TABLE.specification(1900)["columns"]}
             assert all(0 <= row["successes"] <= trained.STARTS for row in rows)
