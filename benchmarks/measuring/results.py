@@ -59,6 +59,11 @@ def markdown(header: Sequence[str], rows: Iterable[Iterable[str]]) -> list[str]:
     return lines + [f"| {' | '.join(row)} |" for row in rows]
 
 
+def join_tables(tables: Iterable[Sequence[str]]) -> str:
+    """Tables one below the other, without those that have no rows."""
+    return "\n\n".join("\n".join(lines) for lines in tables if len(lines) > 2) + "\n"
+
+
 def format_success(rates: Sequence[float]) -> str:
     """Mean success of seeds with its 95 % interval, as Markdown; empty where nothing was run."""
     if not rates:

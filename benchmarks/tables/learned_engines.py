@@ -64,6 +64,7 @@ from measuring.results import (
     format_interval,
     format_p_value,
     format_success,
+    join_tables,
     markdown,
 )
 from measuring.tables import Cells, Row, Table, command, tabulate_blocks
@@ -400,8 +401,7 @@ def tables(rows: list[Row], first_seed: int = TABLE.first_seed) -> str:
     """The page's tables, as Markdown."""
     cells = Cells(rows, NAMES)
     blocks = tabulate_blocks(TABLE, rows, first_seed, "policies", lambda unit: unit.count)
-    parts = [blocks, _tests(cells), _losses(cells), _defects(rows), *_matrices(cells)]
-    return "\n\n".join("\n".join(part) for part in parts) + "\n"
+    return join_tables([blocks, _tests(cells), _losses(cells), _defects(rows), *_matrices(cells)])
 
 
 def _tests(cells: Cells) -> list[str]:
@@ -439,7 +439,8 @@ def _losses(cells: Cells) -> list[str]:
 def _defects(rows: list[Row]) -> list[str]:
     """Largest error of a step against the map that was trained on, by engine of training."""
     found = {(row["task"], row["arm"], row["trained_on"]): row["defect"] for row in rows}
-    ways = [(task, arm) for task in TASKS for arm in ARMS]
+    ran = {(row["task"], row["arm"]) for row in rows}
+    ways = [(task, arm) for task in TASKS for arm in ARMS if (task, arm) in ran]
     lines = []
     for name in NAMED:
         own = [found.get((*way, name), "") for way in ways]
@@ -461,8 +462,8 @@ def _matrices(cells: Cells) -> Iterator[list[str]]:
                 [name, *[format_success(cells.rates(task, arm, name, other)) for other in NAMED]]
                 for name in NAMED
             ]
-            if shown := [line for line in lines if any(line[1:])]:
-                yield markdown((f"{task}, {arm}: trained on", *NAMED), shown)
+            shown = [line for line in lines if any(line[1:])]
+            yield markdown((f"{task}, {arm}: trained on", *NAMED), shown)
 
 
 def figure(rows: list[Row], path: Path) -> None:

@@ -50,6 +50,7 @@ from measuring.results import (
     format_difference,
     format_p_value,
     format_success,
+    join_tables,
     markdown,
 )
 from measuring.tables import Cells, Row, Table, command, tabulate_blocks
@@ -309,8 +310,7 @@ def tables(rows: list[Row], first_seed: int = TABLE.first_seed) -> str:
     """The page's tables, as Markdown."""
     cells = Cells(rows, NAMES)
     blocks = tabulate_blocks(TABLE, rows, first_seed, "units", lambda unit: 1)
-    parts = [blocks, _own_period(cells), _tests(cells), *_matrices(cells)]
-    return "\n\n".join("\n".join(part) for part in parts) + "\n"
+    return join_tables([blocks, _own_period(cells), _tests(cells), *_matrices(cells)])
 
 
 def _rates(

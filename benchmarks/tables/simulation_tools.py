@@ -58,7 +58,7 @@ from measuring.boxes import (
     rigid,
 )
 from measuring.processor_time import processor_clocks, read_clocks
-from measuring.results import markdown
+from measuring.results import join_tables, markdown
 from measuring.tables import Cells, Row, Table, command, format_median
 
 from integ_gym.envs.engines.stepping import missing_modules
@@ -459,8 +459,7 @@ def tables(rows: list[Row]) -> str:
     """The page's tables, as Markdown."""
     cells = Cells(rows, NAMES)
     blocks = [_block(cells, block) for block in BLOCKS]
-    parts = [_frontiers(cells), *blocks, _refusals(rows), _disturbed(rows)]
-    return "\n\n".join("\n".join(part) for part in parts) + "\n"
+    return join_tables([_frontiers(cells), *blocks, _refusals(rows), _disturbed(rows)])
 
 
 def values_of(cells: Cells, *cell: Any) -> list[float]:
@@ -574,11 +573,11 @@ def figure(rows: list[Row], path: Path) -> None:
     Engines that are on none are grey.
     """
     cells, height = Cells(rows, NAMES), 6.6
-    edges = {block: frontier(cells, block) for block in BLOCKS}
+    edges = {block: edge for block in BLOCKS if (edge := frontier(cells, block))}
     on_one = [name for name in SUBJECTS if any(name == one[0] for e in edges.values() for one in e)]
     colours = dict(zip(on_one, ACCENTS, strict=False))
     drawn = blank_figure(10.0, height)
-    for place, block in enumerate(BLOCKS):
+    for place, (block, edge) in enumerate(edges.items()):
         across, down = place % 3, place // 3
         axes = axes_at(drawn, 0.85 + 3.15 * across, height - 2.8 - 3.15 * down, 2.55, 2.4)
         for engine, integrator, dt in subjects_that_ran(cells, block):
@@ -590,7 +589,6 @@ def figure(rows: list[Row], path: Path) -> None:
                 color=colours.get(engine, SOFT), alpha=0.9 if engine in colours else 0.45,
                 zorder=3 if engine in colours else 2, label=engine,
             )  # fmt: skip
-        edge = edges[block]
         times, errors = [1e3 * one[3] for one in edge], [one[4] for one in edge]
         axes.plot(times, errors, "-", color=SOFT, linewidth=1.0, zorder=1)
         for k, one in enumerate(edge):

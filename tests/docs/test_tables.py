@@ -89,6 +89,24 @@ def test_a_figure_is_drawn_from_the_published_rows(experiment, tmp_path):
 
 
 @pytest.mark.parametrize("experiment", PAGES, indirect=True)
+def test_a_run_of_one_block_shows_what_was_run_and_no_table_without_rows(experiment, tmp_path):
+    name, module = experiment
+    table = module.TABLE
+    rows = pq.read_table(FOLDERS / name / "rows.parquet").to_pylist()
+    block = table.units(table.first_seed)[-1].block
+    units = {unit.name for unit in table.units(table.first_seed) if unit.block == block}
+    of_block = [row for row in rows if row["unit"] in units]
+    made = module.tables(of_block)
+    assert block in made
+    for part in made.strip().split("\n\n"):
+        _, rule, *lines = part.split("\n")
+        assert set(rule) == {"|", "-"}
+        assert lines
+    module.figure(of_block, tmp_path / "figure")
+    assert (tmp_path / "figure.png").exists()
+
+
+@pytest.mark.parametrize("experiment", PAGES, indirect=True)
 def test_rows_are_of_what_is_declared(experiment):
     name, module = experiment
     found = json.loads((FOLDERS / name / "specification.json").read_text(encoding="utf-8"))
