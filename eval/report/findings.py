@@ -86,9 +86,11 @@ def _agreement(panel: Panel, trusts: Sequence[Trust]) -> Finding:
             f"{len(judged)} pairs of policies and discretizations compared{nothing}.{out}",
         )
     right = counts["true_pass"] + counts["true_fail"]
+    of_baselines = sum(panel.row(entry.row).baseline for entry in judged)
+    among = f", {of_baselines} of them of baselines," if of_baselines else ""
     return Finding(
         "agreement",
-        f"{right} of {plural(len(judged), 'answer')} agree with the {panel.yardstick_name}; "
+        f"{right} of {plural(len(judged), 'answer')}{among} agree with the {panel.yardstick_name}; "
         f"{' and '.join(parts)} "
         f"{'does' if len(judged) - right == 1 else 'do'} not.{out}",
     )

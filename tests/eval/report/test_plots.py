@@ -184,6 +184,10 @@ def test_findings_say_what_the_truth_contradicts():
     agreement = next(one for one in found if one.kind == "agreement").lead
     for kind in ("false_pass", "false_fail"):
         assert f"{classes.count(kind)} {kind.replace('_', ' ')}" in agreement
+    compared = [entry for entry in panel.matrix if entry.reference_class]
+    of_baselines = sum(panel.row(entry.row).kind == "baseline" for entry in compared)
+    assert of_baselines
+    assert f"of {len(compared)} answers, {of_baselines} of them of baselines, agree" in agreement
     for kind in ("false_pass", "false_fail"):
         assert sum(one.entries for one in found if one.kind == kind) == classes.count(kind)
     raw = copy.deepcopy(raw_of("full"))
