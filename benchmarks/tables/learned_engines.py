@@ -169,22 +169,31 @@ class Unit:
     count: int
 
     @property
-    def block(self) -> str:
-        """What `--only` chooses."""
+    def own_stops(self) -> bool:
+        """Whether it is about each engine's own stops."""
+        return self.arm == "as got" and TASKS[self.task].touches
+
+    @property
+    def _way(self) -> str:
         return f"{self.task}-{self.arm}".replace(" ", "-")
+
+    @property
+    def block(self) -> str:
+        """What `--only` chooses: with its own stops, each engine alone takes up to an hour."""
+        return f"{self._way}-{self.trained_on}" if self.own_stops else self._way
 
     @property
     def name(self) -> str:
         """Unlike that of any other."""
-        return f"{self.block} on {self.trained_on}, seeds from {self.first_seed}"
+        return f"{self._way} on {self.trained_on}, seeds from {self.first_seed}"
 
     @cached_property
     def map(self) -> str | None:
         """Native integrator that the fleet trains with; None: the engine itself trains."""
         if self.arm == "matched":
             return SYMPLECTIC
-        touched = TASKS[self.task].touches and self.trained_on != "native"
-        return None if touched else NAMED[self.trained_on].map
+        trained_itself = self.own_stops and self.trained_on != "native"
+        return None if trained_itself else NAMED[self.trained_on].map
 
 
 def units(first_seed: int) -> list[Unit]:
