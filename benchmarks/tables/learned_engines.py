@@ -445,11 +445,16 @@ def _losses(cells: Cells) -> list[str]:
     return markdown(("task", "trained on", *header), [line for line in lines if any(line[2:])])
 
 
+def _ways_run(rows: list[Row]) -> list[tuple[str, str]]:
+    """Tasks and arms of which there are rows, as declared."""
+    there = {(row["task"], row["arm"]) for row in rows}
+    return [(task, arm) for task in TASKS for arm in ARMS if (task, arm) in there]
+
+
 def _defects(rows: list[Row]) -> list[str]:
     """Largest error of a step against the map that was trained on, by engine of training."""
     found = {(row["task"], row["arm"], row["trained_on"]): row["defect"] for row in rows}
-    ran = {(row["task"], row["arm"]) for row in rows}
-    ways = [(task, arm) for task in TASKS for arm in ARMS if (task, arm) in ran]
+    ways = _ways_run(rows)
     lines = []
     for name in NAMED:
         own = [found.get((*way, name), "") for way in ways]
@@ -477,8 +482,7 @@ def _matrices(cells: Cells) -> Iterator[list[str]]:
 
 def figure(rows: list[Row], path: Path) -> None:
     """Mean success, by engines of training and of judging."""
-    cells, run_there = Cells(rows, NAMES), {(row["task"], row["arm"]) for row in rows}
-    shown = [(task, arm) for task in TASKS for arm in ARMS if (task, arm) in run_there]
+    cells, shown = Cells(rows, NAMES), _ways_run(rows)
     height = 0.6 + 3.1 * -(-len(shown) // 2)
     drawn = blank_figure(6.6, height)
     for place, (task, arm) in enumerate(shown):
