@@ -285,6 +285,15 @@ def tabulate_success(
     return "\n".join(lines) + "\n"
 
 
+def seconds_of_policies(rows: Sequence[Row]) -> dict[tuple[str, int], float]:
+    """Processor time of the training of each policy, s, by unit and seed.
+
+    Args:
+        rows: of a run, with `cpu_seconds`.
+    """
+    return {(row["unit"], row["seed"]): row["cpu_seconds"] for row in rows}
+
+
 def tabulate_blocks(
     table: Table, rows: Sequence[Row], first_seed: int, counted: str, size: Callable[[Any], int]
 ) -> list[str]:
@@ -300,7 +309,7 @@ def tabulate_blocks(
     units_of: dict[str, list[Unit]] = {}
     for unit in table.units(first_seed):
         units_of.setdefault(unit.block, []).append(unit)
-    spent = {(row["unit"], row["seed"]): row["cpu_seconds"] for row in rows}
+    spent = seconds_of_policies(rows)
     done = {name for name, _ in spent}
     lines = []
     for block, units in units_of.items():

@@ -59,15 +59,21 @@ def assert_says(name, sentences):
     assert not re.findall(f".{{0,60}}(?:{NUMBER}).{{0,20}}", prose)
 
 
+def rates_of(periods, run, task, arm, slower, algorithm="PPO", judged=None, delay=0):
+    """Success of a run's policies; periods are over the tuned one, judged at that of training."""
+    tuned = periods.TASKS[task].period
+    way = "both" if slower == 1 else f"per {arm}"
+    at = tuned * (slower if judged is None else judged)
+    return run.rates(task, algorithm, way, tuned * slower, at, delay)
+
+
 def sentences_on_sac(periods, first, second):
     """What the page of control periods says of SAC, which was run on two processors."""
     swing_up, arms = "cart-pole swing-up", ("decision", "second")
 
-    def successes(task, arm, slower):
-        """Of the first run and of the second, judged at the period of training."""
-        tuned = periods.TASKS[task].period
-        way, at = "both" if slower == 1 else f"per {arm}", tuned * slower
-        return [np.mean(run.rates(task, "SAC", way, at, at, 0)) for run in (first, second)]
+    def successes(*of):
+        """Of the first run and of the second."""
+        return [np.mean(rates_of(periods, run, *of, "SAC")) for run in (first, second)]
 
     def of_runs(task, arms, *slower):
         return [one for arm in arms for x in slower for one in successes(task, arm, x)]
@@ -123,12 +129,7 @@ def sentences_on_sac(periods, first, second):
 
 def test_the_page_of_control_periods(read_experiment):
     periods, cells = read_experiment("learned_periods")
-
-    def rates(task, arm, slower, algorithm="PPO", judged=None, delay=0):
-        tuned = periods.TASKS[task].period
-        way = "both" if slower == 1 else f"per {arm}"
-        at = tuned * (slower if judged is None else judged)
-        return cells.rates(task, algorithm, way, tuned * slower, at, delay)
+    rates = partial(rates_of, periods, cells)
 
     def reached(*of, **at):
         return two(np.mean(rates(*of, **at)))
@@ -589,19 +590,15 @@ def test_the_page_of_engines(read_experiment):
     ])  # fmt: skip
 
 
-def seconds_of_policies(cells):
-    """Processor time of the training of each policy, s."""
-    return {(row["unit"], row["seed"]): row["cpu_seconds"] for row in cells.rows}
-
-
 def test_the_times_of_whole_tables_follow_from_the_rows_and_are_the_readme_s(read_experiment):
+    seconds_of_policies = importlib.import_module("measuring.tables").seconds_of_policies
     pages = {"learned_engines": "learned_engines", "control_periods": "learned_periods"}
     readme, hours = " ".join(page_text("README.md").split()), {"3": 3.0, "4": 4.0}
     for page, name in pages.items():
         (said,) = re.findall(r"about (\S+) hours on two cores", prose_of(page))
         assert re.search(rf"explanation/{page}\.md\) \({said} hours\)", readme)
         module, cells = read_experiment(name)
-        spent = seconds_of_policies(cells)
+        spent = seconds_of_policies(cells.rows)
         of_blocks: Counter[str] = Counter()
         block_of = {unit.name: unit.block for unit in module.units(module.TABLE.first_seed)}
         for (unit, _), seconds in spent.items():
@@ -610,7 +607,7 @@ def test_the_times_of_whole_tables_follow_from_the_rows_and_are_the_readme_s(rea
         assert training < hours[said] < 1.3 * training
         assert max(of_blocks.values()) < 0.9 * 2.0 * 3600.0  # the rest is for judging
     elsewhere = read_experiment("learned_periods", "other_processor")[1]
-    training = sum(seconds_of_policies(elsewhere).values()) / 3600.0 / 2.0
+    training = sum(seconds_of_policies(elsewhere.rows).values()) / 3600.0 / 2.0
     assert training < 4.75 < 1.3 * training
     assert "and took 4¾ hours on the slower ones" in prose_of("control_periods")
     assert "on slower cores the last of the three took 4¾ hours" in readme
